@@ -1,0 +1,146 @@
+"""Plans and proves the flight phase of robots that have left the ground.
+
+In flight no external torque acts: the angular momentum about the centre of mass is constant, and the base turns as the
+joints make it turn. floatplan finds joint motions that bring joints *and* base to a goal in a given time.
+
+Units
+-----
+SI and radians, everywhere in Python and in every file that the program writes.
+
+Frames
+------
+plane
+    A horizontal axis, a vertical axis (up) and a normal. The letters of its name are the first two: "xz" is +x, +z.
+    The normal is the axis that the planned joints share.
+world
+    Origin where the takeoff frame is at t = 0. Places are (horizontal, vertical).
+orientation
+    Absolute angle of the base link about the normal, unbounded: 2 pi more is one somersault more. The absolute angle
+    of a link is the orientation plus the joint angles on the path to it, with the sign of each joint's axis.
+
+Symbols
+-------
+====================  ==========================================================================================
+n                     planned joints; bodies 0 to n for a chain
+theta_0               ``orientation``, rad
+q, q', q''            ``positions``, ``velocities``, ``accelerations`` (n,): rad, rad/s, rad/s^2
+h                     ``angular_momentum`` about the centre of mass and the normal, kg m^2/s
+D = (D_0 .. D_n)      inertia row of (4): ``D_0 theta_0' + sum_i D_i q_i' = h``, kg m^2
+T                     ``duration`` of the flight, s; s = t/T
+p_i(t), b, k_i        ``q_i = centre_i + amplitude_i sin(p_i(t))``, (12); its ``coefficients``; its degree
+tau                   ``torques`` (n,), N m
+r                     ``com_position`` (2,), m; ``com_velocity`` (2,), m/s
+====================  ==========================================================================================
+
+Numbers in parentheses are the equations of the paper whose method this is: see the README.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from floatplan.errors import FloatplanError, InputError
+    from floatplan.motion.flight_state import FlightState
+    from floatplan.motion_plan import Plan, load_plan
+    from floatplan.planning.planner import plan
+    from floatplan.planning.proving import plan_and_prove
+    from floatplan.problem import (
+        Bar,
+        Circle,
+        Flight,
+        HalfPlane,
+        Landing,
+        Limits,
+        Motion,
+        Motor,
+        Posture,
+        Problem,
+        SelfClearance,
+        Takeoff,
+    )
+    from floatplan.problem_file import load_problem, save_problem
+    from floatplan.proof.certificate import Certificate
+    from floatplan.proof.certify import certify
+    from floatplan.proof.replay import Replay, replay
+    from floatplan.robot.robot import Coupling, Robot
+
+    __version__: str
+
+_HOME = {
+    "floatplan.errors": ("FloatplanError", "InputError"),
+    "floatplan.motion.flight_state": ("FlightState",),
+    "floatplan.motion_plan": ("Plan", "load_plan"),
+    "floatplan.planning.planner": ("plan",),
+    "floatplan.planning.proving": ("plan_and_prove",),
+    "floatplan.problem": (
+        "Bar",
+        "Circle",
+        "Flight",
+        "HalfPlane",
+        "Landing",
+        "Limits",
+        "Motion",
+        "Motor",
+        "Posture",
+        "Problem",
+        "SelfClearance",
+        "Takeoff",
+    ),
+    "floatplan.problem_file": ("load_problem", "save_problem"),
+    "floatplan.proof.certificate": ("Certificate",),
+    "floatplan.proof.certify": ("certify",),
+    "floatplan.proof.replay": ("Replay", "replay"),
+    "floatplan.robot.robot": ("Coupling", "Robot"),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "Bar",
+    "Certificate",
+    "Circle",
+    "Coupling",
+    "Flight",
+    "FlightState",
+    "FloatplanError",
+    "HalfPlane",
+    "InputError",
+    "Landing",
+    "Limits",
+    "Motion",
+    "Motor",
+    "Plan",
+    "Posture",
+    "Problem",
+    "Replay",
+    "Robot",
+    "SelfClearance",
+    "Takeoff",
+    "__version__",
+    "certify",
+    "load_plan",
+    "load_problem",
+    "plan",
+    "plan_and_prove",
+    "replay",
+    "save_problem",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import public names when they are first used: Pinocchio alone takes longer than ``floatplan --help`` may."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("floatplan")
+    elif name in _MODULE_OF:
+        value = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

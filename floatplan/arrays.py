@@ -1,0 +1,20 @@
+"""Names for the array types that pass between the rooms, and the one place where arrays become read-only."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+ComplexArray: TypeAlias = npt.NDArray[np.complex128]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+
+def read_only(values: npt.ArrayLike) -> Array:
+    """Return a float64 copy of ``values`` that refuses to be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

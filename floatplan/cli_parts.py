@@ -1,0 +1,47 @@
+"""What all commands share: exit codes, options that mean the same everywhere, and how errors reach people."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import typer
+
+from floatplan.errors import FloatplanError, InputError
+
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.")]
+Urdf = Annotated[
+    str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
+]
+Save = Annotated[bool, typer.Option("--save", help="Keep what was found in the plan file.")]
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No summary, no progress: errors only.")]
+
+
+def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn the errors that floatplan raises on purpose into one message on stderr and an exit code."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except InputError as error:
+            typer.echo(f"error: {error}".replace("\n", "\nerror: "), err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except FloatplanError as error:
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(FAILED) from None
+
+    return run
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """Print one JSON object, which has no number that is not finite."""
+    typer.echo(json.dumps(content, indent=1, allow_nan=False))

@@ -1,0 +1,156 @@
+"""Momentum, orientation rate and torques of a planar tree in closed form, over many instants at once, with derivatives.
+
+With E_k = exp(i sigma phi_k) for the absolute angles phi of the bodies, and K_kj = conj(E_k) C_kj E_j, the momentum is
+``h = sum_kj Re(K_kj) phi_j' + sum_k I_k phi_k'`` and the moment that turns body k
+``F_k = sum_j Re(K_kj (phi_j'' + i sigma phi_j'^2)) + I_k phi_k''``: the Appendix of the paper, (A.1), (A.4) and (A.5),
+as corrected, for any tree. Joint torques gather F over the joint's subtree; the sum over all bodies vanishes in flight.
+Gravity, the path of the centre of mass and the orientation do not enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray
+from floatplan.robot.planar_tree import PlanarTree
+
+
+@dataclass(frozen=True, eq=False)
+class BaseRate:
+    """theta0' of (4) at N instants, and its derivatives by joint positions, joint velocities and h.
+
+    ``rate`` (N,) rad/s; ``by_position`` (N, n) 1/s; ``by_velocity`` (N, n); ``by_momentum`` (N,) 1/(kg m^2): the
+    paper's g_0, and ``by_velocity`` its g_i, in the corrected form of (15).
+    """
+
+    rate: Array
+    by_position: Array
+    by_velocity: Array
+    by_momentum: Array
+
+    def __getitem__(self, instants: slice) -> BaseRate:
+        """The same at some of the instants."""
+        return BaseRate(
+            self.rate[instants], self.by_position[instants], self.by_velocity[instants], self.by_momentum[instants]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Torques:
+    """Joint torques (N, n), N m; derivatives by positions, velocities, accelerations (N, n, n) and h (N, n)."""
+
+    torques: Array
+    by_position: Array
+    by_velocity: Array
+    by_acceleration: Array
+    by_momentum: Array
+
+
+def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
+    """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
+    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    return np.asarray(weights.conj().T @ (tree.mass[:, None] * weights))
+
+
+class Dynamics:
+    """A tree's dynamics, vectorised over instants."""
+
+    def __init__(self, tree: PlanarTree) -> None:
+        self._tree = tree
+        self._turn = tree.turn
+        self._turns = np.array(tree.turns)
+        self._inertia = np.array(tree.inertia)
+        self._coupling = centroidal_coupling(tree)
+        self._rates = np.concatenate((np.ones((len(tree.mass), 1)), tree.turns), axis=1)
+
+    def _rotations(self, positions: Array) -> ComplexArray:
+        """E (N, m) at orientation 0, which is as good as any."""
+        angles = positions @ self._turns.T + self._tree.offsets
+        rotations = np.empty(angles.shape, dtype=np.complex128)
+        np.cos(angles, out=rotations.real)  # much cheaper than the complex exponential
+        np.multiply(self._turn, np.sin(angles), out=rotations.imag)
+        return rotations
+
+    def momentum_map(self, positions: Array) -> Array:
+        """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
+        rotations = self._rotations(positions)
+        return np.asarray((((rotations.conj() @ self._coupling) * rotations).real + self._inertia) @ self._rates)
+
+    def base_rate(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> Array:
+        """theta0' (N,) rad/s of (4), corrected (15)."""
+        momentum_map = self.momentum_map(positions)
+        joint_part = np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)
+        return np.asarray((angular_momentum - joint_part) / momentum_map[:, 0])
+
+    def base_rate_derivatives(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> BaseRate:
+        """theta0' and its derivatives.
+
+        With h held, ``d theta0' = -(dh/dq) / D_0``: dh/dq at the full velocity, which contains theta0'.
+        """
+        rotations = self._rotations(positions)
+        back = rotations.conj()
+        gathered = (back @ self._coupling) * rotations
+        momentum_map = (gathered.real + self._inertia) @ self._rates
+        by_momentum = 1 / momentum_map[:, 0]
+        by_velocity = momentum_map[:, 1:] * -by_momentum[:, None]
+        rate = angular_momentum * by_momentum + np.einsum("ki,ki->k", by_velocity, velocities)
+        body_rates = velocities @ self._turns.T + rate[:, None]
+        moving = back * ((rotations * body_rates) @ self._coupling.T)
+        by_position = ((moving.imag - body_rates * gathered.imag) @ self._turns) * (-self._turn * by_momentum[:, None])
+        return BaseRate(rate, by_position, by_velocity, by_momentum)
+
+    def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Joint torques (N, n) N m."""
+        rotations = self._rotations(positions)
+        return np.asarray(self._moments(rotations, velocities, accelerations, base_rate)[0] @ self._turns)
+
+    def _moments(
+        self, rotations: ComplexArray, velocities: Array, accelerations: Array, base_rate: Array
+    ) -> tuple[Array, ComplexArray, Array, Array, Array]:
+        """F (N, m); conj(E) C E (phi'' + i sigma phi'^2); phi', phi'' (N, m); and D_0 (N,)."""
+        body_rates = velocities @ self._turns.T + base_rate[:, None]
+        relative = accelerations @ self._turns.T
+        centripetal = (1j * self._turn) * body_rates**2
+        gathered = rotations.conj() * ((rotations * (relative + centripetal)) @ self._coupling.T)
+        inertia = ((rotations.conj() @ self._coupling) * rotations).real + self._inertia
+        locked_inertia = inertia.sum(axis=1)
+        base_acceleration = -(gathered.real + self._inertia * relative).sum(axis=1) / locked_inertia
+        gathered = gathered + base_acceleration[:, None] * (rotations.conj() * (rotations @ self._coupling.T))
+        body_accelerations = relative + base_acceleration[:, None]
+        moments = gathered.real + self._inertia * body_accelerations
+        return moments, gathered, body_rates, body_accelerations, locked_inertia
+
+    def torque_derivatives(
+        self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
+    ) -> Torques:
+        """Torques and derivatives; the base acceleration follows from the vanishing sum of the moments."""
+        rotations = self._rotations(positions)
+        moments, gathered, body_rates, body_accelerations, locked_inertia = self._moments(
+            rotations, velocities, accelerations, base_rate.rate
+        )
+        kernel = rotations.conj()[:, :, None] * self._coupling * rotations[:, None, :]
+        by_acceleration = kernel.real + np.diag(self._inertia)
+        by_rate = (-2 * self._turn) * kernel.imag * body_rates[:, None, :]
+        by_angle = -self._turn * kernel.imag * body_accelerations[:, None, :]
+        by_angle -= kernel.real * body_rates[:, None, :] ** 2
+        diagonal = np.arange(len(self._inertia))
+        by_angle[:, diagonal, diagonal] += self._turn * gathered.imag
+        by_base_rate = by_rate.sum(axis=2)
+        n = positions.shape[1]
+        direct = np.empty((*moments.shape, 3 * n + 1))
+        direct[..., :n] = by_angle @ self._turns + by_base_rate[:, :, None] * base_rate.by_position[:, None, :]
+        direct[..., n : 2 * n] = by_rate @ self._turns + by_base_rate[:, :, None] * base_rate.by_velocity[:, None, :]
+        direct[..., 2 * n : 3 * n] = by_acceleration @ self._turns
+        direct[..., 3 * n] = by_base_rate * base_rate.by_momentum[:, None]
+        base_response = direct.sum(axis=1) / locked_inertia[:, None]
+        direct -= by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :]
+        total = self._turns.T @ direct
+        return Torques(
+            torques=moments @ self._turns,
+            by_position=total[..., :n],
+            by_velocity=total[..., n : 2 * n],
+            by_acceleration=total[..., 2 * n : 3 * n],
+            by_momentum=total[..., 3 * n],
+        )

@@ -1,0 +1,117 @@
+"""Polynomials in exact fractions: the basis of (12), the coefficients b that are written, and b read back.
+
+The b of (12) are powers of t in seconds. Of a polynomial of degree k that stays of the order of one on [0, T] the terms
+``b_j T^j`` grow like 6^k and cancel, so that sums of doubles would lose all digits near degree 20. Hence two rules:
+
+- b is rounded so that rounding does not add up (:func:`written_powers`);
+- b is never summed in doubles: it is turned into Chebyshev polynomials first (:func:`chebyshev_of_seconds`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array
+
+CONDITIONS = 6  # p, p', p'' at s = 0 and at s = 1
+HERMITE = (  # powers of s of the quintics with p, p', p'' at 0 and at 1 equal to the unit vectors, times two
+    (2, 0, 0, -20, 30, -12),
+    (0, 2, 0, -12, 16, -6),
+    (0, 0, 1, -3, 3, -1),
+    (0, 0, 0, 20, -30, 12),
+    (0, 0, 0, -8, 14, -6),
+    (0, 0, 0, 1, -2, 1),
+)
+BUBBLE = (0, 0, 0, 1, -3, 3, -1)  # s^3 (1-s)^3
+
+
+@cache
+def basis_columns(free: int) -> npt.NDArray[np.object_]:
+    """Powers of s (6+free, 6+free), as fractions: the six Hermite quintics, then the ``free`` free polynomials.
+
+    The free ones are ``s^3 (1-s)^3 J_k(s)``, of length one to within rounding in the mean square on [0, 1]: shifted
+    Jacobi polynomials with both parameters 6, from Rodrigues' formula (Abramowitz and Stegun 22.3.1).
+    """
+    size = CONDITIONS + free
+    columns = np.full((size, size), Fraction(0))
+    for index, quintic in enumerate(HERMITE):
+        columns[:CONDITIONS, index] = [Fraction(value, 2) for value in quintic]
+    for k in range(free):
+        jacobi = [Fraction(1)]
+        for j in range(k):
+            jacobi.append(jacobi[-1] * (j - k) * (k + 13 + j) / ((7 + j) * (j + 1)))
+        powers = _product(BUBBLE, jacobi)
+        square = _product(powers, powers)
+        length = math.sqrt(sum(value / (power + 1) for power, value in enumerate(square)))
+        columns[: len(powers), CONDITIONS + k] = [value / Fraction(length) for value in powers]
+    return columns
+
+
+def written_powers(powers: Sequence[Fraction], duration: float) -> list[float]:
+    """Coefficients b in powers of seconds, as doubles, of a polynomial given in powers of s = t/T.
+
+    Rounded from the highest down. What b_k lacks, ``r_k s^k``, lower powers make up for, but for ``r_k L_k(s)``. L_k is
+    small, and vanishes with two derivatives at both ends where its degree allows it: (13) does not suffer from the
+    rounding of large terms, and p hardly does.
+    """
+    rest, scale = list(powers), Fraction(duration)
+    written = [0.0] * len(rest)
+    for k in range(len(rest) - 1, -1, -1):
+        unit = scale**k
+        written[k] = float(rest[k] / unit)
+        lacking = rest[k] - Fraction(written[k]) * unit
+        for power, value in enumerate(_lost(k)[:-1]):
+            rest[power] -= lacking * value
+    return written
+
+
+@cache
+def _lost(k: int) -> tuple[Fraction, ...]:
+    """Powers of s of L_k: ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6, the first coefficient 1.
+
+    For lower k, as many of the factors s and s - 1 as there can be.
+    """
+    if k >= CONDITIONS:
+        column = basis_columns(k - CONDITIONS + 1)[:, k]
+        return tuple(value / column[k] for value in column)
+    found = [Fraction(0)] * min(k, 3) + [Fraction(1)]
+    for _ in range(k - 3):
+        found = _product(found, (-1, 1))
+    return tuple(found)
+
+
+def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
+    """Turn b (n, k+1) of (12) into coefficients (k+1, n) of Chebyshev polynomials of 2 t/T - 1, each rounded once."""
+    scale = Fraction(duration)
+    units = [scale**power for power in range(coefficients.shape[1])]
+    rows = [[Fraction(value) * unit for value, unit in zip(row, units, strict=True)] for row in coefficients.tolist()]
+    return chebyshev_of_powers(np.array(rows, dtype=object).T)
+
+
+def chebyshev_of_powers(powers: npt.NDArray[np.object_]) -> Array:
+    """Turn powers of s (k+1, columns), as fractions, into Chebyshev polynomials of 2 s - 1, each rounded once."""
+    return np.asarray(_chebyshev_map(len(powers)) @ powers, dtype=np.float64)
+
+
+@cache
+def _chebyshev_map(size: int) -> npt.NDArray[np.object_]:
+    """Matrix from powers of s to Chebyshev polynomials of 2 s - 1: ``s^k = 2^(1-2k) sum_j' C(2k, k-j) T_j``."""
+    matrix = np.full((size, size), Fraction(0))
+    for k in range(size):
+        for j in range(k + 1):
+            matrix[j, k] = Fraction(math.comb(2 * k, k - j), 2 ** (2 * k - (1 if j else 0)))
+    return matrix
+
+
+def _product(left: Sequence[int | Fraction], right: Sequence[int | Fraction]) -> list[Fraction]:
+    found = [Fraction(0)] * (len(left) + len(right) - 1)
+    for i, a in enumerate(left):
+        for j, b in enumerate(right):
+            found[i + j] += a * b
+    return found

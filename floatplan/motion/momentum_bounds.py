@@ -1,0 +1,184 @@
+"""Extremes of D over the joint ranges, and the angular momentum that suits a flight: (7)-(10).
+
+In absolute angles the momentum is ``h = sum_ij [Re(C_ij exp(i sigma (phi_j - phi_i))) + delta_ij I_j] phi_j'``, see
+:mod:`floatplan.motion.dynamics`. Every D_i is thus a trigonometric polynomial of the planned positions; its extremes
+are enclosed by branch and bound, never by sampling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.motion.dynamics import centroidal_coupling
+from floatplan.problem import Problem
+from floatplan.robot.robot import Robot
+
+RELATIVE_GAP = 1e-9  # of the sum of amplitudes: where an enclosure counts as exact
+MOST_WORK = 50_000  # cosines per extreme, after which the enclosure reached is taken; it is safe at any time
+BOXES_AT_ONCE = 256
+
+
+@dataclass(frozen=True, eq=False)
+class TrigonometricPolynomial:
+    """``constant + sum_l amplitude_l cos(frequency_l . q + phase_l)``, amplitudes positive.
+
+    ``amplitude``, ``phase`` (L,), ``frequency`` (L, n).
+    """
+
+    constant: float
+    amplitude: Array
+    frequency: Array
+    phase: Array
+
+    def __call__(self, positions: Array) -> Array:
+        """Values (N,) at positions (N, n)."""
+        return np.asarray(self.constant + np.cos(positions @ self.frequency.T + self.phase) @ self.amplitude)
+
+    def negated(self) -> TrigonometricPolynomial:
+        """Minus the polynomial."""
+        return TrigonometricPolynomial(-self.constant, self.amplitude, self.frequency, self.phase + np.pi)
+
+    def lower_bounds(self, centres: Array, half_widths: Array) -> tuple[Array, Array]:
+        """Lower bounds (N,) on boxes, and values at their centres (N,).
+
+        The better of the sum of the cosines' own bounds and the second-order Taylor bound about the centre.
+        """
+        argument = centres @ self.frequency.T + self.phase
+        reach = half_widths @ np.abs(self.frequency).T
+        value = self.constant + np.cos(argument) @ self.amplitude
+        termwise = self.constant + _cosine_minimum(argument, reach) @ self.amplitude
+        gradient = -(np.sin(argument) * self.amplitude) @ self.frequency
+        taylor = value - np.einsum("ki,ki->k", np.abs(gradient), half_widths) - reach**2 @ self.amplitude / 2
+        return np.maximum(termwise, taylor), value
+
+    def minimum(self, ranges: Array) -> float:
+        """Return a lower bound of the minimum over the box ``ranges`` (n, 2).
+
+        Tight to ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
+        """
+        centres = ranges.mean(axis=1)[None, :]
+        half_widths = (ranges[:, 1] - ranges[:, 0])[None, :] / 2
+        gap = RELATIVE_GAP * float(self.amplitude.sum())
+        if not len(self.amplitude):
+            return self.constant
+        lower, best = self.lower_bounds(centres, half_widths)
+        work = 0
+        while work < MOST_WORK and lower.min() < best.min() - gap:
+            chosen = np.argsort(lower)[:BOXES_AT_ONCE]
+            rest = np.ones(len(lower), dtype=bool)
+            rest[chosen] = False
+            new_centres, new_half_widths = self._split(centres[chosen], half_widths[chosen])
+            new_lower, value = self.lower_bounds(new_centres, new_half_widths)
+            new_lower = np.maximum(new_lower, np.tile(lower[chosen], 2))
+            work += new_lower.size * self.amplitude.size
+            best = np.minimum(best.min(), value.min(keepdims=True))
+            centres = np.concatenate((centres[rest], new_centres))
+            half_widths = np.concatenate((half_widths[rest], new_half_widths))
+            lower = np.concatenate((lower[rest], new_lower))
+            keep = lower < best - gap
+            keep[np.argmin(lower)] = True
+            centres, half_widths, lower = centres[keep], half_widths[keep], lower[keep]
+        return float(min(lower.min(), best.min()))
+
+    def _split(self, centres: Array, half_widths: Array) -> tuple[Array, Array]:
+        """Halve every box along the joint that moves the polynomial most."""
+        influence = half_widths * (self.amplitude @ np.abs(self.frequency))
+        rows, axis = np.arange(len(centres)), np.argmax(influence, axis=1)
+        halved = half_widths.copy()
+        halved[rows, axis] /= 2
+        shift = np.zeros_like(centres)
+        shift[rows, axis] = halved[rows, axis]
+        return np.concatenate((centres - shift, centres + shift)), np.concatenate((halved, halved))
+
+
+def _cosine_minimum(argument: Array, reach: Array) -> Array:
+    """Minimum of the cosine over [argument - reach, argument + reach]."""
+    distance_to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
+    return np.where(distance_to_pi <= reach, -1.0, -np.cos(np.clip(distance_to_pi - reach, 0, np.pi)))
+
+
+def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
+    """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
+    tree = robot.tree
+    coupling = centroidal_coupling(tree)
+    bodies = len(tree.mass)
+    rates = np.concatenate((np.ones((bodies, 1)), tree.turns), axis=1)
+    polynomials = []
+    for column in rates.T:
+        constant = float(column @ (tree.inertia + np.diag(coupling).real))
+        terms: dict[tuple[float, ...], complex] = {}
+        for i in range(bodies):
+            for j in range(bodies):
+                if i != j and column[j]:
+                    constant += _collect(
+                        terms, tree.turns[j] - tree.turns[i], column[j] * _phasor(robot, coupling, i, j)
+                    )
+        kept = [(f, c) for f, c in terms.items() if abs(c) > 0]
+        polynomials.append(
+            TrigonometricPolynomial(
+                constant,
+                read_only([abs(c) for _, c in kept]),
+                read_only(np.array([f for f, _ in kept]).reshape(len(kept), len(robot.joints))),
+                read_only([np.angle(c) for _, c in kept]),
+            )
+        )
+    return tuple(polynomials)
+
+
+def _phasor(robot: Robot, coupling: ComplexArray, i: int, j: int) -> complex:
+    """C_ij exp(i sigma (offset_j - offset_i)), conjugated where sigma is -1: its cosine argument then runs with +q."""
+    tree = robot.tree
+    phasor = coupling[i, j] * np.exp(1j * tree.turn * (tree.offsets[j] - tree.offsets[i]))
+    return complex(phasor if tree.turn > 0 else np.conj(phasor))
+
+
+def _collect(terms: dict[tuple[float, ...], complex], frequency: Array, phasor: complex) -> float:
+    """Add ``Re(phasor exp(i frequency . q))`` to the terms, one per +-frequency; return what is constant of it."""
+    leading = frequency[np.flatnonzero(frequency)[:1]]
+    if not leading.size:
+        return phasor.real
+    if leading[0] < 0:
+        frequency, phasor = -frequency, phasor.conjugate()
+    key = tuple((frequency + 0.0).tolist())
+    terms[key] = terms.get(key, 0j) + phasor
+    return 0.0
+
+
+def inertia_extremes(robot: Robot, position_limits: Array) -> tuple[Array, Array]:
+    """Least and largest D_i over the joint ranges: two arrays (n+1,), kg m^2.
+
+    Exact to ``RELATIVE_GAP`` for a few joints; for many, safe outer bounds.
+
+    Parameters
+    ----------
+    position_limits : (n, 2) rad
+    """
+    return _inertia_extremes(robot, tuple(map(tuple, position_limits.tolist())))
+
+
+@lru_cache(maxsize=64)
+def _inertia_extremes(robot: Robot, position_limits: tuple[tuple[float, float], ...]) -> tuple[Array, Array]:
+    ranges = np.array(position_limits)
+    polynomials = momentum_polynomials(robot)
+    low = np.array([polynomial.minimum(ranges) for polynomial in polynomials])
+    low[0] = max(low[0], robot.tree.inertia.sum())  # D_0 is that and a sum of mass times squared distance
+    high = read_only([-polynomial.negated().minimum(ranges) for polynomial in polynomials])
+    return read_only(low), high
+
+
+def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
+    """(9): the interval in which h must lie for the flight to have a chance, kg m^2/s; its middle is (10)."""
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    changes = np.concatenate(
+        (
+            [problem.final.orientation - problem.initial.orientation],
+            problem.final.positions - problem.initial.positions,
+        )
+    )
+    ends = np.array([changes * low, changes * high])  # (7), (8)
+    duration = problem.flight.duration
+    return float(ends.min(axis=0).sum() / duration), float(ends.max(axis=0).sum() / duration)

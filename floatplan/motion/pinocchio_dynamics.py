@@ -1,0 +1,91 @@
+"""Momentum, orientation rate and torques of the free-flying robot, by Pinocchio: what a plan reports.
+
+The search uses the closed form of :mod:`floatplan.motion.dynamics`, which is faster over many instants; a plan's own
+numbers come from here, from the full rigid-body model, so that every plan is checked by the other. Nothing here
+depends on gravity, on where the centre of mass is, or on the orientation: in free flight the orientation is cyclic,
+and joint torques are those of a robot that floats. The paper's (15), (A.1) and (A.3) are meant as corrected.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.robot.robot import Robot
+
+BASE = 3  # coordinates of the planar free-flyer: horizontal, vertical, orientation
+
+
+class PinocchioDynamics:
+    """The robot's dynamics over many instants; holds Pinocchio's scratch data, so use one per thread."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = robot.model
+        self._data = robot.model.createData()
+        axis = int(np.argmax(np.abs(robot.plane.normal)))
+        self._row = 3 + axis
+        self._sign = float(np.sign(robot.plane.normal[axis]))
+        self._linear = [int(np.argmax(np.abs(robot.plane.horizontal))), int(np.argmax(np.abs(robot.plane.vertical)))]
+        self._reference = np.array(robot.reference)
+        self._selection = np.array(robot.selection)
+        self._moving = np.concatenate((np.eye(len(robot.reference))[:, [BASE - 1]], robot.selection), axis=1)
+        self._generalized = np.concatenate((np.eye(len(robot.reference))[:, :BASE], robot.selection), axis=1)
+        self.mass = float(robot.tree.mass.sum())
+
+    def full_positions(self, positions: Array) -> Array:
+        """Configurations (N, nv) of the model, base at the origin, from planned positions (N, n)."""
+        return np.asarray(self._reference + positions @ self._selection.T)
+
+    def momentum_map(self, positions: Array) -> Array:
+        """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
+        return self._momentum_map(self.full_positions(positions))
+
+    def _momentum_map(self, full: Array) -> Array:
+        model, data, row = self._model, self._data, self._row
+        rows = np.empty_like(full)
+        for k, q in enumerate(full):
+            rows[k] = pin.computeCentroidalMap(model, data, q)[row]
+        return np.asarray(self._sign * (rows @ self._moving))
+
+    def base_rate(self, positions: Array, velocities: Array, angular_momentum: float) -> Array:
+        """theta0' (N,) rad/s of (4), corrected (15)."""
+        momentum_map = self.momentum_map(positions)
+        return np.asarray(
+            (angular_momentum - np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)) / momentum_map[:, 0]
+        )
+
+    def base_acceleration(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Accelerations (N, 3) of the base coordinates for which momentum, linear and angular, stays constant."""
+        model, data = self._model, self._data
+        full, full_velocities = self._full_state(positions, velocities, base_rate)
+        joint_accelerations = accelerations @ self._selection.T
+        rows = [*self._linear, self._row]
+        maps, drifts = np.empty((len(full), BASE, BASE)), np.empty((len(full), BASE))
+        for k, q in enumerate(full):
+            map_rate = pin.computeCentroidalMapTimeVariation(model, data, q, full_velocities[k])
+            centroidal_map = data.Ag[rows]
+            drifts[k] = map_rate[rows] @ full_velocities[k] + centroidal_map @ joint_accelerations[k]
+            maps[k] = centroidal_map[:, :BASE]
+        return np.asarray(np.linalg.solve(maps, -drifts[:, :, None])[:, :, 0])
+
+    def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Joint torques (N, n) N m: S^T RNEA at the base acceleration that makes the base wrench vanish."""
+        generalized = self.generalized_forces(positions, velocities, accelerations, base_rate)
+        return generalized[:, BASE:]
+
+    def generalized_forces(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Forces on base and planned coordinates (N, 3+n); the first three vanish up to rounding."""
+        model, data = self._model, self._data
+        full, full_velocities = self._full_state(positions, velocities, base_rate)
+        full_accelerations = accelerations @ self._selection.T
+        full_accelerations[:, :BASE] = self.base_acceleration(positions, velocities, accelerations, base_rate)
+        forces = np.empty_like(full)
+        for k, q in enumerate(full):
+            forces[k] = pin.rnea(model, data, q, full_velocities[k], full_accelerations[k])
+        return np.asarray(forces @ self._generalized)
+
+    def _full_state(self, positions: Array, velocities: Array, base_rate: Array) -> tuple[Array, Array]:
+        full_velocities = velocities @ self._selection.T
+        full_velocities[:, BASE - 1] = base_rate
+        return self.full_positions(positions), full_velocities

@@ -1,0 +1,248 @@
+"""Joint motions as sine functions of polynomials, (12), for any joint range, with the conditions (13) built in.
+
+``q_i(t) = centre_i + amplitude_i sin(p_i(s))`` with ``s = t / T``. Once the branch of the arcsine is chosen at each
+end, the six conditions (13) fix p, p' and p'' at both ends, and ::
+
+    p_i(s) = quintic Hermite polynomial of these + s^3 (1 - s)^3 sum_k z_ik J_k(s)
+
+carries them for any ``z``. The J_k are Jacobi polynomials that make the free functions orthonormal on [0, 1], so that a
+unit change of z is a root-mean-square change of p by one radian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from floatplan.arrays import Array, IntArray, read_only
+from floatplan.motion.exact_polynomials import (
+    CONDITIONS as CONDITIONS,
+)
+from floatplan.motion.exact_polynomials import (
+    basis_columns,
+    chebyshev_of_powers,
+    chebyshev_of_seconds,
+    written_powers,
+)
+from floatplan.motion.quadrature import chebyshev_values
+
+EDGE = 1e-12  # of the amplitude: nearer to the end of its range than this, a joint stands on the edge
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """The polynomials of s whose combination is p: six Hermite ones, then the free ones.
+
+    Attributes
+    ----------
+    powers : (k+1, 6+m)
+        Coefficients in powers of s, column by column.
+    chebyshev : (k+1, 6+m)
+        The same in Chebyshev polynomials of 2 s - 1.
+    """
+
+    powers: Array
+    chebyshev: Array
+
+    def values(self, s: Array) -> tuple[Array, Array, Array]:
+        """Each column and its first two derivatives by s at the instants s: three arrays (len(s), 6+m)."""
+        polynomials = chebyshev_values(2 * s - 1, len(self.chebyshev) - 1)
+        first, second = self._derivatives
+        return polynomials @ self.chebyshev, polynomials[:, :-1] @ first, polynomials[:, :-2] @ second
+
+    @cached_property
+    def _derivatives(self) -> tuple[Array, Array]:
+        """First and second derivatives by s of the columns, in Chebyshev polynomials of 2 s - 1."""
+        return (
+            read_only(chebyshev.chebder(self.chebyshev, scl=2)),
+            read_only(chebyshev.chebder(self.chebyshev, 2, scl=2)),
+        )
+
+
+@lru_cache(maxsize=32)
+def basis(free: int) -> Basis:
+    """Return the basis with ``free`` free polynomials: p has degree 5 + free."""
+    columns = basis_columns(free)
+    return Basis(read_only(columns.astype(np.float64)), read_only(chebyshev_of_powers(columns)))
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """Joint motion at N instants and how it changes with p; accelerations are computed when asked for.
+
+    ``positions, velocities, accelerations`` are (N, n) in rad and s; ``p_rate, p_curvature`` are the derivatives of p
+    by s, ``sine, position_by_p`` are ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis
+    and its derivatives by s, the derivative of the motion by a coefficient of the basis is
+
+        d positions     = position_by_p B0
+        d velocities    = velocity_by_p B0 + velocity_by_rate B1
+        d accelerations = acceleration_by_p B0 + acceleration_by_rate B1 + acceleration_by_curvature B2.
+    """
+
+    positions: Array
+    velocities: Array
+    position_by_p: Array
+    velocity_by_p: Array
+    velocity_by_rate: Array
+    sine: Array
+    p_rate: Array
+    p_curvature: Array
+    per_second: float
+
+    @cached_property
+    def accelerations(self) -> Array:
+        """Joint accelerations (N, n) rad/s^2."""
+        swing = self.sine * self.p_rate
+        return np.asarray(self.per_second**2 * (self.position_by_p * self.p_curvature - swing * self.p_rate))
+
+    @property
+    def acceleration_by_p(self) -> Array:
+        """Factor (N, n) of B0."""
+        return np.asarray(-(self.per_second**2) * (self.sine * self.p_curvature + self.position_by_p * self.p_rate**2))
+
+    @property
+    def acceleration_by_rate(self) -> Array:
+        """Factor (N, n) of B1."""
+        return np.asarray(2 * self.per_second * self.velocity_by_p)
+
+    @property
+    def acceleration_by_curvature(self) -> Array:
+        """Factor (N, n) of B2."""
+        return self.per_second * self.velocity_by_rate
+
+
+@dataclass(frozen=True, eq=False)
+class SinePolynomials:
+    """The class of motions (12) that satisfies (13) for one choice of arcsine branches.
+
+    Attributes
+    ----------
+    centre, amplitude : (n,) rad
+    duration : s
+    boundary : (n, 6)
+        p, dp/ds, d2p/ds2 at s = 0, then at s = 1.
+    free : (n,) int
+        Free polynomials of each joint, degree - 5.
+    """
+
+    centre: Array
+    amplitude: Array
+    duration: float
+    boundary: Array
+    free: tuple[int, ...]
+
+    @cached_property
+    def width(self) -> int:
+        """Free polynomials of the joint that has most."""
+        return max(self.free)
+
+    @cached_property
+    def free_indices(self) -> IntArray:
+        """Which entries of a flattened z (n, width) the joints have; the others stay zero."""
+        return np.flatnonzero(np.arange(self.width) < np.array(self.free)[:, None])
+
+    @property
+    def no_free_part(self) -> Array:
+        """Free coefficients (n, width) of the plain Hermite motion: zeros."""
+        return np.zeros((len(self.free), self.width))
+
+    def arguments(self, z: Array, values: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        """Return p and its derivatives by s, each (N, n), from free coefficients z (n, width) and basis values."""
+        coefficients = np.concatenate((self.boundary, z), axis=1).T
+        return values[0] @ coefficients, values[1] @ coefficients, values[2] @ coefficients
+
+    def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
+        """Joint motion at the instants of the basis values, with its derivatives."""
+        return self.motion_of_arguments(*self.arguments(z, values))
+
+    def motion_of_arguments(self, p: Array, p_rate: Array, p_curvature: Array) -> JointMotion:
+        """Joint motion (12), with its derivatives, from p and its derivatives by s, each (N, n)."""
+        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        per_second = 1 / self.duration
+        velocity_by_rate = per_second * cosine
+        return JointMotion(
+            positions=self.centre + sine,
+            velocities=velocity_by_rate * p_rate,
+            position_by_p=cosine,
+            velocity_by_p=-per_second * (sine * p_rate),
+            velocity_by_rate=velocity_by_rate,
+            sine=sine,
+            p_rate=p_rate,
+            p_curvature=p_curvature,
+            per_second=per_second,
+        )
+
+    def powers_of_seconds(self, z: Array) -> Array:
+        """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""
+        columns = basis_columns(self.width)
+        parts = np.concatenate((self.boundary, z), axis=1).tolist()
+        rows = [columns @ np.array([Fraction(value) for value in part], dtype=object) for part in parts]
+        return np.array([written_powers(row.tolist(), self.duration) for row in rows])
+
+    @property
+    def powers_map(self) -> Array:
+        """Matrix (k+1, 6+width) from a joint's boundary and free coefficients to its b."""
+        powers = basis(self.width).powers
+        return np.asarray(powers / self.duration ** np.arange(len(powers))[:, None])
+
+
+def arcsine_argument(sine: Array, branch: IntArray) -> Array:
+    """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
+    return np.asarray(np.pi * branch + np.where(branch % 2 == 0, 1, -1) * np.arcsin(np.clip(sine, -1, 1)))
+
+
+def boundary_arguments(
+    positions: Array, velocities: Array, accelerations: Array, centre: Array, amplitude: Array, branch: IntArray
+) -> tuple[Array, Array, Array]:
+    """p, dp/dt, d2p/dt2 (n,) at one end, from (13); see :func:`arcsine_argument` for the branch.
+
+    On the edge of a range (cos p = 0) the rate is zero and the acceleration ``-amplitude sin(p) p'^2``: p' follows from
+    the acceleration (which must point inwards), and p'' is free; it is taken as zero.
+    """
+    sine = (positions - centre) / amplitude
+    on_edge = 1 - np.abs(sine) < EDGE
+    sine = np.where(on_edge, np.sign(sine), sine)
+    p = arcsine_argument(sine, branch)
+    cosine = np.sqrt(np.clip((1 - sine) * (1 + sine), 0, None)) * np.where(branch % 2 == 0, 1, -1)
+    safe = np.where(on_edge, 1.0, cosine)
+    inward = np.clip(-accelerations / (amplitude * np.where(on_edge, sine, 1.0)), 0, None)
+    rate = np.where(on_edge, np.sqrt(np.where(on_edge, inward, 0.0)), velocities / (amplitude * safe))
+    curvature = np.where(on_edge, 0.0, (accelerations / amplitude + sine * rate**2) / safe)
+    return p, rate, curvature
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenMotion:
+    """The joint motion (12) of written coefficients.
+
+    Attributes
+    ----------
+    centre, amplitude : (n,) rad
+    duration : s
+    chebyshev : three arrays (k+1, n)
+        p and its first two derivatives by time, in Chebyshev polynomials of 2 t/T - 1.
+    """
+
+    centre: Array
+    amplitude: Array
+    duration: float
+    chebyshev: tuple[Array, Array, Array]
+
+    @classmethod
+    def from_powers(cls, centre: Array, amplitude: Array, coefficients: Array, duration: float) -> WrittenMotion:
+        """From the coefficients b (n, k+1), powers of t in seconds."""
+        p = chebyshev_of_seconds(coefficients, duration)
+        rate = np.asarray(2 / duration * chebyshev.chebder(p), dtype=np.float64)
+        curvature = np.asarray(2 / duration * chebyshev.chebder(rate), dtype=np.float64)
+        return cls(centre, amplitude, duration, (p, rate, curvature))
+
+    def at(self, times: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities, accelerations (N, n) at times (N,)."""
+        polynomials = chebyshev.chebvander(2 * times / self.duration - 1, len(self.chebyshev[0]) - 1)
+        p, rate, curvature = (polynomials[:, : len(part)] @ part for part in self.chebyshev)
+        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        return self.centre + sine, cosine * rate, cosine * curvature - sine * rate**2

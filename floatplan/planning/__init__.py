@@ -1,0 +1,1 @@
+"""The search: constraints, transcription to a nonlinear program, SQP, planner."""

@@ -1,0 +1,293 @@
+"""What must hold during the flight, as blocks of inequalities: values, exact Jacobians, labels and units.
+
+A block has r rows at each of K instants; a row holds where its value is at least zero. Values are divided by the
+block's ``scale``, so that 1 is much in every row. Joint ranges need no block: they hold by construction of (12).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray
+from floatplan.motion.clearance import Distances, obstacle_distances, pair_distances
+from floatplan.planning.trajectory import FlightModel, Trajectory
+from floatplan.problem import HalfPlane, Obstacle, Problem
+
+LENGTH_SCALE = 0.1  # m: a clearance that is worth as much as the whole of a torque or rate limit
+
+
+class Constraint(Protocol):
+    """A block of inequalities.
+
+    Attributes
+    ----------
+    labels : (r,) names for a person
+    unit : of ``value * scale``
+    scale : (r,)
+    """
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each row."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of value times scale."""
+
+    @property
+    def scale(self) -> Array:
+        """Natural units per unit of the value (r,)."""
+
+    def exists(self, times: Array) -> BoolArray:
+        """Whether (K,) the block applies at times (K,) s."""
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """Values (K, r)."""
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values (K, r) and their derivatives (K, r, size) by x."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleClearance:
+    """Distance of every link to an obstacle, less its margin, (19)-(23).
+
+    Holds: for all t in the obstacle's window, by exchange of instants.
+    """
+
+    obstacle: Obstacle
+    name: str
+    links: tuple[str, ...]
+    unit: str = "m"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One row per link's capsule; for a half-plane one per end of it."""
+        ends = 2 if isinstance(self.obstacle, HalfPlane) else 1
+        return tuple(f"clearance of {link} to {self.name}" for link in self.links * ends)
+
+    @property
+    def scale(self) -> Array:
+        """Metres per unit."""
+        return np.full(len(self.labels), LENGTH_SCALE)
+
+    def exists(self, times: Array) -> BoolArray:
+        """Within the obstacle's window."""
+        low, high = self.obstacle.window or (-np.inf, np.inf)
+        return np.asarray((times >= low) & (times <= high))
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """Distances less the margin (K, r)."""
+        distances = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times).values
+        return (distances - self.obstacle.margin) / LENGTH_SCALE
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values and derivatives."""
+        distances = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times)
+        values = (distances.values - self.obstacle.margin) / LENGTH_SCALE
+        return values, trajectory.angle_jacobian(distances.by_angle / LENGTH_SCALE)
+
+
+@dataclass(frozen=True, eq=False)
+class SelfClearance:
+    """Distance between the shapes of two links, less a margin. Holds: for all t, by exchange of instants."""
+
+    first: tuple[int, ...]
+    second: tuple[int, ...]
+    names: tuple[str, str]
+    margin: float
+    unit: str = "m"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One row per pair of capsules."""
+        return (f"clearance of {self.names[0]} to {self.names[1]}",) * (len(self.first) * len(self.second))
+
+    @property
+    def scale(self) -> Array:
+        """Metres per unit."""
+        return np.full(len(self.labels), LENGTH_SCALE)
+
+    def exists(self, times: Array) -> BoolArray:
+        """Always."""
+        return np.ones(len(times), dtype=bool)
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """Distances less the margin (K, r)."""
+        return (self._distances(trajectory).values - self.margin) / LENGTH_SCALE
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values and derivatives."""
+        distances = self._distances(trajectory)
+        values = (distances.values - self.margin) / LENGTH_SCALE
+        return values, trajectory.angle_jacobian(distances.by_angle / LENGTH_SCALE)
+
+    def _distances(self, trajectory: Trajectory) -> Distances:
+        segments = trajectory.segments
+        return pair_distances(segments.of(np.array(self.first)), segments.of(np.array(self.second)))
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLimit:
+    """``|torque| <= limit`` of the joints that have one, two rows each. Holds: for all t, by exchange of instants."""
+
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    limit: Array
+    unit: str = "N m"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Upper limits, then lower ones."""
+        return tuple(f"torque of {name}" for name in self.names * 2)
+
+    @property
+    def scale(self) -> Array:
+        """The limits."""
+        return np.tile(self.limit, 2)
+
+    def exists(self, times: Array) -> BoolArray:
+        """Always."""
+        return np.ones(len(times), dtype=bool)
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """``1 -+ torque / limit`` (K, r)."""
+        relative = trajectory.torques[:, list(self.joints)] / self.limit
+        return np.concatenate((1 - relative, 1 + relative), axis=1)
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values and derivatives."""
+        relative = trajectory.torque_jacobian[:, list(self.joints)] / self.limit[:, None]
+        return self.values(trajectory), np.concatenate((-relative, relative), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class MotorLimit:
+    """``|torque| + slope |velocity| <= stall``, as four rows each. Holds: for all t, by exchange of instants."""
+
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    stall: Array
+    slope: Array
+    unit: str = "N m"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The four combinations of signs, one after the other."""
+        return tuple(f"speed-dependent torque of {name}" for name in self.names * 4)
+
+    @property
+    def scale(self) -> Array:
+        """Stall torques."""
+        return np.tile(self.stall, 4)
+
+    def exists(self, times: Array) -> BoolArray:
+        """Always."""
+        return np.ones(len(times), dtype=bool)
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """``1 - (+-torque +- slope velocity) / stall`` (K, r)."""
+        torque = trajectory.torques[:, list(self.joints)] / self.stall
+        drag = self.slope * trajectory.motion.velocities[:, list(self.joints)] / self.stall
+        return 1 - np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values and derivatives."""
+        torque = trajectory.torque_jacobian[:, list(self.joints)] / self.stall[:, None]
+        drag = (self.slope / self.stall)[:, None] * trajectory.velocity_jacobian[:, list(self.joints)]
+        jacobian = -np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
+        return self.values(trajectory), jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityLimit:
+    """``|velocity| <= limit`` of the joints that have one, two rows each. Holds: for all t, by exchange of instants."""
+
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    limit: Array
+    unit: str = "rad/s"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Upper limits, then lower ones."""
+        return tuple(f"velocity of {name}" for name in self.names * 2)
+
+    @property
+    def scale(self) -> Array:
+        """The limits."""
+        return np.tile(self.limit, 2)
+
+    def exists(self, times: Array) -> BoolArray:
+        """Always."""
+        return np.ones(len(times), dtype=bool)
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """``1 -+ velocity / limit`` (K, r)."""
+        relative = trajectory.motion.velocities[:, list(self.joints)] / self.limit
+        return np.concatenate((1 - relative, 1 + relative), axis=1)
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values and derivatives."""
+        relative = trajectory.velocity_jacobian[:, list(self.joints)] / self.limit[:, None]
+        return self.values(trajectory), np.concatenate((-relative, relative), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class OrientationRateLimit:
+    """``|theta0'| <= limit``, as two rows. Holds: for all t, by exchange of instants."""
+
+    limit: float
+    unit: str = "rad/s"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Upper limit, then lower one."""
+        return ("orientation rate",) * 2
+
+    @property
+    def scale(self) -> Array:
+        """The limit."""
+        return np.full(2, self.limit)
+
+    def exists(self, times: Array) -> BoolArray:
+        """Always."""
+        return np.ones(len(times), dtype=bool)
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """``1 -+ theta0' / limit`` (K, 2)."""
+        relative = trajectory.rate / self.limit
+        return np.stack((1 - relative, 1 + relative), axis=1)
+
+    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Values and derivatives."""
+        relative = trajectory.base_rate_jacobian / self.limit
+        return self.values(trajectory), np.stack((-relative, relative), axis=1)
+
+
+def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
+    """All constraints of a problem that need watching."""
+    names = problem.robot.joints
+    blocks: list[Constraint] = [
+        ObstacleClearance(obstacle, f"obstacle {index} ({obstacle.kind})", model.shapes.links)
+        for index, obstacle in enumerate(problem.obstacles)
+    ]
+    for pair in problem.self_clearances:
+        first, second = (
+            tuple(index for index, link in enumerate(model.shapes.links) if link == name) for name in pair.links
+        )
+        blocks.append(SelfClearance(first, second, pair.links, pair.margin))
+    for make, limits in ((TorqueLimit, problem.torque_limits), (VelocityLimit, problem.velocity_limits)):
+        limited = np.flatnonzero(np.isfinite(limits))
+        if limited.size:
+            blocks.append(make(tuple(limited.tolist()), tuple(names[i] for i in limited), limits[limited]))
+    limited = np.flatnonzero(np.isfinite(problem.motor_stall))
+    if limited.size:
+        stall, slope = problem.motor_stall[limited], problem.motor_slope[limited]
+        blocks.append(MotorLimit(tuple(limited.tolist()), tuple(names[i] for i in limited), stall, slope))
+    if problem.limits.orientation_rate is not None:
+        blocks.append(OrientationRateLimit(problem.limits.orientation_rate))
+    return tuple(blocks)

@@ -1,0 +1,104 @@
+"""Why there is no plan: what is violated least in the nearest motion, and what no motion could mend."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.planning.constraints import Constraint, ObstacleClearance, SelfClearance
+from floatplan.planning.impossibility import impossibilities
+from floatplan.planning.search import Found, Search
+from floatplan.planning.trajectory import Trajectory, sample_also, sample_nodes, trajectory
+from floatplan.problem import Problem
+
+AT_AN_END = 1e-8  # of a row's scale: what the ends of the flight may lack before they are called impossible
+
+
+def proven_impossible(problem: Problem, prepared: Search) -> list[str]:
+    """Reasons, one sentence each, why no motion whatever can be a plan; empty where none is known."""
+    return [*_impossible_ends(prepared), *impossibilities(problem, prepared.model)]
+
+
+def explain(
+    problem: Problem, prepared: Search, found: Found, reasons: list[str], momentum_bounds: tuple[float, float]
+) -> str:
+    """Say, in sentences for a person, what the search found and why it is no plan where it is none.
+
+    ``reasons`` are those of :func:`proven_impossible`.
+    """
+    if found.best.holds:
+        return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
+    sentences = [*reasons, *_momentum(problem, momentum_bounds), *_nearest(prepared, found)]
+    if found.interrupted:
+        sentences.append("The search was interrupted.")
+    elif found.ran_out_of_time:
+        sentences.append("The search ran out of time; a larger budget may help.")
+    return " ".join(sentences)
+
+
+def _impossible_ends(prepared: Search) -> list[str]:
+    """What already fails at takeoff or landing, where positions, rates and accelerations are given.
+
+    A free h could still change torques and the orientation rate there, so only clearances count then.
+    """
+    start = prepared.plain_start
+    width = start.variables.polynomials.width
+    ends = sample_also(sample_nodes(NODE_COUNTS[-2], width), width, np.array([0.0, 1.0]))
+    motion = trajectory(prepared.model, start.variables, ends, start.x)
+    goal = [prepared.model.initial_orientation, prepared.model.final_orientation]
+    motion = motion.with_orientation(np.concatenate((motion.orientation[:-2], goal)))
+    sentences = []
+    for block in prepared.constraints:
+        if start.variables.reach and not isinstance(block, ObstacleClearance | SelfClearance):
+            continue
+        values = block.values(motion)[-2:]
+        exists = block.exists(motion.times[-2:])
+        for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
+            row = int(np.argmin(values[end]))
+            if exists[end] and values[end, row] < -AT_AN_END:
+                amount = -values[end, row] * block.scale[row]
+                sentences.append(
+                    f"At {verb} the {name} itself is impossible: {block.labels[row]} lacks {amount:.4g} {block.unit}"
+                    f"{_end_advice(block, name)}."
+                )
+    return sentences
+
+
+def _end_advice(block: Constraint, end: str) -> str:
+    if isinstance(block, ObstacleClearance):
+        return f" (the obstacle covers the {end} posture)"
+    return f" (it follows from the {end}'s rates and accelerations)"
+
+
+def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[str]:
+    low, high = momentum_bounds
+    asked = problem.flight.angular_momentum
+    if isinstance(asked, str) or low <= asked <= high:
+        return []
+    return [
+        f"The asked angular momentum {asked:.6g} kg m^2/s lies outside the interval (9), [{low:.6g}, {high:.6g}];"
+        f" try {(low + high) / 2:.6g}, its midpoint (10)."
+    ]
+
+
+def _nearest(prepared: Search, found: Found) -> list[str]:
+    """What is least violated in the nearest motion, and what to try."""
+    best = found.best
+    motion = best.solution.evaluation.detail
+    assert isinstance(motion, Trajectory)
+    tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
+    missed = motion.final_orientation - prepared.model.final_orientation
+    sentences = []
+    if abs(missed) > 1e-9:
+        sentences.append(f"The nearest motion found misses the goal's orientation by {missed:+.6g} rad.")
+    if best.worst.value.size and best.worst.least < 0:
+        index = int(np.argmin(best.worst.value))
+        block, row = prepared.constraints[best.worst.block[index]], int(best.worst.row[index])
+        amount, time = -best.worst.value[index] * block.scale[row], best.worst.s[index] * motion.duration
+        sentences.append(
+            f"In the nearest motion found, {block.labels[row]} is violated by {amount:.4g} {block.unit}"
+            f" at t = {time:.4f} s."
+        )
+    if not best.variables.coefficients:
+        sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
+    return [*sentences, tried]

@@ -1,0 +1,175 @@
+"""What no motion can do: reasons, each provable in a line or two, why a problem has no plan.
+
+The search asks before it begins: what is impossible need not be looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray
+from floatplan.motion.momentum_bounds import angular_momentum_interval, inertia_extremes
+from floatplan.planning.trajectory import FlightModel
+from floatplan.problem import Bar, Circle, HalfPlane, Obstacle, Problem
+
+PATH_INSTANTS = 2001
+POINTS_PER_SHAPE = 9  # of each link's shape: candidates for the point that stays nearest to the centre of mass
+ROUNDING = 1e-9  # relative: a limit that is met exactly is no impossibility
+
+
+def impossibilities(problem: Problem, model: FlightModel) -> list[str]:
+    """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
+    sentences = [*_mean_rates(problem), *_turning(problem)]
+    if problem.obstacles:
+        point, flight = central_point(problem), _Flight.of(problem, model)
+        for index, obstacle in enumerate(problem.obstacles):
+            sentences += [*_impassable(index, obstacle, flight, point), *_barred(index, obstacle, flight, point)]
+    return sentences
+
+
+@dataclass(frozen=True, eq=False)
+class _Flight:
+    """Path of the centre of mass: ``times`` (K,) s, ``com`` (K,) complex m."""
+
+    times: Array
+    com: ComplexArray
+
+    @classmethod
+    def of(cls, problem: Problem, model: FlightModel) -> _Flight:
+        times = np.linspace(0, problem.flight.duration, PATH_INSTANTS)
+        path = model.ballistics.positions(times)
+        return cls(times, np.asarray(path[:, 0] + 1j * path[:, 1], dtype=np.complex128))
+
+    def seen_from(self, obstacle: Obstacle) -> ComplexArray:
+        """Path of the centre of mass relative to an obstacle that moves."""
+        return np.asarray(self.com - complex(*obstacle.velocity) * self.times, dtype=np.complex128)
+
+
+@dataclass(frozen=True, eq=False)
+class CentralPoint:
+    """A fixed point of the robot that is never further than ``reach`` m from the centre of mass.
+
+    ``start, goal`` : its places relative to the centre of mass at takeoff and landing, m.
+    """
+
+    reach: float
+    start: complex
+    goal: complex
+
+
+def central_point(problem: Problem) -> CentralPoint:
+    """Return the point of the robot's shapes with the least reach.
+
+    A point's place relative to the centre of mass is a sum of rotated vectors; the sum of their lengths bounds it.
+    """
+    tree, shapes = problem.robot.tree, problem.robot.shapes
+    count = POINTS_PER_SHAPE
+    bodies = np.repeat([shape.body for shape in shapes], count)
+    share = np.tile(np.linspace(0, 1, count), len(shapes))
+    starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
+    weights = tree.point_weights(bodies, (1 - share) * starts + share * ends)
+    reach = np.abs(weights).sum(axis=1)
+    nearest = weights[np.argmin(reach)]
+    start, goal = (
+        complex(tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions)) @ nearest)
+        for state in (problem.initial, problem.final)
+    )
+    return CentralPoint(float(reach.min()), start, goal)
+
+
+def _mean_rates(problem: Problem) -> Iterator[str]:
+    """Somewhere in the flight a rate is at least as large as its mean."""
+    duration = problem.flight.duration
+    for name, start, goal, limit in zip(
+        problem.robot.joints, problem.initial.positions, problem.final.positions, problem.velocity_limits, strict=True
+    ):
+        mean = abs(goal - start) / duration
+        if mean > limit * (1 + ROUNDING):
+            yield (
+                f"Joint {name} moves by {goal - start:+.4g} rad in {duration:.4g} s: that needs {mean:.4g} rad/s on"
+                f" average, more than its velocity limit of {limit:.4g} rad/s."
+            )
+    rate, turn = problem.limits.orientation_rate, problem.final.orientation - problem.initial.orientation
+    if rate is not None and abs(turn) / duration > rate * (1 + ROUNDING):
+        yield (
+            f"The orientation changes by {turn:+.4g} rad in {duration:.4g} s: that needs {abs(turn) / duration:.4g}"
+            f" rad/s on average, more than the orientation rate limit of {rate:.4g} rad/s."
+        )
+
+
+def _turning(problem: Problem) -> Iterator[str]:
+    """By (4) the base turns with ``(h - sum_i D_i q_i') / D_0``, which bounds on D, q' and h enclose."""
+    if not np.isfinite(problem.velocity_limits).all():
+        return
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
+    asked = problem.flight.angular_momentum
+    momentum = angular_momentum_interval(problem) if asked == "free" else (_given_momentum(problem),) * 2
+    duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
+    least, most = momentum[0] - swing, momentum[1] + swing
+    slowest = duration * least / (high[0] if least > 0 else low[0])
+    fastest = duration * most / (low[0] if most > 0 else high[0])
+    if not slowest - ROUNDING <= turn <= fastest + ROUNDING:
+        yield (
+            f"Under the velocity limits the orientation changes by {slowest:+.4g} to {fastest:+.4g} rad in"
+            f" {duration:.4g} s, by (4) with the largest and least D; {turn:+.4g} rad are asked."
+        )
+
+
+def _given_momentum(problem: Problem) -> float:
+    asked = problem.flight.angular_momentum
+    return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
+
+
+def _impassable(index: int, obstacle: Obstacle, flight: _Flight, point: CentralPoint) -> Iterator[str]:
+    """Deep inside an obstacle the centre of mass takes its central point with it."""
+    low, high = obstacle.window or (-np.inf, np.inf)
+    exists = (flight.times >= low) & (flight.times <= high)
+    depth = np.where(exists, obstacle.margin - _distance(obstacle, flight.seen_from(obstacle)), -np.inf)
+    deepest = int(np.argmax(depth))
+    if depth[deepest] > point.reach:
+        yield (
+            f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture:"
+            f" at t = {flight.times[deepest]:.3f} s the centre of mass is {depth[deepest]:.3g} m inside it and its"
+            f" margin, and some point of the robot is never further than {point.reach:.3g} m from the centre of mass."
+        )
+
+
+def _barred(index: int, obstacle: Obstacle, flight: _Flight, point: CentralPoint) -> Iterator[str]:
+    """A long bar: the central point must cross its line, and wherever it can, the bar is in the way."""
+    if not isinstance(obstacle, Bar) or obstacle.window is not None or obstacle.start == obstacle.end:
+        return
+    if obstacle.radius + obstacle.margin == 0:
+        return
+    along = complex(*obstacle.end) - complex(*obstacle.start)
+    upright = along.conjugate() / abs(along)  # turns the bar's line into the real axis, its start into 0
+    place = (flight.seen_from(obstacle) - complex(*obstacle.start)) * upright
+    sides = (place[0] + point.start * upright).imag, (place[-1] + point.goal * upright).imag
+    step = float(np.abs(np.diff(place)).max(initial=0))  # the path between two instants is nearer than that to one
+    crossing = place[np.abs(place.imag) <= point.reach + step]
+    if sides[0] * sides[1] >= 0 or not crossing.size:
+        return
+    low, high = crossing.real.min() - point.reach - step, crossing.real.max() + point.reach + step
+    if low >= 0 and high <= abs(along):
+        yield (
+            f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture: it is {abs(along):.3g} m long,"
+            f" the flight ends on its other side, and the point of the robot that is never further than"
+            f" {point.reach:.3g} m from the centre of mass would have to pass through it."
+        )
+
+
+def _distance(obstacle: Obstacle, points: ComplexArray) -> Array:
+    """Distance of points to the surface of an obstacle as it is at takeoff, negative inside."""
+    if isinstance(obstacle, Circle):
+        return np.asarray(np.abs(points - complex(*obstacle.center)) - obstacle.radius)
+    if isinstance(obstacle, HalfPlane):
+        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+        return np.asarray((np.conj(normal) * (points - complex(*obstacle.point))).real)
+    assert isinstance(obstacle, Bar)
+    along = complex(*obstacle.end) - complex(*obstacle.start)
+    offset = points - complex(*obstacle.start)
+    share = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
+    return np.asarray(np.abs(offset - share * along) - obstacle.radius)

@@ -1,0 +1,95 @@
+"""What a nonlinear program is, and what its solution says; it knows no robot.
+
+minimise f(x) subject to c(x) = 0 and g(x) >= 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from floatplan.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A program at a point of m variables.
+
+    ``gradient`` (m,), ``equality`` (e,), ``equality_jacobian`` (e, m), ``inequality`` (k,) with >= 0 wanted,
+    ``inequality_jacobian`` (k, m). ``detail`` is whatever the program wants to remember of the point.
+    """
+
+    objective: float
+    gradient: Array
+    equality: Array
+    equality_jacobian: Array
+    inequality: Array
+    inequality_jacobian: Array
+    detail: object = None
+
+    @cached_property
+    def violation(self) -> float:
+        """Sum of what the constraints lack."""
+        return float(np.abs(self.equality).sum() + np.maximum(-self.inequality, 0).sum())
+
+    @cached_property
+    def worst_violation(self) -> float:
+        """Largest amount by which one constraint fails."""
+        return float(max(np.abs(self.equality).max(initial=0), (-self.inequality).max(initial=0)))
+
+
+class Program(Protocol):
+    """What :func:`floatplan.planning.sqp.minimise` solves.
+
+    ``metric`` (m, m) says how far a step goes: 1 is a long one, ``|metric @ step|`` its length.
+    """
+
+    @property
+    def metric(self) -> Array:
+        """Measure of steps (m, m), invertible."""
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Values and derivatives at x (m,)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When to stop, and how far to trust a step.
+
+    Parameters
+    ----------
+    feasibility : float
+        Largest violation of a constraint at a solution.
+    optimality : float
+        Relative change of the Lagrangian that a full step still promises at a solution.
+    iterations : int
+        Most QPs.
+    longest_step : float
+        Of ``|metric @ step|``.
+    polish : bool
+        Whether to end with Newton's method on the equalities alone.
+    """
+
+    feasibility: float = 1e-9
+    optimality: float = 1e-9
+    iterations: int = 100
+    longest_step: float = 0.5
+    polish: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the search ended.
+
+    ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible".
+    """
+
+    x: Array
+    evaluation: Evaluation
+    status: str
+    iterations: int
+    evaluations: int
+    hessian: Array

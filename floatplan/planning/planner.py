@@ -1,0 +1,148 @@
+"""From a problem to a plan."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.motion.momentum_bounds import angular_momentum_interval
+from floatplan.motion_plan import Plan
+from floatplan.planning.explanation import explain, proven_impossible
+from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, Outcome, Search, search
+from floatplan.planning.starts import Start
+from floatplan.problem import Problem
+from floatplan.robot.planarity import refuse_leak
+
+
+def plan(
+    problem: Problem,
+    *,
+    seed: int = 0,
+    starts: int = 1,
+    budget: float | None = None,
+    jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> Plan:
+    """Plan a flight.
+
+    Parameters
+    ----------
+    problem : Problem
+    seed : int
+        Of the random starts; the same seed gives the same plan.
+    starts : int
+        Solved starts to choose the best from; 1 is the quick way.
+    budget : float, optional
+        Seconds, by the clock, after which the search ends with the best motion so far; left out, 6 s of work.
+    jobs : int
+        Processes among which the starts are shared.
+    progress : callable, optional
+        Told in a few words what the search is doing, about once a second.
+
+    Returns
+    -------
+    Plan
+        Always: its ``ok``, ``status`` and ``explanation`` say whether it is one; where it is not, it is the nearest
+        motion found.
+
+    Raises
+    ------
+    InputError
+        ``starts``, ``budget`` or ``jobs`` is not positive; or the robot's joints make so much angular momentum out of
+        the plane that a motion in it would mean nothing.
+    """
+    return planned(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress).plan
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A plan, and where the search for it ended."""
+
+    plan: Plan
+    best: Outcome
+
+
+def planned(
+    problem: Problem,
+    *,
+    seed: int,
+    starts: int,
+    budget: float | None,
+    jobs: int,
+    progress: Callable[[str], None] | None,
+) -> Planned:
+    """Plan a flight, see :func:`plan`, and keep where the search ended."""
+    for name, value in (("starts", starts), ("budget", budget), ("jobs", jobs)):
+        if value is not None and not value > 0:
+            raise InputError(f"{value} is not positive", element=name)
+    began = time.perf_counter()
+    refuse_leak(problem.robot)
+    bounds = angular_momentum_interval(problem)
+    prepared = Search(problem, bounds, seed)
+    reasons = proven_impossible(problem, prepared) if prepared.constraints else []
+    found = search(
+        prepared,
+        wanted=starts,
+        budget=budget,
+        jobs=jobs,
+        attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None,
+        progress=progress,
+    )
+    best = found.best
+    seconds = time.perf_counter() - began
+    polynomials = best.variables.polynomials
+    plan = Plan(
+        problem=problem,
+        centre=read_only(polynomials.centre),
+        amplitude=read_only(polynomials.amplitude),
+        coefficients=_coefficients(best),
+        angular_momentum=best.variables.angular_momentum(best.solution.x),
+        angular_momentum_bounds=bounds,
+        ballistics=prepared.model.ballistics,
+        status=best.solution.status if best.holds else "infeasible",
+        ok=best.holds,
+        explanation=explain(problem, prepared, found, reasons, bounds),
+        solver={
+            "iterations": found.iterations,
+            "evaluations": found.evaluations,
+            "seconds": seconds,
+            "seed": seed,
+            "starts": found.attempts,
+            "solved": found.solved,
+        },
+    )
+    return Planned(plan, best)
+
+
+def polished(found: Planned, tighter: Problem) -> Planned | None:
+    """Follow the motion found to the nearest one that meets a tighter problem; None where that leads to none.
+
+    The plan answers the problem that it answered before.
+    """
+    plan, best = found.plan, found.best
+    prepared = Search(tighter, plan.angular_momentum_bounds, plan.solver["seed"])
+    outcome = prepared.attempt(Start(best.variables, best.solution.x), 0, best.degrees)
+    if not outcome.holds:
+        return None
+    solver = {
+        **plan.solver,
+        "iterations": plan.solver["iterations"] + outcome.solution.iterations,
+        "evaluations": plan.solver["evaluations"] + outcome.solution.evaluations,
+    }
+    mended = replace(
+        plan,
+        coefficients=_coefficients(outcome),
+        angular_momentum=outcome.variables.angular_momentum(outcome.solution.x),
+        solver=solver,
+    )
+    return Planned(mended, outcome)
+
+
+def _coefficients(outcome: Outcome) -> Array:
+    """The paper's b (n, k+1) of where an attempt ended."""
+    variables = outcome.variables
+    free = variables.free_coefficients(outcome.solution.x)
+    return read_only(variables.polynomials.powers_of_seconds(free))

@@ -1,0 +1,129 @@
+"""Transcription: a flight with its constraints as a nonlinear program in a few well-scaled numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
+from floatplan.planning.constraints import Constraint
+from floatplan.planning.decision_variables import DecisionVariables
+from floatplan.planning.nonlinear_program import Evaluation
+from floatplan.planning.objectives import (
+    CoefficientNorm,
+    Objective,
+    SquaredAcceleration,
+    SquaredTorque,
+    whitened_variables,
+)
+from floatplan.planning.trajectory import FlightModel, Sampling, Trajectory, trajectory
+from floatplan.problem import JointState, Problem
+
+BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
+
+
+@dataclass(frozen=True, eq=False)
+class FlightProgram:
+    """Minimise an objective subject to (14) and to the constraints, at the instants of a sampling."""
+
+    model: FlightModel
+    variables: DecisionVariables
+    sampling: Sampling
+    objective: Objective
+    constraints: tuple[Constraint, ...] = ()
+
+    @property
+    def metric(self) -> Array:
+        """Steps of p by 1 rad, root mean square over time and joints, and of h by its whole reach, have length 1."""
+        return self.variables.metric
+
+    @cached_property
+    def _watched(self) -> tuple[BoolArray, ...]:
+        """Of each constraint, at which instants (K,) it applies; at the ends nothing can be changed."""
+        times = self.variables.polynomials.duration * self.sampling.s
+        inside = (self.sampling.s > 0) & (self.sampling.s < 1)
+        return tuple(np.asarray(inside & block.exists(times)) for block in self.constraints)
+
+    def trajectory(self, x: Array) -> Trajectory:
+        """Motion of x at the instants of the sampling."""
+        return trajectory(self.model, self.variables, self.sampling, x)
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Objective, (14) and constraints with their derivatives by x."""
+        motion = self.trajectory(x)
+        assert motion.base_rate is not None  # before anything asks for the rate alone
+        value, gradient = self.objective.evaluate(motion, x)
+        inequality, inequality_jacobian = self._inequalities(motion, x)
+        return Evaluation(
+            objective=value,
+            gradient=gradient,
+            equality=np.array([motion.final_orientation - self.model.final_orientation]),
+            equality_jacobian=motion.final_gradient[None, :],
+            inequality=inequality,
+            inequality_jacobian=inequality_jacobian,
+            detail=motion,
+        )
+
+    def hessian(self, x: Array) -> Array:
+        """Return a positive definite first guess of the Lagrangian's Hessian."""
+        hessian = self.objective.hessian(self.trajectory(x))
+        return hessian + 1e-3 * max(float(np.abs(hessian).max(initial=0)), 1e-3) * np.eye(len(hessian))
+
+    def _inequalities(self, motion: Trajectory, x: Array) -> tuple[Array, Array]:
+        values, jacobians = [], []
+        if self.variables.reach:  # (9) for a free h: x's last entry within [-1, 1]
+            jacobian = np.zeros((2, len(x)))
+            jacobian[:, -1] = (-1, 1)
+            values.append(1 + jacobian[:, -1] * x[-1])
+            jacobians.append(jacobian)
+        for block, watched in zip(self.constraints, self._watched, strict=True):
+            value, jacobian = block.evaluate(motion)
+            values.append((value - BACK_OFF)[watched].ravel())
+            jacobians.append(jacobian[watched].reshape(len(values[-1]), len(x)))
+        if not values:
+            return np.empty(0), np.empty((0, len(x)))
+        return np.concatenate(values), np.concatenate(jacobians)
+
+
+def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
+    """The class of motions of a problem, for arcsine branches (2, n) at takeoff and at landing."""
+    low, high = problem.position_limits.T
+    centre, amplitude = (low + high) / 2, (high - low) / 2
+    duration = problem.flight.duration
+
+    def at_end(state: JointState, branch: IntArray) -> tuple[Array, Array, Array]:
+        p, rate, curvature = boundary_arguments(
+            state.positions, state.velocities, state.accelerations, centre, amplitude, branch
+        )
+        return p, duration * rate, duration**2 * curvature
+
+    boundary = np.stack((*at_end(problem.initial, branches[0]), *at_end(problem.final, branches[1])), axis=1)
+    return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
+
+
+def decision_variables(
+    problem: Problem, polynomials: SinePolynomials, momentum_bounds: tuple[float, float]
+) -> DecisionVariables:
+    """Variables scaled for the problem's objective."""
+    low, high = momentum_bounds
+    asked = problem.flight.angular_momentum
+    middle = (low + high) / 2 if isinstance(asked, str) else float(asked)
+    reach = (high - low) / 2 if asked == "free" else 0.0
+    size = sum(polynomials.free)
+    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), middle, reach)
+    if problem.motion.objective != "coefficients" or not size:
+        return variables
+    return DecisionVariables(polynomials, *whitened_variables(variables), middle, reach)
+
+
+def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
+    """The problem's objective, scaled to 1 at the motion with no free part."""
+    if problem.motion.objective == "coefficients":
+        return CoefficientNorm(variables.coefficients)
+    kind = SquaredTorque if problem.motion.objective == "torque" else SquaredAcceleration
+    x = variables.plain_motion()
+    unscaled, _ = kind(1.0).evaluate(trajectory(model, variables, sampling, x), x)
+    return kind(max(unscaled, 1e-6))

@@ -1,0 +1,230 @@
+"""Constraints for all times: solve at some instants, look for what fails between them, add those instants, repeat.
+
+The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Review 35 (1993), section 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.planning.constraints import Constraint
+from floatplan.planning.decision_variables import DecisionVariables
+from floatplan.planning.feasibility import reduce_violations
+from floatplan.planning.nonlinear_program import Settings, Solution
+from floatplan.planning.objectives import Objective
+from floatplan.planning.program import BACK_OFF, FlightProgram
+from floatplan.planning.sqp import minimise
+from floatplan.planning.trajectory import (
+    FlightModel,
+    Sampling,
+    Trajectory,
+    sample_also,
+    sample_nodes,
+    trajectory,
+)
+
+QUADRATURE_ERROR = 1e-13  # rad, of theta0(T), at which the nodes are enough
+FIRST_LOOK = 129  # instants of the first look between the nodes
+CLOSER_LOOKS = 4  # times that the look at each local minimum narrows, 8-fold each
+NEAR = 0.05  # of a row's scale: local minima above this are left alone
+HOLDS = (
+    -0.5 * BACK_OFF
+)  # of the backed-off rows: nothing worse than this between the nodes; the constraint itself holds
+WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
+BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
+MOST_ROUNDS = 12
+COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
+FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
+COARSELY_RESOLVED = 0.02  # tail of the Legendre coefficients of theta0', relative to its largest value
+HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
+
+
+@dataclass(frozen=True, eq=False)
+class Worst:
+    """Local minima of constraint rows over time: ``block``, ``row``, ``s``, ``value`` (L,)."""
+
+    block: IntArray
+    row: IntArray
+    s: Array
+    value: Array
+
+    @property
+    def least(self) -> float:
+        """The lowest value; infinite where nothing is near."""
+        return float(self.value.min(initial=np.inf))
+
+
+NOTHING_NEAR = Worst(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
+
+
+def local_minima(
+    model: FlightModel, variables: DecisionVariables, constraints: tuple[Constraint, ...], nodes: int, x: Array
+) -> Worst:
+    """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
+
+    ``nodes`` is the number of quadrature nodes that resolve the motion.
+    """
+    if not constraints:
+        return NOTHING_NEAR
+    width, duration = variables.polynomials.width, variables.polynomials.duration
+
+    def values(sampling: Sampling) -> list[Array]:
+        motion = trajectory(model, variables, sampling, x)
+        result = []
+        for block in constraints:
+            rows = block.values(motion)[sampling.nodes :]
+            exists = block.exists(motion.times[sampling.nodes :])
+            result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
+        return result
+
+    window_ends = tuple(time / duration for block in constraints for time in _window(block))
+    first_look = _first_look(nodes, width, window_ends)
+    return _refined(
+        values(first_look), first_look.s[nodes:], lambda s: values(sample_also(sample_nodes(nodes, width), width, s))
+    )
+
+
+@lru_cache(maxsize=64)
+def _first_look(nodes: int, width: int, window_ends: tuple[float, ...]) -> Sampling:
+    instants = np.unique(np.clip((*np.linspace(0, 1, FIRST_LOOK), *window_ends), 0, 1))
+    return sample_also(sample_nodes(nodes, width), width, instants)
+
+
+def _window(block: Constraint) -> tuple[float, ...]:
+    obstacle = getattr(block, "obstacle", None)
+    return obstacle.window or () if obstacle is not None else ()
+
+
+def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
+    """Narrow down the local minima of values (K, r) on a grid, by ever finer grids about each of them."""
+    columns = np.cumsum([0, *(rows.shape[1] for rows in first)])
+    value = np.concatenate(first, axis=1)
+    padded = np.pad(value, ((1, 1), (0, 0)), constant_values=np.inf)
+    at, column = np.nonzero((value <= padded[:-2]) & (value <= padded[2:]) & (value - _rise(value) < NEAR))
+    s, low, span = grid[at], value[at, column], 1 / (FIRST_LOOK - 1)
+    chosen = np.arange(len(s))
+    for _ in range(CLOSER_LOOKS if len(s) else 0):
+        around = np.clip(s[:, None] + span * np.linspace(-1, 1, 17), 0, 1)
+        rows = np.concatenate(values(around.ravel()), axis=1).reshape(len(s), 17, -1)
+        near = rows[chosen, :, column]
+        best = np.argmin(near, axis=1)
+        better = near[chosen, best] < low
+        s, low = np.where(better, around[chosen, best], s), np.where(better, near[chosen, best], low)
+        span /= 8
+    block = np.searchsorted(columns, column, side="right") - 1
+    return Worst(block, column - columns[block], s, low)
+
+
+def _rise(value: Array) -> Array:
+    """Steps (K, r) up from each value to its neighbours, the larger one.
+
+    A distance falls and rises as a V where a link sweeps by: its true minimum may be as much below the lowest value.
+    """
+    exists = np.isfinite(value)
+    step = np.zeros((len(value) + 1, value.shape[1]))
+    np.subtract(value[1:], value[:-1], out=step[1:-1], where=exists[1:] & exists[:-1])
+    return np.asarray(np.maximum(np.abs(step[:-1]), np.abs(step[1:])))
+
+
+def solve(
+    model: FlightModel,
+    variables: DecisionVariables,
+    make_objective: Callable[[Sampling], Objective],
+    constraints: tuple[Constraint, ...],
+    x: Array,
+    settings: Settings = FINE,
+    stop: Callable[[], bool] = lambda: False,
+    first_level: int = 0,
+) -> Solution:
+    """Minimise the objective subject to (14) and to the constraints at all times, from x.
+
+    ``first_level`` is the index into NODE_COUNTS to start from.
+    """
+    level = max(first_level, _coarse_level(model, variables, x))
+    extra = np.empty(0)
+    hessian = np.empty((0, 0))
+    current = replace(COARSE, longest_step=settings.longest_step)
+    iterations = evaluations = 0
+    for _ in range(MOST_ROUNDS):
+        nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
+        sampling = sample_also(nodes, variables.polynomials.width, extra) if extra.size else nodes
+        program = FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
+        hessian = hessian if hessian.size else program.hessian(x)
+        solution = minimise(program, x, hessian, current, stop)
+        iterations += solution.iterations
+        evaluations += solution.evaluations
+        if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
+            solution = _made_feasible(program, solution, stop)
+        x, hessian = solution.x, solution.hessian
+        motion = solution.evaluation.detail
+        assert isinstance(motion, Trajectory)
+        needed = max(level, nodes_needed(motion))
+        finished = current is settings and needed == level
+        if solution.status == "infeasible" and (current is settings or solution.evaluation.worst_violation > HOPELESS):
+            break
+        if constraints:
+            worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
+            inside = (worst.s > 0) & (worst.s < 1)
+            if finished and not (inside & (worst.value < BACK_OFF + HOLDS)).any():
+                break
+            extra = _still_near(worst, extra, inside)
+        elif finished:
+            break
+        level, current = needed, settings
+    return Solution(x, solution.evaluation, solution.status, iterations, evaluations, hessian)
+
+
+def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[], bool]) -> Solution:
+    """Give up the objective of a nearly feasible motion to make it feasible, where that can be done."""
+    nearest = reduce_violations(program, solution.x, stop)
+    if nearest.squares > solution.evaluation.worst_violation**2:
+        return solution
+    evaluation = program.evaluate(nearest.x)
+    status = "feasible" if evaluation.worst_violation <= BACK_OFF / 4 else "infeasible"
+    return replace(
+        solution,
+        x=nearest.x,
+        evaluation=evaluation,
+        status=status,
+        evaluations=solution.evaluations + nearest.evaluations,
+    )
+
+
+def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
+    """Instants to watch next: the local minima that matter, and of the old instants those beside one of them."""
+    new = np.unique(np.round(worst.s[inside & (worst.value < WATCHED)], 6))
+    if not extra.size or not new.size:
+        return new
+    beside = np.abs(extra[:, None] - new).min(axis=1) < BESIDE
+    return np.unique(np.concatenate((extra[beside], new)))
+
+
+def _coarse_level(model: FlightModel, variables: DecisionVariables, x: Array) -> int:
+    """Index into NODE_COUNTS at which theta0' is resolved well enough to start from."""
+    for level, count in enumerate(NODE_COUNTS[:-1]):
+        motion = trajectory(model, variables, sample_nodes(count, variables.polynomials.width), x)
+        if motion.sampling.quadrature.tail(motion.rate) < COARSELY_RESOLVED * np.abs(motion.rate).max():
+            return level
+    return len(NODE_COUNTS) - 1
+
+
+def nodes_needed(motion: Trajectory) -> int:
+    """Index into NODE_COUNTS at which theta0(T) is exact to QUADRATURE_ERROR, by extrapolating the Legendre tail.
+
+    N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
+    """
+    quadrature = motion.sampling.quadrature
+    rates = motion.rate[: motion.sampling.nodes]
+    size = max(float(np.abs(rates).max()), 1e-300)
+    tail = min(quadrature.tail(rates) / size, 0.9)
+    decay = max(tail, 1e-16) ** (1 / len(quadrature.nodes))
+    for candidate, count in enumerate(NODE_COUNTS):
+        if size * motion.duration * decay ** (2 * count) <= QUADRATURE_ERROR:
+            return candidate
+    return len(NODE_COUNTS) - 1

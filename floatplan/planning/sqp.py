@@ -1,0 +1,313 @@
+"""Sequential quadratic programming for small dense programs; it knows no robot. The QPs are ProxSuite's.
+
+minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian's Hessian (Nocedal and Wright,
+Numerical Optimization, 2nd ed., procedure 18.2), an l1 merit function with Armijo line search (section 18.3), one
+second-order correction per iteration (section 18.3, (18.42)), and an elastic QP where the linearised constraints
+contradict each other (section 18.3, p. 536).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from proxsuite import proxqp
+
+from floatplan.arrays import Array, IntArray
+from floatplan.planning.nonlinear_program import Evaluation, Program, Settings, Solution
+
+ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
+SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
+CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
+CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
+DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
+QP_ACCURACY = 1e-9
+QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
+QP_INNER_ITERATIONS = 30
+ELASTIC_WEIGHT = 1e3  # price of a slack, relative to the Hessian's largest diagonal entry
+ELASTIC_ITERATIONS = 20
+REGULARISATION = 1e-12  # of the elastic system, relative to the price
+LARGEST_CURVATURE = 1e10  # of the Hessian's guess, relative to the first one; beyond it the guess is worthless
+ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
+GENERATIONS = 12
+ROW_TOLERANCE = 1e-8  # by which a row left out of a QP may be violated by its solution
+POLISHING_STEPS = 2
+POLISHED = 1e-13  # equalities within this are as good as rounding lets them be
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    direction: Array
+    equality_multiplier: Array
+    inequality_multiplier: Array
+    elastic: bool
+
+
+def minimise(
+    program: Program,
+    x: Array,
+    hessian: Array,
+    settings: Settings | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Solution:
+    """Minimise a program from x (m,), with ``hessian`` (m, m) as the first guess of the Lagrangian's.
+
+    Parameters
+    ----------
+    stop : callable
+        Asked before every iteration; when it says so the best point so far is returned.
+    """
+    settings = settings or Settings()
+    current = program.evaluate(x)
+    evaluations, penalty = 1, 0.0
+    fresh = hessian.copy()
+    active = np.empty(0, dtype=np.int64)
+    price = ELASTIC_WEIGHT * max(1.0, float(np.abs(np.diag(hessian)).max(initial=0)))
+    was_reset, crawling = True, 0
+    optimal = False
+    iteration = 0
+    while x.size and iteration < settings.iterations and not stop():
+        iteration += 1
+        step = _solve_qp(current, hessian, active, price)
+        active = np.flatnonzero(step.inequality_multiplier)
+        if _is_optimal(current, step, settings):
+            optimal = True
+            break
+        wanted = 1.5 * _largest_multiplier(step)
+        penalty = max(wanted, (penalty + wanted) / 2)
+        direction = _shorten(program.metric, step.direction, settings.longest_step)
+        if not direction.any():
+            break
+        accepted, trial, used = _line_search(program, x, current, direction, penalty)
+        evaluations += used
+        crawling = crawling + 1 if used > CRAWLING_EVALUATIONS else 0
+        if accepted is None or trial is None or crawling == CRAWLING_STEPS:
+            if was_reset:
+                break
+            hessian, was_reset, crawling = fresh.copy(), True, 0
+            continue
+        if not step.elastic:
+            hessian = _damped_bfgs(hessian, accepted - x, current, trial, step)
+            if not np.abs(hessian).max(initial=0) < LARGEST_CURVATURE * price:
+                hessian = fresh.copy()
+        x, current = accepted, trial
+        was_reset = was_reset and crawling > 0
+    if settings.polish:
+        x, current, used = _polish(program, x, current)
+        evaluations += used
+    feasible = current.worst_violation <= settings.feasibility
+    status = ("optimal" if optimal else "feasible") if feasible else "infeasible"
+    return Solution(x, current, status, iteration, evaluations, hessian)
+
+
+def _polish(program: Program, x: Array, current: Evaluation) -> tuple[Array, Evaluation, int]:
+    """Newton's method on the equalities alone, by shortest steps, as long as it gains."""
+    used = 0
+    while used < POLISHING_STEPS and np.abs(current.equality).max(initial=0) > POLISHED:
+        closer = x - np.linalg.lstsq(current.equality_jacobian, current.equality, rcond=1e-12)[0]
+        trial = program.evaluate(closer)
+        used += 1
+        if not trial.worst_violation < current.worst_violation:
+            break
+        x, current = closer, trial
+    return x, current, used
+
+
+def _is_optimal(current: Evaluation, step: _Step, settings: Settings) -> bool:
+    """Feasible, and what a full step and the multipliers still promise is small beside the objective."""
+    if current.worst_violation > settings.feasibility or step.elastic:
+        return False
+    promised = (
+        abs(current.gradient @ step.direction)
+        + np.abs(step.equality_multiplier * current.equality).sum()
+        + np.abs(step.inequality_multiplier * current.inequality).sum()
+    )
+    return bool(promised <= settings.optimality * (1 + abs(current.objective)))
+
+
+def _largest_multiplier(step: _Step) -> float:
+    return float(
+        max(np.abs(step.equality_multiplier).max(initial=0), np.abs(step.inequality_multiplier).max(initial=0))
+    )
+
+
+def _shorten(metric: Array, direction: Array, longest: float) -> Array:
+    measured = metric @ direction
+    length = math.sqrt(measured @ measured)
+    return direction * min(1.0, longest / length) if length else direction
+
+
+def _merit(evaluation: Evaluation, penalty: float) -> float:
+    return evaluation.objective + penalty * evaluation.violation
+
+
+def _line_search(
+    program: Program, x: Array, current: Evaluation, direction: Array, penalty: float
+) -> tuple[Array | None, Evaluation | None, int]:
+    """Return the accepted point, its evaluation, and the number of evaluations; None where no step was good enough."""
+    start = _merit(current, penalty)
+    linearised = Evaluation(
+        0.0,
+        current.gradient,
+        current.equality + current.equality_jacobian @ direction,
+        current.equality_jacobian,
+        current.inequality + current.inequality_jacobian @ direction,
+        current.inequality_jacobian,
+    )
+    slope = float(current.gradient @ direction) + penalty * (linearised.violation - current.violation)
+    slope = min(slope, 0.0)
+    rounding = 1e-13 * (1 + abs(start))
+    length, used = 1.0, 0
+    while length > SHORTEST_STEP:
+        trial = program.evaluate(x + length * direction)
+        used += 1
+        if _merit(trial, penalty) <= start + ARMIJO * length * slope + rounding:
+            return x + length * direction, trial, used
+        if length == 1.0 and trial.violation > current.violation:
+            corrected = x + direction + _second_order_correction(current, trial)
+            evaluation = program.evaluate(corrected)
+            used += 1
+            if _merit(evaluation, penalty) <= start + ARMIJO * slope + rounding:
+                return corrected, evaluation, used
+        length *= 0.5 if length > 0.05 else 0.1
+    return None, None, used
+
+
+def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
+    """Shortest step that takes the constraints violated after a full step back to zero, to first order."""
+    violated = trial.inequality < 0
+    jacobian = np.concatenate((current.equality_jacobian, current.inequality_jacobian[violated]))
+    residual = np.concatenate((trial.equality, trial.inequality[violated]))
+    return np.asarray(-np.linalg.lstsq(jacobian, residual, rcond=1e-10)[0])
+
+
+def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Evaluation, multiplier: _Step) -> Array:
+    gradient_change = (
+        trial.gradient
+        - current.gradient
+        + (trial.equality_jacobian - current.equality_jacobian).T @ multiplier.equality_multiplier
+        - (trial.inequality_jacobian - current.inequality_jacobian).T @ multiplier.inequality_multiplier
+    )
+    image = hessian @ change
+    curvature = float(change @ image)
+    if curvature < 1e-20:
+        return hessian
+    product = float(change @ gradient_change)
+    if product < DAMPING * curvature:
+        share = (1 - DAMPING) * curvature / (curvature - product)
+        gradient_change = share * gradient_change + (1 - share) * image
+        product = float(change @ gradient_change)
+    return np.asarray(
+        hessian - (image[:, None] * image) / curvature + (gradient_change[:, None] * gradient_change) / product
+    )
+
+
+def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> _Step:
+    """Solve the QP of the linearised program by constraint generation.
+
+    Only the most violated rows and those active last time enter; rows that the solution violates are added until none
+    is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
+    """
+    rows = _union(len(current.inequality), active, _most_violated(current.inequality, np.inf))
+    for _ in range(GENERATIONS):
+        solved = _proxqp(
+            hessian,
+            current.gradient,
+            current.equality_jacobian,
+            -current.equality,
+            current.inequality_jacobian[rows],
+            -current.inequality[rows],
+        )
+        if solved is None:
+            return _elastic_qp(current, hessian, price)
+        direction, equality_multiplier, row_multiplier = solved
+        linearised = current.inequality + current.inequality_jacobian @ direction
+        linearised[rows] = np.inf
+        missing = _most_violated(linearised, -ROW_TOLERANCE)
+        if not missing.size:
+            inequality_multiplier = np.zeros(len(current.inequality))
+            inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
+            return _Step(direction, equality_multiplier, inequality_multiplier, elastic=False)
+        rows = _union(len(current.inequality), rows, missing)
+    return _elastic_qp(current, hessian, price)
+
+
+def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
+    """Indices below ``count`` that are in either, rising."""
+    if not count:
+        return first
+    chosen = np.zeros(count, dtype=bool)
+    chosen[first] = chosen[second] = True
+    return np.flatnonzero(chosen)
+
+
+def _most_violated(values: Array, threshold: float) -> IntArray:
+    """Indices of the lowest values below a threshold, ``ROWS_AT_ONCE`` at most."""
+    if len(values) > ROWS_AT_ONCE:
+        lowest = np.argpartition(values, ROWS_AT_ONCE)[:ROWS_AT_ONCE]
+    else:
+        lowest = np.arange(len(values))
+    return lowest[values[lowest] < threshold]
+
+
+def _elastic_qp(current: Evaluation, hessian: Array, price: float) -> _Step:
+    """The QP with slack in every constraint, at a quadratic price: it always has a solution.
+
+    With the slacks eliminated it is a piecewise quadratic function, minimised by Newton's method on its active rows.
+    """
+    equality, rows = current.equality_jacobian, current.inequality_jacobian
+    fixed_hessian = hessian + price * equality.T @ equality
+    fixed_gradient = current.gradient + price * equality.T @ current.equality
+    direction: Array = np.zeros(len(hessian))
+    lacking = current.inequality < 0
+    for _ in range(ELASTIC_ITERATIONS):
+        violated = rows[lacking]
+        matrix = fixed_hessian + price * violated.T @ violated + REGULARISATION * price * np.eye(len(hessian))
+        direction = np.asarray(
+            -np.linalg.solve(matrix, fixed_gradient + price * violated.T @ current.inequality[lacking])
+        )
+        now = current.inequality + rows @ direction < 0
+        if (now == lacking).all():
+            break
+        lacking = now
+    return _Step(
+        direction,
+        price * (current.equality + equality @ direction),
+        price * np.maximum(-(current.inequality + rows @ direction), 0),
+        elastic=True,
+    )
+
+
+def _proxqp(
+    hessian: Array,
+    gradient: Array,
+    equality_rows: Array,
+    equality_values: Array,
+    inequality_rows: Array,
+    inequality_bounds: Array,
+) -> tuple[Array, Array, Array] | None:
+    """Minimise ``x H x / 2 + g x`` with ``A x = b``, ``C x >= l``: x, and multipliers y, z >= 0; None if it fails.
+
+    At the solution ``H x + g + A^T y - C^T z = 0``.
+    """
+    equalities, inequalities = len(equality_values), len(inequality_bounds)
+    qp = proxqp.dense.QP(len(gradient), equalities, inequalities)
+    qp.settings.eps_abs = QP_ACCURACY
+    qp.settings.max_iter = QP_ITERATIONS
+    qp.settings.max_iter_in = QP_INNER_ITERATIONS
+    qp.init(
+        hessian,
+        gradient,
+        equality_rows if equalities else None,
+        equality_values if equalities else None,
+        inequality_rows if inequalities else None,
+        inequality_bounds if inequalities else None,
+        None,
+    )
+    qp.solve()
+    results = qp.results
+    if results.info.status != proxqp.PROXQP_SOLVED or not np.isfinite(results.x).all():
+        return None
+    return np.array(results.x), np.array(results.y), -np.array(results.z)

@@ -1,0 +1,136 @@
+"""Where a search begins: the plain motion, then motions drawn at random that already meet (14) and violate little.
+
+theta0(T) is continuous in the decision variables: between a motion that turns too little and one that turns too much
+there is one that turns just enough. A crowd of random motions is evaluated at once; those pairs give starts, and the
+starts that violate the constraints least are followed first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.planning.constraints import Constraint
+from floatplan.planning.decision_variables import DecisionVariables
+from floatplan.planning.program import decision_variables, sine_polynomials
+from floatplan.planning.trajectory import FlightModel, Trajectory, crowd
+from floatplan.problem import Problem
+
+CROWD = 160
+CROWD_NODES = 32
+SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+SECANT_STEPS = 4
+STARTS_PER_CROWD = 2
+APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A class of motions (with its arcsine branches) and a point x in it."""
+
+    variables: DecisionVariables
+    x: Array
+
+
+def starts(
+    problem: Problem,
+    model: FlightModel,
+    constraints: tuple[Constraint, ...],
+    degrees: tuple[int, ...],
+    momentum_bounds: tuple[float, float],
+    seed: int,
+) -> Iterator[Start]:
+    """Yield the plain start, then random ones without end where anything is free; the same for the same seed."""
+    n = len(problem.robot.joints)
+    rng = np.random.default_rng(seed)
+    branches = np.zeros((2, n), dtype=np.int64)
+    start = _plain_start(problem, degrees, momentum_bounds)
+    plain = start.variables
+    yield start
+    while plain.size:
+        yield from _crossings(model, constraints, plain, rng)
+        branches[1] = rng.choice([-1, 0, 0, 1], size=n)
+        yield from _crossings(model, constraints, _variables(problem, degrees, momentum_bounds, branches), rng)
+
+
+@lru_cache(maxsize=8)
+def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum_bounds: tuple[float, float]) -> Start:
+    branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
+    variables = _variables(problem, degrees, momentum_bounds, branches)
+    return Start(variables, variables.plain_motion())
+
+
+def _variables(
+    problem: Problem, degrees: tuple[int, ...], momentum_bounds: tuple[float, float], branches: IntArray
+) -> DecisionVariables:
+    return decision_variables(problem, sine_polynomials(problem, degrees, branches), momentum_bounds)
+
+
+def _crossings(
+    model: FlightModel, constraints: tuple[Constraint, ...], variables: DecisionVariables, rng: np.random.Generator
+) -> Iterator[Start]:
+    """Starts where (14) holds, between pairs of random motions, least violating or smallest first.
+
+    Where all motions turn too much, or all too little, the one nearest to the goal is the only start.
+    """
+    change = model.final_orientation - model.initial_orientation
+    drawn = np.concatenate((variables.plain_motion()[None, :], _random_motions(variables, rng)))
+    residual = _turned(crowd(model, variables, CROWD_NODES, drawn)) - change
+    size = np.linalg.norm(drawn, axis=1)
+    over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (residual > 0, residual < 0))
+    if not (over.size and under.size):
+        yield Start(variables, drawn[np.argmin(np.abs(residual))])
+        return
+    pairs = max(over.size, under.size)
+    a, b = np.resize(over, pairs), np.resize(under, pairs)
+    low, high = drawn[a].copy(), drawn[b].copy()
+    low_residual, high_residual = residual[a].copy(), residual[b].copy()
+    for _ in range(SECANT_STEPS):
+        share = np.clip(low_residual / (low_residual - high_residual), 0.05, 0.95)
+        middle = low + share[:, None] * (high - low)
+        together = crowd(model, variables, CROWD_NODES, middle)
+        middle_residual = _turned(together) - change
+        above = middle_residual > 0
+        low[above], low_residual[above] = middle[above], middle_residual[above]
+        high[~above], high_residual[~above] = middle[~above], middle_residual[~above]
+    rank = np.argsort(_violations(together, constraints, pairs) + 1e-9 * np.linalg.norm(middle, axis=1), kind="stable")
+    yield from (Start(variables, x) for x in _apart(middle[rank], variables.metric))
+
+
+def _apart(ranked: Array, metric: Array) -> list[Array]:
+    """The first of the ranked motions, and each next one that is ``APART`` from all before it."""
+    chosen: list[Array] = []
+    for x in ranked:
+        if all(np.linalg.norm(metric @ (x - other)) > APART for other in chosen):
+            chosen.append(x)
+        if len(chosen) == STARTS_PER_CROWD:
+            break
+    return chosen
+
+
+def _turned(together: Trajectory) -> Array:
+    """Change of orientation (S,) rad over the flight of a crowd of S motions."""
+    rates = together.rate.reshape(-1, CROWD_NODES)
+    return np.asarray(together.duration * (rates @ together.sampling.quadrature.weights))
+
+
+def _violations(together: Trajectory, constraints: tuple[Constraint, ...], motions: int) -> Array:
+    """Sum over rows and nodes of squared violations (S,) of a crowd."""
+    total = np.zeros(motions)
+    for block in constraints:
+        lacking = np.minimum(block.values(together), 0) * block.exists(together.times)[:, None]
+        total += (lacking**2).reshape(motions, -1).sum(axis=1)
+    return total
+
+
+def _random_motions(variables: DecisionVariables, rng: np.random.Generator) -> Array:
+    """Random motions x (CROWD, size), from gentle to wild: half of them cheap for the objective, half drawn in z."""
+    half, size = CROWD // 2, variables.coefficients
+    smooth = np.resize(SPREADS, half)[:, None] * rng.normal(size=(half, size))
+    z = np.resize(SPREADS, CROWD - half)[:, None] * rng.normal(size=(CROWD - half, size))
+    x = np.concatenate((smooth, np.linalg.solve(variables.scaling, (z - variables.offset).T).T))
+    return np.asarray(np.concatenate((x, rng.uniform(-1, 1, (CROWD, 1))), axis=1) if variables.reach else x)

@@ -1,0 +1,187 @@
+"""What a problem is made of: states, flight, motion, limits and obstacles, as the user gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, TypeAlias
+
+from floatplan.arrays import Array
+
+JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
+Objective: TypeAlias = Literal["coefficients", "torque", "acceleration"]
+
+OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """Base orientation and joints at one end of the flight, as the user gives them.
+
+    Parameters
+    ----------
+    orientation : float
+        Absolute angle of the base, rad; unbounded, 2 pi more is one somersault more.
+    positions, velocities, accelerations : mapping, (n,) sequence, or one number for all joints
+        rad, rad/s, rad/s^2.
+    """
+
+    orientation: float
+    positions: JointValues
+    velocities: JointValues = 0.0
+    accelerations: JointValues = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """A :class:`Posture` resolved to arrays (n,) in the order of the robot's joints."""
+
+    orientation: float
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+
+@dataclass(frozen=True)
+class Takeoff:
+    """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical)."""
+
+    frame: str
+    position: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Landing:
+    """The frame that lands first, and its height at t = T, m."""
+
+    frame: str
+    height: float = 0.0
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The flight as a whole.
+
+    Parameters
+    ----------
+    duration : float
+        Time from takeoff to landing, s.
+    angular_momentum : float, "midpoint" or "free"
+        About the centre of mass and the plane's normal, kg m^2/s; the midpoint of (9) is (10).
+    takeoff, landing : optional
+        Left out, the base link takes off from the origin, and the takeoff frame lands at the height it left.
+    horizontal_velocity : float
+        Of the centre of mass, m/s.
+    gravity : float
+        m/s^2, downwards positive.
+    """
+
+    duration: float
+    angular_momentum: float | Literal["midpoint", "free"] = "midpoint"
+    takeoff: Takeoff | None = None
+    landing: Landing | None = None
+    horizontal_velocity: float = 0.0
+    gravity: float = 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The class of motions searched, (12), and the objective.
+
+    Parameters
+    ----------
+    degree : int, (n,) ints, or "auto"
+        k_i of (12), at least 5; "auto" starts at 7 and raises it where nothing else helps.
+    objective : "coefficients", "torque" or "acceleration"
+        (17), or the integral of the squared torques, or of the squared joint accelerations.
+    """
+
+    degree: int | Sequence[int] | Literal["auto"] = 7
+    objective: Objective = "coefficients"
+
+
+@dataclass(frozen=True, eq=False)
+class Motor:
+    """Speed-dependent torque limit ``|torque| + slope |velocity| <= stall``, N m and N m s/rad."""
+
+    stall: float
+    slope: float
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What the robot can do.
+
+    Parameters
+    ----------
+    position : "urdf", "full" or mapping joint -> (low, high)
+        Joint ranges, rad; "full" is the paper's [-pi, pi]. A joint that a mapping leaves out keeps the URDF's range,
+        and one without a range in the URDF has the full one.
+    velocity, torque : "none", "urdf", one number, mapping or (n,) sequence
+        rad/s and N m; joints left out of a mapping have none.
+    motor : mapping joint -> Motor
+    orientation_rate : float, optional
+        Largest ``|orientation_rate|``, rad/s.
+    """
+
+    position: Literal["urdf", "full"] | Mapping[str, Sequence[float]] | Sequence[Sequence[float]] = "urdf"
+    velocity: Literal["none", "urdf"] | JointValues = "none"
+    torque: Literal["none", "urdf"] | JointValues = "none"
+    motor: Mapping[str, Motor] = field(default_factory=dict)
+    orientation_rate: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Obstacle:
+    """What all obstacles share.
+
+    Parameters
+    ----------
+    margin : float
+        Clearance to keep, m: the paper's epsilon.
+    velocity : (float, float)
+        m/s; at time t the obstacle stands ``velocity * t`` away from where it is given.
+    window : (float, float), optional
+        Times between which it exists, s; left out, for the whole flight.
+    """
+
+    kind: ClassVar[str]
+    margin: float = 0.0
+    velocity: tuple[float, float] = (0.0, 0.0)
+    window: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle(Obstacle):
+    """A disc: centre (horizontal, vertical) and radius, m."""
+
+    kind: ClassVar[str] = "circle"
+    center: tuple[float, float]
+    radius: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfPlane(Obstacle):
+    """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
+
+    kind: ClassVar[str] = "half-plane"
+    point: tuple[float, float] = (0.0, 0.0)
+    normal: tuple[float, float] = (0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bar(Obstacle):
+    """A capsule: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
+
+    kind: ClassVar[str] = "capsule"
+    start: tuple[float, float]
+    end: tuple[float, float]
+    radius: float
+
+
+@dataclass(frozen=True)
+class SelfClearance:
+    """Two links whose shapes must stay ``margin`` apart, m."""
+
+    links: tuple[str, str]
+    margin: float = 0.0

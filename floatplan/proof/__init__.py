@@ -1,0 +1,1 @@
+"""Is it true? Certificate and replay, from a plan record and a robot alone."""

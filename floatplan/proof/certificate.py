@@ -1,0 +1,210 @@
+"""The certificate: is the plan true, for every instant?
+
+:func:`certify` reads a plan record and its URDF, and nothing else. See ``docs/certificate.md`` for the statement.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.plan_record import PlanRecord
+from floatplan.proof import findings as say
+from floatplan.proof.asked import check_asked
+from floatplan.proof.boundary import boundary_findings, flight_findings, orientation_findings
+from floatplan.proof.findings import Finding, Verdict, worst
+from floatplan.proof.inertia import PlanarRobot, planar_robot
+from floatplan.proof.limits import limit_findings, quantities, range_findings, recorded_peaks
+from floatplan.proof.obstacles import Sky, obstacle_finding, self_finding
+from floatplan.proof.refine import fly
+from floatplan.proof.shapes import LinkShape, Shape, given_shapes, place_shapes, urdf_shapes
+from floatplan.proof.urdf import read_urdf
+from floatplan.robot.example_robots import urdf_path
+
+BUDGET = 4096  # cells of time
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What was proved of a plan.
+
+    Attributes
+    ----------
+    verdict : "proved", "refuted" or "undecided"
+    orientation_end : (low, high) rad
+        Encloses the orientation at the end.
+    clearance_min : float or None
+        No link comes nearer to an obstacle, surface to surface, m.
+    torque_peak, velocity_peak : (n,)
+        No magnitude exceeds these, N m, rad/s.
+    findings : one per constraint
+    subintervals : number of cells of time
+    seconds : time that the proof took
+    """
+
+    verdict: Verdict
+    orientation_end: tuple[float, float]
+    clearance_min: float | None
+    torque_peak: Array
+    velocity_peak: Array
+    findings: tuple[Finding, ...]
+    subintervals: int
+    seconds: float
+
+    @property
+    def proved(self) -> bool:
+        """Whether every constraint is proved."""
+        return self.verdict == "proved"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan certify --json`` prints; numbers that are not finite are null."""
+        values: dict[str, Any] = {
+            "verdict": self.verdict,
+            "orientation_end": list(self.orientation_end),
+            "clearance_min": self.clearance_min,
+            "torque_peak": self.torque_peak.tolist(),
+            "velocity_peak": self.velocity_peak.tolist(),
+            "findings": [finding.to_dict() for finding in self.findings],
+            "subintervals": self.subintervals,
+            "seconds": self.seconds,
+        }
+        finite: dict[str, Any] = _finite(values)
+        return finite
+
+
+def certify(
+    record: PlanRecord,
+    urdf: str | Path | None = None,
+    *,
+    shapes: Sequence[LinkShape] | None = None,
+    budget: int = BUDGET,
+) -> Certificate:
+    """Prove or refute a plan.
+
+    Parameters
+    ----------
+    record : PlanRecord
+    urdf : path, optional
+        The robot's file; left out, ``record.robot.urdf``. Its SHA-256 has to be the recorded one.
+    shapes : sequence of (link, start, end, radius), optional
+        Capsules, m; places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
+        the root link's axes in the posture with all planned positions zero. Left out, a link is the segments from
+        its origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
+    budget : int
+        Most cells of time; with fewer than it needs, the proof may end undecided.
+
+    Raises
+    ------
+    InputError
+        The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
+    """
+    began = time.perf_counter()
+    path = urdf_path(record.robot.urdf if urdf is None else urdf)
+    robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
+    try:
+        with np.errstate(all="ignore"):
+            return _prove(robot, record, shapes, budget, began)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"cannot be read as a problem: {type(error).__name__} {error}", element="problem") from error
+
+
+def _prove(
+    robot: PlanarRobot, record: PlanRecord, shapes: Sequence[LinkShape] | None, budget: int, began: float
+) -> Certificate:
+    _check_finite(record)
+    check_asked(record)
+    problem = record.problem
+    obstacles, pairs = problem.get("obstacles") or [], problem.get("self_clearance") or []
+    flight = fly(robot, record, _window_ends(obstacles), budget)
+    orientation, last = orientation_findings(record, flight)
+    ranges, beyond = range_findings(record)
+    limited = quantities(record, flight, beyond)
+    limits, peaks = limit_findings(limited, flight)
+    n = len(record.robot.joints)
+    found = [*orientation, *boundary_findings(record), *flight_findings(robot, record, flight), *ranges, *limits]
+    found.append(recorded_peaks("velocity_peak", record.velocity_peak, peaks[:n]))
+    found.append(recorded_peaks("torque_peak", record.torque_peak, peaks[n : 2 * n]))
+    clearance = None
+    if obstacles or pairs:
+        chosen = _shapes(robot, shapes)
+        sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
+        if obstacles:
+            clear, clearance = _clearances(sky, obstacles)
+            found += clear
+        found += [self_finding(sky, pair) for pair in pairs]
+    findings = tuple(found)
+    low, high = float(last.mid[0] - last.rad[0]), float(last.mid[0] + last.rad[0])
+    return Certificate(
+        verdict=worst(findings),
+        orientation_end=(math.nextafter(low, -math.inf), math.nextafter(high, math.inf)),
+        clearance_min=clearance,
+        torque_peak=read_only([-peak.bound for peak in peaks[n : 2 * n]]),
+        velocity_peak=read_only([-peak.bound for peak in peaks[:n]]),
+        findings=findings,
+        subintervals=len(flight.cells),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _check_finite(record: PlanRecord) -> None:
+    numbers = [record.angular_momentum, record.duration, record.orientation["start"], record.com["gravity"]]
+    for part in (
+        record.coefficients,
+        record.centre,
+        record.amplitude,
+        record.com["position0"],
+        record.com["velocity0"],
+    ):
+        numbers += np.ravel(part).tolist()
+    if not np.isfinite(numbers).all() or not record.duration > 0.0:
+        raise InputError("the motion's numbers are not all finite, or its duration is not positive")
+
+
+def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> tuple[Shape, ...]:
+    if shapes is not None:
+        return given_shapes(robot, shapes)
+    if robot.with_collision:
+        reason = f'link "{min(robot.with_collision)}" has a <collision> element, so its shape has to be given'
+        raise InputError(reason, element="shapes")
+    return urdf_shapes(robot)
+
+
+def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], float]:
+    """One finding per obstacle, one on the recorded minimum, and the proved minimum."""
+    found, least = zip(
+        *(obstacle_finding(sky, index, obstacle) for index, obstacle in enumerate(obstacles)), strict=True
+    )
+    bound = min(item.bound for item in least)
+    attained = min(item.attained for item in least)
+    recorded = sky.record.clearance_min
+    tolerance = say.RECORDED_CLEARANCE
+    if recorded is None:  # nothing was near, because no obstacle exists during the flight
+        claim = Finding("recorded clearance_min", "proved" if bound == math.inf else "refuted", bound, None, None)
+    else:
+        off = max(0.0, recorded - attained, bound - recorded)
+        claim = say.at_most(
+            "recorded clearance_min", max(abs(recorded - bound), abs(recorded - attained)), off, 0.0, tolerance, None
+        )
+    return [*found, claim], bound
+
+
+def _window_ends(obstacles: Sequence[Any]) -> list[float]:
+    return [float(end) for obstacle in obstacles if obstacle.get("window") for end in obstacle["window"]]
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,241 @@
+"""Enclosures in double precision: numbers as midpoint and radius, functions as polynomials with a remainder.
+
+A :class:`Taylor` stands for every function f on [-1, 1] with ``|f(u) - sum_k c_k u^k| <= e``. Every operation returns
+a model that contains the exact result for all functions that its operands stand for (Makino and Berz 2003; Revol,
+Makino and Berz 2005), so rounding may never be forgotten:
+
+- A double operation has relative error at most 2^-53 (IEEE 754, to nearest). A sum of n products, in any order and
+  with or without fused operations, is off by at most ``n 2^-53 / (1 - n 2^-53) sum |a_i b_i|`` (Higham 2002, 3.1).
+  :data:`ROUND` is twice the unit, which pays for the denominator and for the error of the bound itself.
+- Radii are sums and products of non-negative doubles; :func:`up` enlarges each result by more than all of their
+  rounding, and by more than anything that underflows.
+
+Transcendental constants come from Arb. Whatever overflows ends as an infinite or undefined radius, with which no
+comparison proves anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+
+from floatplan.arrays import Array
+
+ROUND = 2.0**-52
+TINY = 1e-290  # more than any sum of products that underflow is off by
+PRECISION = 128  # [bits] of Arb
+
+
+def up(radius: Array) -> Array:
+    """Enlarge radii by more than the rounding of the few hundred non-negative operations that they result from."""
+    return np.asarray(radius * (1.0 + 2.0**-40) + TINY)
+
+
+@dataclass(frozen=True, eq=False)
+class Balls:
+    """Real numbers known to within a radius: arrays of one shape."""
+
+    mid: Array
+    rad: Array
+
+    @classmethod
+    def from_arb(cls, values: Iterable[Any], shape: tuple[int, ...]) -> Balls:
+        """Round Arb's balls to doubles; the radius takes in the rounding."""
+        pairs = [(float(value), float(value.rad())) for value in values]
+        mid = np.array([pair[0] for pair in pairs], dtype=np.float64).reshape(shape)
+        rad = np.array([pair[1] for pair in pairs], dtype=np.float64).reshape(shape)
+        return cls(mid, up(rad + ROUND * np.abs(mid)))
+
+    @classmethod
+    def exact(cls, values: Any) -> Balls:
+        """Doubles as they are."""
+        mid = np.asarray(values, dtype=np.float64)
+        return cls(mid, np.zeros_like(mid))
+
+    @property
+    def transposed(self) -> Balls:
+        """The matrix transposed."""
+        return Balls(self.mid.T, self.rad.T)
+
+    def __neg__(self) -> Balls:
+        return Balls(-self.mid, self.rad)
+
+    def __getitem__(self, index: Any) -> Balls:
+        return Balls(self.mid[index], self.rad[index])
+
+
+@dataclass(frozen=True, eq=False)
+class Taylor:
+    """Functions on [-1, 1] as polynomials with a uniform remainder.
+
+    Attributes
+    ----------
+    c : (K, ...)
+        Coefficients of powers of u, lowest first.
+    e : (...)
+        Radius: a bound on ``|f(u) - sum_k c_k u^k|`` for all u in [-1, 1].
+    """
+
+    c: Array
+    e: Array
+
+    @classmethod
+    def polynomial(cls, coefficients: Array, radii: Array, order: int) -> Taylor:
+        """Model of polynomials with ``coefficients`` (L, ...) known to within ``radii`` (L, ...); K = ``order``."""
+        tail = np.abs(coefficients[order:]).sum(axis=0)
+        kept = np.zeros((order, *coefficients.shape[1:]))
+        kept[: len(coefficients)] = coefficients[:order]
+        return cls(kept, up(radii.sum(axis=0) + tail))
+
+    @classmethod
+    def constant(cls, balls: Balls, order: int) -> Taylor:
+        """Model of constants."""
+        c = np.zeros((order, *balls.mid.shape))
+        c[0] = balls.mid
+        return cls(c, balls.rad)
+
+    @property
+    def size(self) -> Array:
+        """Bound on ``|sum_k c_k u^k|``: the sum of the coefficients' magnitudes, not rounded up."""
+        return np.asarray(np.abs(self.c).sum(axis=0))
+
+    @property
+    def order(self) -> int:
+        """Number of coefficients K."""
+        return len(self.c)
+
+    def __getitem__(self, index: Any) -> Taylor:
+        return Taylor(self.c[(slice(None), *(index if isinstance(index, tuple) else (index,)))], self.e[index])
+
+    def __neg__(self) -> Taylor:
+        return Taylor(-self.c, self.e)
+
+    def __add__(self, other: Taylor) -> Taylor:
+        c = self.c + other.c
+        return Taylor(c, up(self.e + other.e + ROUND * np.abs(c).sum(axis=0)))
+
+    def __sub__(self, other: Taylor) -> Taylor:
+        return self + (-other)
+
+    def __mul__(self, other: Taylor) -> Taylor:
+        """Product; what exceeds degree K - 1 goes into the radius."""
+        a, b, order = self.c, other.c, self.order
+        c = a[0] * b
+        for k in range(1, order):
+            c[k:] += a[k] * b[: order - k]
+        size_a, size_b = self.size, other.size
+        rounding = (order + 2) * ROUND * size_a * size_b
+        radius = self.e * (size_b + other.e) + size_a * other.e
+        return Taylor(c, up(radius + rounding + _tail(np.abs(a), np.abs(b))))
+
+    def times(self, factor: Balls) -> Taylor:
+        """Product with constants that broadcast against ``e``."""
+        size = self.size
+        radius = np.abs(factor.mid) * (self.e + ROUND * size) + factor.rad * (size + self.e)
+        return Taylor(self.c * factor.mid, up(radius))
+
+    def linear(self, matrix: Balls) -> Taylor:
+        """Apply a matrix (out, in) to the last axis: ``y_o = sum_i A_oi x_i``."""
+        size = self.size
+        magnitude = np.abs(matrix.mid).T
+        count = matrix.mid.shape[1] + 2
+        radius = (self.e + count * ROUND * size) @ magnitude + (size + self.e) @ matrix.rad.T
+        return Taylor(self.c @ matrix.mid.T, up(radius))
+
+    def sum(self) -> Taylor:
+        """Sum over the last axis, which stays with length 1."""
+        count = self.c.shape[-1]
+        radius = self.e + count * ROUND * self.size
+        return Taylor(self.c.sum(axis=-1, keepdims=True), up(radius.sum(axis=-1, keepdims=True)))
+
+    def at_end(self, u: float) -> Balls:
+        """Value at u = -1 or +1."""
+        signs = np.where(np.arange(self.order) % 2, u, 1.0)
+        mid = np.tensordot(signs, self.c, axes=1)
+        return Balls(mid, up(self.e + self.order * ROUND * self.size))
+
+
+def stack(models: Sequence[Taylor]) -> Taylor:
+    """Join models along the last axis."""
+    return Taylor(np.concatenate([m.c for m in models], axis=-1), np.concatenate([m.e for m in models], axis=-1))
+
+
+def join_cells(models: Sequence[Taylor], order: Any) -> Taylor:
+    """Join models along the axis of cells, and sort the cells."""
+    c = np.concatenate([m.c for m in models], axis=1)[:, order]
+    return Taylor(c, np.concatenate([m.e for m in models], axis=0)[order])
+
+
+def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
+    """Cosine and sine of a model.
+
+    With d the polynomial part, ``E' = i d' E`` gives the coefficients of ``E = exp(i d)`` one after the other. The
+    computed E is judged by its residual: for any polynomial E,
+    ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup |E' - i d' E|``, because ``E exp(-i d)`` has the derivative
+    ``(E' - i d' E) exp(-i d)``. The residual consists of rounding in the degrees below K - 1, and of the product's
+    tail. A radius of the angle moves cosine and sine by no more than itself.
+    """
+    order = angle.order
+    rates = angle.c[1:] * np.arange(1, order).reshape(-1, *(1,) * angle.e.ndim)
+    constant, radius = _unit_circle(angle.c[0])
+    e = np.empty(angle.c.shape, dtype=np.complex128)
+    e[0] = constant
+    for k in range(1, order):
+        e[k] = (1j / k) * (rates[:k] * e[k - 1 :: -1]).sum(axis=0)
+    size_rates, size_e = np.abs(rates), np.abs(e)
+    rounding = (2 * order + 16) * ROUND * size_rates.sum(axis=0) * size_e.sum(axis=0)
+    padded = np.concatenate([np.zeros_like(size_rates[:1]), size_rates])
+    residual = rounding + _tail(padded, size_e)
+    radius = up(angle.e + radius + up(residual))
+    return Taylor(e.real.copy(), radius), Taylor(e.imag.copy(), radius)
+
+
+def reciprocal(x: Taylor) -> Taylor:
+    """One over a model that stays away from zero; an infinite radius where that is not shown.
+
+    For the computed polynomial y of 1/x: ``1/f - y = y (1 - f y) / (f y)``, so with ``|1 - f y| <= r < 1`` the radius
+    is ``|y| r / (1 - r)``. ``1 - f y`` consists of rounding in the degrees below K, of the product's tail, and of x's
+    radius.
+    """
+    order = x.order
+    y = np.empty_like(x.c)
+    y[0] = 1.0 / x.c[0]
+    for k in range(1, order):
+        y[k] = -y[0] * (x.c[1 : k + 1] * y[k - 1 :: -1]).sum(axis=0)
+    size_x, size_y = np.abs(x.c), np.abs(y)
+    total = size_y.sum(axis=0)
+    rounding = (order + 8) * ROUND * size_x.sum(axis=0) * total
+    r = up(rounding + _tail(size_x, size_y) + x.e * total)
+    return Taylor(y, up(np.where(r < 0.5, total * r / np.where(r < 0.5, 1.0 - r, 1.0), np.inf)))
+
+
+def integral(rate: Taylor) -> Taylor:
+    """Integral from -1 to u of a model."""
+    order = rate.order
+    degrees = np.arange(1, order + 1).reshape(-1, *(1,) * rate.e.ndim)
+    full = rate.c / degrees
+    c = np.zeros_like(rate.c)
+    c[1:] = full[:-1]
+    signs = np.where(np.arange(order) % 2, -1.0, 1.0)
+    c[0] = -np.tensordot(signs, c, axes=1)
+    size = np.abs(full).sum(axis=0)
+    return Taylor(c, up(2.0 * rate.e + 2.0 * np.abs(full[-1]) + (order + 4) * ROUND * size))
+
+
+def _tail(a: Array, b: Array) -> Array:
+    """Sum of ``a_i b_j`` over ``i + j >= K``, for non-negative (K, ...)."""
+    last = np.cumsum(b[:0:-1], axis=0)
+    return np.asarray((a[1:] * last).sum(axis=0))
+
+
+def _unit_circle(angles: Array) -> tuple[Any, Array]:
+    """``exp(i angle)`` for doubles, and a radius for each."""
+    with flint.ctx.workprec(96):
+        pairs = [flint.arb(angle).sin_cos() for angle in angles.ravel().tolist()]
+        values = np.array([complex(float(cosine), float(sine)) for sine, cosine in pairs]).reshape(angles.shape)
+        widest = max((float(part.rad()) for pair in pairs for part in pair), default=0.0)
+    return values, up(np.full(angles.shape, 4.0 * ROUND + 2.0 * widest))

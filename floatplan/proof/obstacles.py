@@ -1,0 +1,199 @@
+"""Clearance to every obstacle and between links: from the tables of the plan file to findings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import flint
+import numpy as np
+
+from floatplan.arrays import IntArray
+from floatplan.plan_record import PlanRecord
+from floatplan.proof import findings as say
+from floatplan.proof.boundary import com_polynomials
+from floatplan.proof.cells import ORDER, path
+from floatplan.proof.clearance import (
+    PlanePoints,
+    PointSegments,
+    apart_at_start,
+    heights,
+    join_pairs,
+    only_pairs,
+    points_to_shapes,
+    shapes_to_segment,
+    to_base_frame,
+)
+from floatplan.proof.enclosure import PRECISION, Balls, Taylor
+from floatplan.proof.findings import Finding, Verdict
+from floatplan.proof.flight import FlightModel
+from floatplan.proof.search import Goal, Minimum, smallest
+from floatplan.proof.shapes import PlacedShapes
+from floatplan.proof.vectors import Vectors
+
+CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """Distances whose smallest is one clearance.
+
+    ``crossings`` are the sets of pairs that show, at one instant, that no two segments cross.
+    """
+
+    pairs: PointSegments | PlanePoints
+    crossings: tuple[tuple[PointSegments, PointSegments], ...] = ()
+
+
+@dataclass(frozen=True)
+class Sky:
+    """The flight, the placed shapes and the mirror sign: what every obstacle is compared with."""
+
+    record: PlanRecord
+    flight: FlightModel
+    shapes: PlacedShapes
+    sigma: float
+
+    def seen(self, place: Any, velocity: Any) -> Vectors:
+        """A moving point, relative to the centre of mass, in the base frame: one item."""
+        with flint.ctx.workprec(PRECISION):
+            com_x, com_y = com_polynomials(self.record, self.sigma)
+            x = flint.arb_poly([float(place[0]), float(velocity[0])]) - com_x
+            y = flint.arb_poly([self.sigma * float(place[1]), self.sigma * float(velocity[1])]) - com_y
+        both = path([x, y], self.flight.cells)
+        return to_base_frame(self.flight, Vectors(both[:, :1], both[:, 1:]))
+
+    def direction(self, vector: Any) -> Vectors:
+        """A constant vector (two arb) of the mirrored plane, in the base frame."""
+        balls = Balls.from_arb(vector, (2,))
+        shape = (len(self.flight.cells), 1)
+        x, y = (
+            Taylor.constant(Balls(np.full(shape, balls.mid[k]), np.full(shape, balls.rad[k])), ORDER) for k in (0, 1)
+        )
+        return to_base_frame(self.flight, Vectors(x, y))
+
+    def height_offset(self, point: Any, velocity: Any, normal: Any) -> Taylor:
+        """``normal . (centre of mass - point)``, with a normal of two arb in the mirrored plane."""
+        with flint.ctx.workprec(PRECISION):
+            com_x, com_y = com_polynomials(self.record, self.sigma)
+            x = com_x - flint.arb_poly([float(point[0]), float(velocity[0])])
+            y = com_y - flint.arb_poly([self.sigma * float(point[1]), self.sigma * float(velocity[1])])
+            return path([x * normal[0] + y * normal[1]], self.flight.cells)
+
+
+def obstacle_finding(sky: Sky, index: int, obstacle: Mapping[str, Any]) -> tuple[Finding, Minimum]:
+    """Clearance of all links to one obstacle while it exists."""
+    for key in ("radius", "margin"):
+        if not 0.0 <= float(obstacle.get(key) or 0.0) < math.inf:
+            raise ValueError(f"obstacles[{index}].{key} is negative")
+    separation, window = _separation(sky, obstacle), obstacle.get("window")
+    label = f"obstacles[{index}] {obstacle['kind']}"
+    margin = float(obstacle.get("margin") or 0.0)
+    finding, least = _finding(sky, label, separation, _existing(sky, window), margin)
+    if window is None or window[0] <= least.instant <= window[1]:
+        return finding, least
+    least = replace(least, attained=math.inf)
+    return say.at_least(label, least.bound, least.attained, margin, say.CLEARANCE, least.instant), least
+
+
+def self_finding(sky: Sky, pair: Mapping[str, Any]) -> Finding:
+    """Clearance between two links."""
+    first, second = (
+        sky.shapes.only([i for i, shape in enumerate(sky.shapes.shapes) if shape.link == link])
+        for link in pair["links"]
+    )
+    if not first.shapes or not second.shapes:
+        raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
+    sets: list[PointSegments] = []
+    crossings: list[tuple[PointSegments, PointSegments]] = []
+    for i in range(len(first.shapes)):
+        for j in range(len(second.shapes)):
+            ends = (_ends_to(first.only([i]), second.only([j])), _ends_to(second.only([j]), first.only([i])))
+            sets += ends
+            crossings.append(ends)
+    label = f"self_clearance {pair['links'][0]} {pair['links'][1]}"
+    cells = np.arange(len(sky.flight.cells))
+    separation = Separation(join_pairs(sets), tuple(crossings))
+    return _finding(sky, label, separation, cells, float(pair.get("margin") or 0.0))[0]
+
+
+def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
+    """Both ends of one shape with the segment of another."""
+    radius = float(one.radius.mid[0])
+    return join_pairs([points_to_shapes(points, other, radius) for points in (one.start, one.end)])
+
+
+def _separation(sky: Sky, obstacle: Mapping[str, Any]) -> Separation:
+    kind, velocity = obstacle["kind"], obstacle.get("velocity") or (0.0, 0.0)
+    if kind == "circle":
+        center = sky.seen(obstacle["center"], velocity)
+        return Separation(points_to_shapes(center, sky.shapes, float(obstacle["radius"])))
+    if kind == "half-plane":
+        with flint.ctx.workprec(PRECISION):
+            x, y = (flint.arb(float(part)) for part in obstacle["normal"])
+            length = (x * x + y * y).sqrt()
+            normal = (x / length, sky.sigma * y / length)
+        offset = sky.height_offset(obstacle["point"], velocity, normal)
+        return Separation(heights(sky.shapes, sky.direction(normal), offset))
+    if kind == "capsule":
+        return _bar(sky, obstacle, velocity)
+    raise ValueError(f'"{kind}" is no kind of obstacle')
+
+
+def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    radius, count = float(obstacle["radius"]), len(sky.shapes.shapes)
+    with flint.ctx.workprec(PRECISION):
+        first, last = ([flint.arb(float(part)) for part in obstacle[end]] for end in ("start", "end"))
+        along = (last[0] - first[0], sky.sigma * (last[1] - first[1]))
+        length = (along[0] * along[0] + along[1] * along[1]).sqrt()
+        unit = (along[0] / length, along[1] / length) if length > 0 else (flint.arb(1), flint.arb(0))
+    start, end = (sky.seen(obstacle[name], velocity) for name in ("start", "end"))
+    of_start, of_end = (points_to_shapes(point, sky.shapes, radius) for point in (start, end))
+    of_shapes = shapes_to_segment(sky.shapes, start, sky.direction(unit), length, radius)
+    crossings = tuple(
+        (join_pairs([only_pairs(of_start, [i]), only_pairs(of_end, [i])]), only_pairs(of_shapes, [i, count + i]))
+        for i in range(count)
+    )
+    return Separation(join_pairs([of_start, of_end, of_shapes]), crossings)
+
+
+def _existing(sky: Sky, window: Any) -> IntArray:
+    """Cells in which an obstacle exists; cells end where windows do. A window of one instant takes its neighbours."""
+    cells = sky.flight.cells
+    if window is None:
+        return np.arange(len(cells))
+    first, last = float(window[0]), float(window[1])
+    if not first <= last:
+        raise ValueError(f"the window {window} ends before it begins")
+    inside = np.flatnonzero((cells.high > first) & (cells.low < last))
+    return inside if len(inside) else np.flatnonzero((cells.high >= first) & (cells.low <= last))
+
+
+def _finding(sky: Sky, label: str, separation: Separation, cells: IntArray, margin: float) -> tuple[Finding, Minimum]:
+    pairs = separation.pairs
+    members = len(pairs.radius.mid)
+    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - say.CLEARANCE]))
+    groups = np.zeros(members, dtype=np.int64)
+    least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, sky.flight.cells)[0]
+    finding = say.at_least(label, least.bound, least.attained, margin, say.CLEARANCE, least.instant)
+    if finding.verdict != "proved" or len(cells) == 0:
+        return finding, least
+    verdict = _uncrossed(separation, int(cells[0]), least)
+    if verdict == "proved":
+        return finding, least
+    crossing = Minimum(-math.inf, 0.0, float(sky.flight.cells.low[cells[0]]), 0)
+    return Finding(label, verdict, 0.0, crossing.instant, margin, margin), crossing
+
+
+def _uncrossed(separation: Separation, cell: int, least: Minimum) -> Verdict:
+    """Whether no two segments cross: none at the first instant, and afterwards no end comes to lie on the other."""
+    if not isinstance(separation.pairs, PointSegments) or not separation.crossings:
+        return "proved"
+    seen = [tuple(apart_at_start(ends, cell) for ends in both) for both in separation.crossings]
+    if any(both == (False, False) for both in seen):
+        return "refuted"
+    radius = separation.pairs.radius
+    touching = not least.bound + float((radius.mid - radius.rad).min()) > 0.0
+    return "undecided" if touching or not all(any(both) for both in seen) else "proved"

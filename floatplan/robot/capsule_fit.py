@@ -1,0 +1,171 @@
+"""The tightest capsules around a set of points in the plane. Points are complex numbers, horizontal + i vertical."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray, IntArray
+
+UNIFORM_DIRECTIONS = 24  # [-] over half a turn, beside those of the hull's edges
+RADII = 9  # [-] tried for each direction, from half the width to half the diagonal
+SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this share of its area
+CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
+SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
+MOST_SPLITS = 2  # [-] one after the other: at most four capsules
+
+
+@dataclass(frozen=True)
+class PlaneCapsule:
+    """All points within ``radius`` of the segment from ``start`` to ``end``."""
+
+    start: complex
+    end: complex
+    radius: float
+
+    @property
+    def area(self) -> float:
+        """Area, m^2."""
+        return float(np.pi * self.radius**2 + 2.0 * self.radius * abs(self.end - self.start))
+
+    def depth(self, points: ComplexArray) -> Array:
+        """How far inside the capsule each point is (points,), m; negative outside."""
+        along = self.end - self.start
+        share = np.zeros(len(points))
+        if along != 0:
+            share = np.clip(((points - self.start) * np.conj(along)).real / abs(along) ** 2, 0.0, 1.0)
+        return np.asarray(self.radius - abs(points - self.start - share * along), dtype=np.float64)
+
+    def holds(self, other: PlaneCapsule) -> bool:
+        """Whether the other capsule is inside this one."""
+        return bool(self.depth(np.array([other.start, other.end])).min() >= other.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A shape: all points within ``radius`` of the convex pieces that ``points`` (k,) and ``edges`` (e, 2) span."""
+
+    points: ComplexArray
+    edges: IntArray
+    radius: float = 0.0
+
+    @classmethod
+    def convex(cls, points: ComplexArray, radius: float = 0.0) -> Outline:
+        """The convex hull of ``points``, grown by ``radius``."""
+        hull = convex_hull(points)
+        count = np.arange(len(hull))
+        return cls(hull, np.stack([count, np.roll(count, -1)], axis=1), radius)
+
+
+def fit_capsules(outline: Outline, splits: int = MOST_SPLITS) -> list[PlaneCapsule]:
+    """Return capsules that hold the outline together: one, or more where that is much tighter."""
+    whole = fit_capsule(outline.points, outline.radius)
+    if splits == 0 or whole.start == whole.end:
+        return [whole]
+    best: tuple[float, list[Outline]] = (SPLIT_GAIN * whole.area, [])
+    for cut in CUTS:
+        halves = _halves(outline, whole, cut)
+        area = sum(fit_capsule(half.points, half.radius).area for half in halves)
+        if area < best[0]:
+            best = (area, halves)
+    if not best[1]:
+        return [whole]
+    return [capsule for half in best[1] for capsule in fit_capsules(half, splits - 1)]
+
+
+def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
+    """Return a capsule of nearly least area that holds every disc of ``radius`` around ``points``."""
+    hull = convex_hull(points)
+    if len(hull) == 1:
+        return PlaneCapsule(complex(hull[0]), complex(hull[0]), radius)
+    directions = _directions(hull)
+    turned = hull * np.conj(directions)[:, None]  # (directions, points): the capsule's axis turned onto the real one
+    along, across = turned.real, turned.imag
+    middle = (across.max(axis=1) + across.min(axis=1)) / 2
+    offset = across - middle[:, None]
+    least = abs(offset).max(axis=1)
+    most = np.hypot(least, np.ptp(along, axis=1) / 2)
+    grown = least[:, None] + np.linspace(0.0, 1.0, RADII) * (most - least)[:, None]  # (directions, radii)
+    reach = np.sqrt(np.maximum(grown[:, :, None] ** 2 - offset[:, None, :] ** 2, 0.0))
+    high, low = (along[:, None, :] - reach).max(axis=2), (along[:, None, :] + reach).min(axis=2)
+    length = np.maximum(high - low, 0.0)
+    area = np.pi * (grown + radius) ** 2 + 2.0 * (grown + radius) * length
+    row, column = np.unravel_index(int(area.argmin()), area.shape)
+    low_end, high_end = low[row, column], high[row, column]
+    if high_end - low_end < SHORTEST * most[row]:  # a disc: below zero, any centre between them holds all points
+        low_end = high_end = (low_end + high_end) / 2
+    direction = directions[row]
+    segment = PlaneCapsule(
+        complex(direction * (low_end + 1j * middle[row])), complex(direction * (high_end + 1j * middle[row])), 0.0
+    )
+    return PlaneCapsule(segment.start, segment.end, float(-segment.depth(hull).min() + radius))
+
+
+def convex_hull(points: ComplexArray) -> ComplexArray:
+    """Corners of the convex hull, counter-clockwise; A. M. Andrew, Information Processing Letters 9 (1979), p. 216."""
+    candidates = np.unique(_outer(points))
+    if len(candidates) <= 2:
+        return candidates
+    corners: list[complex] = []
+    for ordered in (candidates.tolist(), candidates[::-1].tolist()):
+        chain: list[complex] = []
+        for point in ordered:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0.0:
+                chain.pop()
+            chain.append(point)
+        corners += chain[:-1]
+    return np.array(corners, dtype=np.complex128)
+
+
+def _turn(first: complex, second: complex, third: complex) -> float:
+    return ((second - first).conjugate() * (third - first)).imag
+
+
+def _outer(points: ComplexArray) -> ComplexArray:
+    """Points less those strictly inside the polygon of a few extreme ones: a mesh has thousands of these."""
+    if len(points) < 200:
+        return points
+    around = np.exp(2j * np.pi * np.arange(32) / 32)
+    corners = points[np.unique((points[None, :] * np.conj(around)[:, None]).real.argmax(axis=1))]
+    corners = corners[np.argsort(np.angle(corners - corners.mean()))]
+    sides = np.roll(corners, -1) - corners
+    inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
+    return np.asarray(points[~inside], dtype=np.complex128)
+
+
+def _directions(hull: ComplexArray) -> ComplexArray:
+    sides = np.roll(hull, -1) - hull
+    longest = sides[np.argsort(-abs(sides))[:64]]
+    uniform = np.exp(1j * np.pi * np.arange(UNIFORM_DIRECTIONS) / UNIFORM_DIRECTIONS)
+    return np.concatenate([longest / abs(longest), uniform])
+
+
+def _halves(outline: Outline, whole: PlaneCapsule, cut: float) -> list[Outline]:
+    """The outline's two parts on either side of a line across.
+
+    An edge that crosses the line leaves a part of itself, and a point on the line, on both sides. What joins these
+    points inside the shape is part of the line; the whole of it between them is taken, so that the parts hold it.
+    """
+    direction = (whole.end - whole.start) / abs(whole.end - whole.start)
+    turned = outline.points * np.conj(direction)
+    along = turned.real
+    level = along.min() + cut * np.ptp(along)
+    begin, finish = outline.edges.T
+    crossing = (along[begin] - level) * (along[finish] - level) < 0.0
+    begin, finish = begin[crossing], finish[crossing]
+    share = (level - along[begin]) / (along[finish] - along[begin])
+    height = turned.imag[begin] + share * (turned.imag[finish] - turned.imag[begin])
+    on_line = np.concatenate([np.flatnonzero(along == level), len(along) + np.arange(len(height))])
+    points = np.concatenate([outline.points, direction * (level + 1j * height)])
+    line = on_line[np.argsort((points[on_line] * np.conj(direction)).imag)]
+    halves = []
+    for side in (along <= level, along >= level):
+        kept = outline.edges[side[outline.edges].all(axis=1)]
+        shortened = np.stack([np.where(side[begin], begin, finish), len(along) + np.arange(len(height))], axis=1)
+        edges = np.concatenate([kept, shortened, np.stack([line[:-1], line[1:]], axis=1)])
+        members = np.concatenate([np.flatnonzero(side), len(along) + np.arange(len(height))])
+        index = np.zeros(len(points), dtype=np.int64)
+        index[members] = np.arange(len(members))
+        halves.append(Outline(points[members], index[edges], outline.radius))
+    return halves

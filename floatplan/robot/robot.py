@@ -1,0 +1,206 @@
+"""The robot that flies: a checked URDF, its model on a planar free-flyer, and the choice of planned joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.robot.capsule_fit import Outline
+from floatplan.robot.example_robots import urdf_path
+from floatplan.robot.joint_choice import Choice, choose_joints
+from floatplan.robot.joint_limits import planned_limits
+from floatplan.robot.link_shapes import link_outlines, link_shapes, missing_meshes
+from floatplan.robot.mirror import mirror_couplings
+from floatplan.robot.model_check import check_model
+from floatplan.robot.parts import Capsule, Coupling, Frame, Plane
+from floatplan.robot.planar_model import build_model, full_coordinates
+from floatplan.robot.planar_tree import PlanarTree
+from floatplan.robot.srdf import reference_posture
+from floatplan.robot.tree_builder import TreeLayout, lay_out, named_frames, planar_tree
+from floatplan.robot.urdf_check import check_urdf
+from floatplan.robot.urdf_read import UrdfText, read_urdf
+from floatplan.robot.urdf_tree import UrdfTree
+
+__all__ = ["Capsule", "Coupling", "Frame", "PlanarTree", "Plane", "Robot"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot:
+    """A robot of n planned joints that flies in a plane.
+
+    The full configuration of ``model`` is ``reference + selection @ positions`` with the base's horizontal place,
+    vertical place and orientation in its first three entries (zero in both arrays).
+
+    Attributes
+    ----------
+    name, path, sha256, xml : of the URDF file as read
+    source : what the file was called when it was asked for, such as ``example-robot-data:...``
+    plane : Plane
+    joints : (n) names of the planned joints, in the order of all arrays
+    locked : joint name -> rad
+    coupled : follower's joint name -> Coupling
+    model : pinocchio.Model with nq = nv = 3 + joints that move; gravity zero
+    reference : (nv,) rad
+    selection : (nv, n)
+    position_limits : (n, 2) rad, infinite where not given
+    velocity_limits : (n,) rad/s, infinite where not given
+    torque_limits : (n,) N m, infinite where not given
+    tree : PlanarTree
+    frames : name -> Frame
+    resting : (n,) rad, the planned joints' positions in the reference posture, or nearest to zero
+    warnings : what the URDF leaves in doubt
+    layout : how links are gathered into bodies
+    """
+
+    name: str
+    path: Path | None
+    sha256: str
+    xml: str
+    plane: Plane
+    joints: tuple[str, ...]
+    locked: Mapping[str, float]
+    coupled: Mapping[str, Coupling]
+    model: Any
+    reference: Array
+    selection: Array
+    position_limits: Array
+    velocity_limits: Array
+    torque_limits: Array
+    tree: PlanarTree
+    frames: Mapping[str, Frame]
+    resting: Array
+    warnings: tuple[str, ...]
+    source: str
+    layout: TreeLayout
+
+    @classmethod
+    def from_urdf(
+        cls,
+        source: str | Path,
+        *,
+        plane: str | None = None,
+        joints: Sequence[str] | None = None,
+        coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None,
+        locked: Mapping[str, float] | None = None,
+        reference: str | None = None,
+    ) -> Robot:
+        """Load a robot from a URDF file.
+
+        Parameters
+        ----------
+        source : path
+            The URDF file; or the text ``example-robot-data:`` and a file's path in that package.
+        plane : str, optional
+            The plane's horizontal and vertical axis among the root link's, such as "xz". Found from the joints' axes
+            where left out.
+        joints : sequence of str, optional
+            The joints to plan, in the order of all arrays. Left out: all that turn about the plane's normal.
+        coupled : mapping, optional
+            Followers' names to their leaders: a :class:`Coupling`, or a name (ratio 1; with a minus sign, -1).
+            Joints that the file has ``<mimic>`` a planned joint are coupled without being asked for. ``"mirror"``
+            couples the pairs of joints that are each other's mirror image left and right of the plane.
+        locked : mapping, optional
+            Names of joints that do not move to their positions, rad (or m). All other joints that are neither planned
+            nor coupled are locked at the position within their limits that is nearest to the reference posture's.
+        reference : str, optional
+            The reference posture: the name of a state in an SRDF file beside the URDF, such as "standing". Left out:
+            all zero.
+
+        Raises
+        ------
+        InputError
+            If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
+        """
+        path = urdf_path(source)
+        try:
+            text = read_urdf(path)
+            tree = check_urdf(text.root)
+            posture = None if reference is None else reference_posture(reference, tree, path)
+            choose = partial(choose_joints, tree, locked=locked, posture=posture)
+            if coupled == "mirror":
+                everything = choose(plane=plane, joints=None, coupled=None)
+                plane, coupled = everything.plane.name, mirror_couplings(tree, everything, joints)
+            elif isinstance(coupled, str):
+                raise InputError(f'should be a table of joints, or "mirror", not "{coupled}"', element="coupled")
+            return cls._assemble(str(source), text, tree, choose(plane=plane, joints=joints, coupled=coupled))
+        except InputError as error:
+            raise error.within(error.source or path) from None
+
+    @classmethod
+    def _assemble(cls, source: str, text: UrdfText, tree: UrdfTree, choice: Choice) -> Robot:
+        model = build_model(tree, choice)
+        reference, selection = full_coordinates(model, choice)
+        layout = lay_out(tree, choice)
+        position_limits, velocity_limits, torque_limits = planned_limits(tree, choice.planned, choice.coupled)
+        check_model(model, reference, selection, choice.planned, position_limits)
+        resting = [choice.resting[name] for name in choice.planned]
+        return cls(
+            name=tree.name,
+            path=text.path,
+            sha256=text.sha256,
+            xml=text.xml,
+            plane=choice.plane,
+            joints=choice.planned,
+            locked=MappingProxyType(dict(choice.locked)),
+            coupled=MappingProxyType(dict(choice.coupled)),
+            model=model,
+            reference=read_only(reference),
+            selection=read_only(selection),
+            position_limits=position_limits,
+            velocity_limits=velocity_limits,
+            torque_limits=torque_limits,
+            tree=planar_tree(layout),
+            frames=named_frames(layout),
+            resting=read_only(np.clip(resting, position_limits[:, 0], position_limits[:, 1])),
+            warnings=(*choice.warnings, *missing_meshes(tree, text.path.parent)),
+            source=source,
+            layout=layout,
+        )
+
+    @cached_property
+    def shapes(self) -> tuple[Capsule, ...]:
+        """The links' shapes in the plane, fitted when first asked for.
+
+        Raises
+        ------
+        InputError
+            If the geometry of a ``<collision>`` is wrong, or its file is not a mesh.
+        """
+        try:
+            return link_shapes(self.layout, None if self.path is None else self.path.parent)
+        except InputError as error:
+            raise error.within(error.source or self.path) from None
+
+    @property
+    def outlines(self) -> list[tuple[int, Outline]]:
+        """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
+        try:
+            return link_outlines(self.layout, None if self.path is None else self.path.parent)
+        except InputError as error:
+            raise error.within(error.source or self.path) from None
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole robot, kg."""
+        return float(self.tree.mass.sum())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything as it is, but for read-only mappings, which cannot be pickled."""
+        return {
+            name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in self.__dict__.items()
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            self.__dict__[name] = MappingProxyType(value) if isinstance(value, dict) else value
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, plane={self.plane.name!r}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"

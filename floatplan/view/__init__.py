@@ -1,0 +1,1 @@
+"""The pictures: figures, tables and exports of a plan."""

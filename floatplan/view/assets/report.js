@@ -1,0 +1,88 @@
+"use strict";
+/* Puts the page together. Whatever comes from a file is written as text, never as markup. */
+
+function fillHeader({ name, verdict, question, version }) {
+  document.getElementById("name").textContent = name;
+  document.getElementById("question").textContent = question;
+  document.getElementById("version").textContent = version ? ` ${version}` : "";
+  const badge = document.getElementById("verdict");
+  badge.textContent = verdict.word;
+  badge.classList.add(verdict.tone);
+}
+
+function fillKey(data, stage) {
+  const list = document.getElementById("key");
+  const names = ["base", ...data.motion.robot.joints];
+  names.forEach((name, index) => addKey(list, "bar", data.motion.robot.colours[index], name));
+  data.motion.frames.forEach(({ name, role }, index) => {
+    addKey(list, "ring", stage.trails[index].colour, `${name} (${role})`);
+  });
+  addKey(list, "dot", "#222222", "centre of mass");
+}
+
+function addKey(list, shape, colour, text) {
+  const entry = list.appendChild(make("li"));
+  const mark = entry.appendChild(make("i", `swatch ${shape}`));
+  mark.style[shape === "ring" ? "borderColor" : "background"] = colour;
+  entry.appendChild(make("span", "", text));
+}
+
+function fillFacts(data, onSeek) {
+  const holder = document.getElementById("facts");
+  for (const section of data.sections) {
+    const part = holder.appendChild(make("article", section.tone || ""));
+    part.appendChild(make("h2", "", section.title));
+    const list = part.appendChild(make("dl"));
+    for (const [name, text] of section.rows) {
+      list.appendChild(make("dt", "", name));
+      list.appendChild(make("dd", "", text));
+    }
+    if (section.note) part.appendChild(make("p", "note", section.note));
+    if (section.findings && section.findings.length) fillFindings(part, section.findings, onSeek);
+  }
+  const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
+  file.appendChild(make("summary", "", "The problem file"));
+  file.appendChild(make("pre", "", data.problem));
+}
+
+function fillFindings(part, findings, onSeek) {
+  const details = part.appendChild(make("details"));
+  details.appendChild(make("summary", "", `All ${findings.length} constraints`));
+  const table = details.appendChild(make("div", "wide")).appendChild(make("table"));
+  const head = table.appendChild(make("thead")).appendChild(make("tr"));
+  for (const title of ["constraint", "", "bound", "limit", "at, s"]) head.appendChild(make("th", "", title));
+  const body = table.appendChild(make("tbody"));
+  for (const finding of findings) {
+    const row = body.appendChild(make("tr", finding[1]));
+    for (const text of finding) row.appendChild(make("td", "", text));
+    const instant = Number(finding[4]);
+    if (Number.isFinite(instant)) {
+      row.classList.add("seekable");
+      row.addEventListener("click", () => onSeek(instant));
+    }
+  }
+}
+
+(function main() {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const motion = new Motion(data.motion);
+  const stage = new Stage(motion, document.getElementById("stage"));
+  const seek = (time) => {
+    player.pause();
+    player.seek(time);
+  };
+  fillHeader(data);
+  fillKey(data, stage);
+  fillFacts(data, seek);
+  const holder = document.getElementById("charts");
+  const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
+  const player = new Player(motion.duration, (time) => {
+    stage.draw(time);
+    for (const chart of charts) chart.draw(time);
+  });
+  for (const what of ["ghosts", "trails", "margins", "goal"]) {
+    const box = document.getElementById(what);
+    box.addEventListener("change", () => stage.show(what, box.checked));
+  }
+  window.floatplan = { motion, stage, player };
+})();

@@ -1,0 +1,263 @@
+"use strict";
+/* The picture of the flight: a backdrop that stays, and over it what moves. World: metres, up is up. */
+
+const INK = "#222222";
+const PAPER = "#ffffff";
+const GHOST_STRENGTH = [0.2, 0.42];
+const TRAILS = { com: "#8a8a8a", frames: ["#8b5e00", "#6a3d9a"] };
+
+class Stage {
+  constructor(motion, holder) {
+    this.motion = motion;
+    this.holder = holder;
+    this.backdrop = holder.querySelector("#backdrop");
+    this.front = holder.querySelector("#robot");
+    this.shown = { ghosts: true, trails: true, margins: true, goal: true };
+    this.trails = motion.data.frames.map((frame, index) => ({
+      name: frame.name,
+      colour: TRAILS.frames[index],
+      points: motion.path(frame.weights),
+    }));
+    this.trails.push({ name: "CM", colour: TRAILS.com, points: motion.path(null) });
+    this.still = motion.data.obstacles.filter((one) => !moves(one));
+    this.moving = motion.data.obstacles.filter(moves);
+    this.colours = motion.data.robot.colours;
+    this.time = 0;
+    new ResizeObserver(() => this.resize()).observe(holder);
+    this.resize();
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.holder;
+    const ratio = window.devicePixelRatio || 1;
+    for (const canvas of [this.backdrop, this.front]) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+    }
+    const [left, low, right, high] = this.motion.data.box;
+    this.scale = Math.min(width / (right - left), height / (high - low));
+    this.origin = [width / 2 - (this.scale * (left + right)) / 2, height / 2 + (this.scale * (low + high)) / 2];
+    this.size = [width, height];
+    this.ratio = ratio;
+    this.drawBackdrop();
+    this.draw(this.time);
+  }
+
+  show(what, whether) {
+    this.shown[what] = whether;
+    this.drawBackdrop();
+    this.draw(this.time);
+  }
+
+  at([x, y]) {
+    return [this.origin[0] + this.scale * x, this.origin[1] - this.scale * y];
+  }
+
+  clear(canvas) {
+    const pen = canvas.getContext("2d");
+    pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    pen.clearRect(0, 0, ...this.size);
+    pen.lineCap = "round";
+    pen.lineJoin = "round";
+    return pen;
+  }
+
+  drawBackdrop() {
+    const pen = this.clear(this.backdrop);
+    this.drawGrid(pen);
+    for (const [level, low, high] of this.motion.data.ground) this.drawGround(pen, level, low, high);
+    for (const obstacle of this.still) this.drawObstacle(pen, obstacle, 0, 1);
+    if (this.shown.trails) for (const trail of this.trails) this.drawTrail(pen, trail, this.motion.duration, 0.35, 1);
+    if (this.shown.goal) this.drawGoal(pen);
+    if (this.shown.ghosts) this.drawGhosts(pen);
+  }
+
+  drawGrid(pen) {
+    const step = roundBelow(this.size[0] / this.scale / 4);
+    const [left, top] = this.origin;
+    pen.lineWidth = 1;
+    pen.strokeStyle = "#f0f0f0";
+    pen.beginPath();
+    for (let k = Math.ceil(-left / this.scale / step); left + k * step * this.scale < this.size[0]; k++) {
+      const x = Math.round(left + k * step * this.scale) + 0.5;
+      pen.moveTo(x, 0);
+      pen.lineTo(x, this.size[1]);
+    }
+    for (let k = Math.ceil((top - this.size[1]) / this.scale / step); top - k * step * this.scale > 0; k++) {
+      const y = Math.round(top - k * step * this.scale) + 0.5;
+      pen.moveTo(0, y);
+      pen.lineTo(this.size[0], y);
+    }
+    pen.stroke();
+    this.drawRule(pen, step);
+  }
+
+  drawRule(pen, length) {
+    const [x, y] = [12, 20];
+    pen.strokeStyle = pen.fillStyle = "#666666";
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    pen.moveTo(x, y - 4);
+    pen.lineTo(x, y);
+    pen.lineTo(x + length * this.scale, y);
+    pen.lineTo(x + length * this.scale, y - 4);
+    pen.stroke();
+    pen.font = "12px system-ui, sans-serif";
+    pen.fillText(`${length} m`, x + length * this.scale + 6, y + 3);
+  }
+
+  drawGround(pen, level, low, high) {
+    const whole = this.motion.data.ground.length === 1;
+    const reach = whole ? 1e3 : 0.15 * (high - low);
+    const [left, y] = this.at([low - reach, level]);
+    const [right] = this.at([high + reach, level]);
+    const [from, to] = [Math.max(left, 0), Math.min(right, this.size[0])];
+    pen.fillStyle = "#f3f1ec";
+    pen.fillRect(from, y, to - from, Math.min(this.size[1] - y, whole ? 1e4 : 8));
+    pen.strokeStyle = INK;
+    pen.lineWidth = 1.2;
+    strokeLine(pen, [from, y], [to, y]);
+  }
+
+  drawObstacle(pen, obstacle, time, strength) {
+    const shift = obstacle.velocity.map((speed) => speed * time);
+    pen.globalAlpha = strength;
+    pen.fillStyle = obstacle.kind === "half-plane" ? "#e6e2da" : "#a3a3a3";
+    pen.strokeStyle = obstacle.colour;
+    pen.lineWidth = 1.5;
+    this.trace(pen, obstacle.outline, shift);
+    pen.fill();
+    pen.stroke();
+    if (obstacle.margin && this.shown.margins) {
+      pen.strokeStyle = "#b00020";
+      pen.lineWidth = 1;
+      pen.setLineDash([4, 3]);
+      this.trace(pen, obstacle.margin, shift);
+      pen.stroke();
+      pen.setLineDash([]);
+    }
+    pen.globalAlpha = 1;
+  }
+
+  trace(pen, outline, [dx, dy]) {
+    pen.beginPath();
+    for (const [x, y] of outline) pen.lineTo(...this.at([x + dx, y + dy]));
+    pen.closePath();
+  }
+
+  drawTrail(pen, { points, colour }, until, strength, width) {
+    const last = Math.round(until / this.motion.step);
+    pen.globalAlpha = strength;
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    pen.beginPath();
+    for (let index = 0; index <= last; index++) {
+      pen.lineTo(...this.at([points[2 * index], points[2 * index + 1]]));
+    }
+    pen.stroke();
+    pen.globalAlpha = 1;
+  }
+
+  drawGhosts(pen) {
+    const times = this.motion.data.ghosts;
+    times.forEach((time, index) => {
+      const [low, high] = GHOST_STRENGTH;
+      const strength = low + ((high - low) * index) / (times.length - 1);
+      this.drawRobot(pen, this.motion.posture(time), { strength, ring: PAPER, width: 2 });
+    });
+  }
+
+  drawGoal(pen) {
+    const { orientation, positions, com } = this.motion.data.goal;
+    const posture = this.motion.pose(orientation, positions, com);
+    const links = this.linkLines(posture);
+    for (const [colour, extra] of [[INK, 6.5], [PAPER, 4]]) {
+      pen.strokeStyle = colour;
+      for (const [start, end, radius] of links) {
+        pen.lineWidth = 2 * radius + extra;
+        strokeLine(pen, start, end);
+      }
+    }
+  }
+
+  linkLines(posture) {
+    return this.motion.data.robot.links.map((link) => [
+      this.at(this.motion.place(posture, link.start)),
+      this.at(this.motion.place(posture, link.end)),
+      Math.max(link.radius * this.scale, 1.2),
+      link.part,
+    ]);
+  }
+
+  drawRobot(pen, posture, { strength, ring, width }) {
+    const links = this.linkLines(posture);
+    pen.strokeStyle = ring;
+    for (const [start, end, radius] of links) {
+      pen.lineWidth = 2 * radius + 2 * width;
+      strokeLine(pen, start, end);
+    }
+    for (const [start, end, radius, part] of links) {
+      pen.strokeStyle = faded(this.colours[part], strength);
+      pen.lineWidth = 2 * radius;
+      strokeLine(pen, start, end);
+    }
+    return links;
+  }
+
+  /* What moves, at a time. */
+  draw(time) {
+    this.time = time;
+    const pen = this.clear(this.front);
+    for (const obstacle of this.moving) {
+      const [from, to] = obstacle.window || [-Infinity, Infinity];
+      this.drawObstacle(pen, obstacle, time, time >= from && time <= to ? 1 : 0.15);
+    }
+    if (this.shown.trails) for (const trail of this.trails) this.drawTrail(pen, trail, time, 0.9, 2);
+    const posture = this.motion.posture(time);
+    const links = this.drawRobot(pen, posture, { strength: 1, ring: PAPER, width: 2.5 });
+    const thinnest = Math.min(...links.map((link) => link[2]));
+    for (const pivot of this.motion.data.robot.pivots) {
+      this.dot(pen, this.motion.place(posture, pivot), Math.max(0.35 * thinnest, 1.5), PAPER, null);
+    }
+    this.motion.data.frames.forEach((frame, index) => {
+      this.dot(pen, this.motion.place(posture, frame.weights), Math.max(0.8 * thinnest, 3.5), PAPER, TRAILS.frames[index]);
+    });
+    this.dot(pen, posture.com, 4, INK, PAPER);
+  }
+
+  dot(pen, point, radius, fill, rim) {
+    pen.beginPath();
+    pen.arc(...this.at(point), radius, 0, 2 * Math.PI);
+    pen.fillStyle = fill;
+    pen.fill();
+    if (!rim) return;
+    pen.lineWidth = 2;
+    pen.strokeStyle = rim;
+    pen.stroke();
+  }
+}
+
+function moves(obstacle) {
+  return obstacle.window !== null || obstacle.velocity.some((speed) => speed !== 0);
+}
+
+function strokeLine(pen, start, end) {
+  pen.beginPath();
+  pen.moveTo(...start);
+  pen.lineTo(end[0] + 1e-3, end[1]);
+  pen.stroke();
+}
+
+/* A colour #rrggbb mixed with white paper: strength 1 is the colour. */
+function faded(colour, strength) {
+  if (strength === 1) return colour;
+  const parts = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+  return `rgb(${parts.map((part) => Math.round(255 - strength * (255 - part))).join(",")})`;
+}
+
+/* The largest of ..., 0.5, 1, 2, 5, 10, ... that is not above a positive value. */
+function roundBelow(value) {
+  const power = Math.floor(Math.log10(value));
+  const factor = [5, 2, 1].find((one) => one * 10 ** power <= value) || 1;
+  return Number(`${factor}e${power}`);
+}

@@ -1,0 +1,51 @@
+"""Shapes of the plane in three dimensions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.motion_plan import Plan
+from floatplan.problem import HalfPlane, Obstacle
+from floatplan.robot.parts import Plane
+from floatplan.view.surroundings import obstacle_outline
+
+SLAB = 0.04  # thickness of a half-plane as drawn, in widths
+SPREAD = 3.0  # its length to either side, in widths
+
+
+def slanted(plane: Plane, place: complex) -> Array:
+    """Return a place of the plane, horizontal + i vertical, as a point (3,)."""
+    return np.asarray(place.real * plane.horizontal + place.imag * plane.vertical)
+
+
+def quaternion(axis: Array, angle: float) -> tuple[float, float, float, float]:
+    """Return the rotation by an angle about a unit vector (3,) as (w, x, y, z)."""
+    x, y, z = np.sin(angle / 2) * axis
+    return float(np.cos(angle / 2)), float(x), float(y), float(z)
+
+
+def obstacle_slab(plan: Plan, obstacle: Obstacle, width: float) -> tuple[Array, IntArray]:
+    """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, as wide as told across the plane, m."""
+    if isinstance(obstacle, HalfPlane):
+        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+        along, below = SPREAD * width * 1j * normal, -SLAB * width * normal
+        corners = complex(*obstacle.point) + np.array([along, along + below, below - along, -along])
+    else:
+        outline = obstacle_outline(obstacle, 0.0, 0.0)
+        corners = np.asarray(outline[:, 0] + 1j * outline[:, 1])
+    return prism(plan.robot.plane, corners, width)
+
+
+def prism(plane: Plane, corners: ComplexArray, width: float) -> tuple[Array, IntArray]:
+    """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
+    count = len(corners)
+    aside = 0.5 * width * plane.normal
+    points = np.array([slanted(plane, complex(corner)) for corner in corners])
+    here = np.arange(count)
+    on = (here + 1) % count
+    sides = [np.stack((here, on, here + count), axis=1), np.stack((on, on + count, here + count), axis=1)]
+    fan = np.stack((np.zeros(count - 2, dtype=np.int64), here[1:-1], here[2:]), axis=1)
+    faces = np.concatenate((*sides, fan[:, ::-1], fan + count))
+    both = np.concatenate((faces, faces[:, ::-1]))  # whichever way round the polygon goes, it is seen from outside
+    return np.concatenate((points - aside, points + aside)), both

@@ -1,0 +1,137 @@
+"""One look for all pictures: colours that everyone can tell apart, and print in one column of a paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+
+from floatplan.arrays import Array
+
+COLUMN = 3.35  # inches: one column of a two-column paper, 8.5 cm
+LETTERS = 17.5  # of a legend's text per inch
+ROW = 0.14  # inches: a line of a legend
+HANDLE = 6  # letters that a legend's handle takes
+DPI = 300
+INK = "#222222"
+GREY = "#8a8a8a"
+PALE = "#c9c9c9"
+ALARM = "#b00020"
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of curves, one per obstacle
+SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
+BASE = "#555555"  # of the base beside it
+SEQUENCE_END = 0.9  # its last tenth is too light for white paper
+
+RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
+    "font.size": 7.5,
+    "text.parse_math": False,  # joints are called what they are called
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 7.5,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "grid.color": "#ebebeb",
+    "grid.linewidth": 0.5,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 1.5,
+    "legend.handletextpad": 0.5,
+    "legend.columnspacing": 1.2,
+    "legend.borderaxespad": 0.2,
+    "legend.borderpad": 0.1,
+    "lines.linewidth": 1.3,
+    "lines.solid_capstyle": "round",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "figure.constrained_layout.h_pad": 0.03,
+    "figure.constrained_layout.w_pad": 0.03,
+    "path.simplify": True,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
+}
+SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made of several
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in this look inside the ``with``, and leave matplotlib's settings as they were."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(RC)
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure, inches, that lays itself out and belongs to no window."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def palette(count: int) -> list[Array]:
+    """Return colours (3,) for the base and the joints: hues while they last, then grey and steps of one sequence."""
+    if count <= len(OKABE_ITO):
+        return [rgb(colour) for colour in OKABE_ITO[:count]]
+    sequence = matplotlib.colormaps[SEQUENCE](np.linspace(0, SEQUENCE_END, count - 1))
+    return [rgb(colour) for colour in (BASE, *sequence)]
+
+
+def rgb(colour: Any) -> Array:
+    """Red, green and blue (3,), from 0 to 1."""
+    from matplotlib.colors import to_rgb
+
+    return np.array(to_rgb(colour))
+
+
+def faded(colour: Any, strength: float) -> Array:
+    """Mix a colour (3,) with white paper: strength 1 is the colour, 0 the paper."""
+    return np.asarray(1 - strength * (1 - rgb(colour)))
+
+
+def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]]) -> None:
+    """Put a legend of (handle, name) above all axes, in as few rows as fit; the figure grows with them."""
+    shown = [f" {name}" if name.startswith("_") else name for _, name in entries]
+    room = figure.get_figwidth() * LETTERS
+    rows = next(rows for rows in range(1, len(shown) + 1) if rows == len(shown) or _letters(shown, rows) <= room)
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + ROW * (rows - 1))
+    figure.legend(
+        [handle for handle, _ in entries],
+        shown,
+        loc="outside upper center",
+        ncols=-(-len(shown) // rows),
+        handler_map=SIDE_BY_SIDE,
+    )
+
+
+def _letters(names: list[str], rows: int) -> int:
+    """Width of a legend that is filled column by column, in letters, its handles included."""
+    return sum(HANDLE + max(map(len, names[first : first + rows])) for first in range(0, len(names), rows))
+
+
+def round_below(value: float) -> float:
+    """Return the largest of ..., 0.5, 1, 2, 5, 10, ... that is not above a positive value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return power * max(factor for factor in (1, 2, 5) if factor * power <= value)

@@ -1,0 +1,355 @@
+"""Looks at a plan at many instants by code that is not the planner's, and says by how much anything is violated.
+
+From a plan it takes the problem, the robot's URDF text, the coefficients of (12) and h: nothing computed from them.
+Links are placed in space by the URDF's own transforms, dynamics are Pinocchio's on a free-flyer, the orientation is
+scipy's integration of (4), joint motions are numpy's polynomials, distances are the formulas below.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+from numpy.polynomial import polynomial
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import floatplan as fp
+
+INSTANTS = 20_000
+TOLERANCE = 1e-12  # of the integration
+POSE, TWIST = 7, 6  # coordinates and velocities of a free-flyer
+
+
+@dataclass(frozen=True)
+class Worst:
+    """By how much one requirement is violated at worst, in its unit, and when, s; negative where it holds."""
+
+    label: str
+    amount: float
+    unit: str
+    time: float
+
+    def __str__(self) -> str:
+        return f"{self.label}: {self.amount:.2e} {self.unit} at {self.time:.4f} s"
+
+
+class Flyer:
+    """A robot floating in space, its base free in all six directions."""
+
+    def __init__(self, robot: fp.Robot) -> None:
+        if "<collision" in robot.xml or robot.coupled or robot.locked:
+            raise ValueError(f"{robot.name} is more than a chain of plain links")
+        self.model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
+        self.model.gravity = pin.Motion.Zero()
+        self.data = self.model.createData()
+        joints = [self.model.joints[self.model.getJointId(name)] for name in robot.joints]
+        self.configuration_columns = [joint.idx_q for joint in joints]
+        self.velocity_columns = [joint.idx_v for joint in joints]
+        self.normal = np.array(robot.plane.normal)
+        self.row = 3 + int(np.argmax(np.abs(self.normal)))
+        self.sign = float(np.sign(self.normal[self.row - 3]))
+
+    def configuration(self, orientation: float, positions: np.ndarray) -> np.ndarray:
+        """Configuration with the base at the origin, turned by the orientation about the plane's normal."""
+        full = pin.neutral(self.model)
+        full[3:POSE] = pin.Quaternion(pin.AngleAxis(float(orientation), self.normal)).coeffs()
+        full[self.configuration_columns] = positions
+        return full
+
+    def base_rate(self, positions: np.ndarray, velocities: np.ndarray, momentum: float) -> float:
+        """(4) solved for theta0'."""
+        row = pin.computeCentroidalMap(self.model, self.data, self.configuration(0.0, positions))[self.row]
+        return float((momentum - self.sign * row[self.velocity_columns] @ velocities) / row[self.row])
+
+    def torques(
+        self, positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray, rate: float
+    ) -> np.ndarray:
+        """Joint torques for which no wrench acts on the base."""
+        full = self.configuration(0.0, positions)
+        velocity, acceleration = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        velocity[self.velocity_columns], acceleration[self.velocity_columns] = velocities, accelerations
+        velocity[3:TWIST] = rate * self.normal
+        inertia = pin.crba(self.model, self.data, full)[:TWIST, :TWIST]
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+        wrench = pin.rnea(self.model, self.data, full, velocity, acceleration)[:TWIST]
+        acceleration[:TWIST] = -np.linalg.solve(inertia, wrench)
+        return pin.rnea(self.model, self.data, full, velocity, acceleration)[self.velocity_columns]
+
+
+class Skeleton:
+    """The links of a URDF placed in space at K instants, with the root link's origin at the origin.
+
+    Attributes
+    ----------
+    rotations : link -> (K, 3, 3)
+    origins : link -> (K, 3)
+    segments : (parent, child) links whose origins differ: the parent's links of the paper
+    """
+
+    def __init__(self, robot: fp.Robot, orientation: np.ndarray, positions: np.ndarray) -> None:
+        document = ET.fromstring(robot.xml)
+        self._plane = np.array([robot.plane.horizontal, robot.plane.vertical])
+        self._links = {link.get("name"): link for link in document.iter("link")}
+        joints = list(document.iter("joint"))
+        root = (set(self._links) - {joint.find("child").get("link") for joint in joints}).pop()
+        turned = Rotation.from_rotvec(orientation[:, None] * np.array(robot.plane.normal)).as_matrix()
+        self.rotations, self.origins = {root: turned}, {root: np.zeros((len(orientation), 3))}
+        self.segments = []
+        waiting = [root]
+        while waiting:
+            parent = waiting.pop(0)
+            for joint in (joint for joint in joints if joint.find("parent").get("link") == parent):
+                child = joint.find("child").get("link")
+                offset, turn = _origin(joint)
+                self.origins[child] = self.origins[parent] + self.rotations[parent] @ offset
+                self.rotations[child] = self.rotations[parent] @ turn
+                if joint.get("name") in robot.joints:
+                    angle = positions[:, robot.joints.index(joint.get("name"))]
+                    axis = np.array(_numbers(joint.find("axis").get("xyz")))
+                    spin = Rotation.from_rotvec(angle[:, None] * axis / np.linalg.norm(axis)).as_matrix()
+                    self.rotations[child] = self.rotations[child] @ spin
+                if offset.any():
+                    self.segments.append((parent, child))
+                waiting.append(child)
+
+    @cached_property
+    def com(self) -> np.ndarray:
+        """Centre of mass (K, 3)."""
+        mass, moment = 0.0, 0.0
+        for name, link in self._links.items():
+            inertial = link.find("inertial")
+            if inertial is not None:
+                share = float(inertial.find("mass").get("value"))
+                mass += share
+                moment = moment + share * (self.origins[name] + self.rotations[name] @ _origin(inertial)[0])
+        return moment / mass
+
+    def from_com(self, link: str) -> np.ndarray:
+        """Place (K, 2) in the plane of a link's origin, relative to the centre of mass."""
+        return (self.origins[link] - self.com) @ self._plane.T
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in text.split()]
+
+
+def _origin(element: ET.Element) -> tuple[np.ndarray, np.ndarray]:
+    """Translation (3,) and rotation (3, 3) of an element's origin."""
+    origin = element.find("origin")
+    given = {} if origin is None else origin.attrib
+    turn = Rotation.from_euler("xyz", _numbers(given.get("rpy", "0 0 0"))).as_matrix()
+    return np.array(_numbers(given.get("xyz", "0 0 0"))), turn
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A plan at times (K,)."""
+
+    plan: fp.Plan
+    times: np.ndarray
+
+    @cached_property
+    def flyer(self) -> Flyer:
+        """The robot."""
+        return Flyer(self.plan.robot)
+
+    def joints_at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, velocities, accelerations (K, n) by (12)."""
+        plan = self.plan
+        b = plan.coefficients.T
+        p, rate, curvature = (polynomial.polyval(times, polynomial.polyder(b, order)).T for order in range(3))
+        sine, cosine = np.sin(p), np.cos(p)
+        return (
+            plan.centre + plan.amplitude * sine,
+            plan.amplitude * cosine * rate,
+            plan.amplitude * (cosine * curvature - sine * rate**2),
+        )
+
+    @cached_property
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The joints' motion at the times."""
+        return self.joints_at(self.times)
+
+    @cached_property
+    def orientation(self) -> np.ndarray:
+        """Orientation (K,) at the times, by integration of (4)."""
+        momentum, flyer = self.plan.angular_momentum, self.flyer
+
+        def slope(time: float, _: np.ndarray) -> list[float]:
+            positions, velocities, _ = self.joints_at(np.array([time]))
+            return [flyer.base_rate(positions[0], velocities[0], momentum)]
+
+        solved = solve_ivp(
+            slope,
+            (0.0, self.plan.duration),
+            [self.plan.problem.initial.orientation],
+            method="DOP853",
+            t_eval=self.times,
+            rtol=TOLERANCE,
+            atol=TOLERANCE,
+        )
+        return solved.y[0]
+
+    @cached_property
+    def rates(self) -> np.ndarray:
+        """theta0' (K,) at the times."""
+        positions, velocities, _ = self.joints
+        momentum, flyer = self.plan.angular_momentum, self.flyer
+        return np.array([flyer.base_rate(q, v, momentum) for q, v in zip(positions, velocities, strict=True)])
+
+    @cached_property
+    def torques(self) -> np.ndarray:
+        """Joint torques (K, n)."""
+        return np.array([self.flyer.torques(*state) for state in zip(*self.joints, self.rates, strict=True)])
+
+    @cached_property
+    def com(self) -> np.ndarray:
+        """Path (K, 2) of the centre of mass, by (2), (3) and (6)."""
+        problem = self.plan.problem
+        gravity, duration = problem.flight.gravity, problem.flight.duration
+
+        def from_com(frame: str, state: object) -> np.ndarray:
+            one = Skeleton(self.plan.robot, np.array([state.orientation]), state.positions[None, :])
+            return one.from_com(frame)[0]
+
+        begin = np.array(problem.takeoff.position) - from_com(problem.takeoff.frame, problem.initial)
+        end_height = problem.landing.height - from_com(problem.landing.frame, problem.final)[1]
+        climb = (end_height - begin[1]) / duration + gravity * duration / 2
+        path = begin + self.times[:, None] * np.array([problem.flight.horizontal_velocity, climb])
+        path[:, 1] -= gravity * self.times**2 / 2
+        return path
+
+    @cached_property
+    def links(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Segments' ends (K, S, 2) of each link: from its origin to those of its children elsewhere."""
+        skeleton = Skeleton(self.plan.robot, self.orientation, self.joints[0])
+        ends: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        for parent, child in skeleton.segments:
+            placed = (self.com + skeleton.from_com(parent), self.com + skeleton.from_com(child))
+            ends.setdefault(parent, []).append(placed)
+        return {
+            link: tuple(np.stack(side, axis=1) for side in zip(*pairs, strict=True)) for link, pairs in ends.items()
+        }
+
+
+def violations(plan: fp.Plan, instants: int = INSTANTS) -> list[Worst]:
+    """By how much a plan violates each thing that its problem asks for, at ``instants`` times and at both ends."""
+    return violations_seen(Look(plan, np.linspace(0.0, plan.duration, instants)))
+
+
+def violations_seen(look: Look) -> list[Worst]:
+    """Return the same for a look that is there already; its first and last times are those of the flight."""
+    return [*_at_the_ends(look), *_joint_limits(look), *_clearances(look)]
+
+
+def clearance(look: Look) -> np.ndarray:
+    """Least distance (K,) of any link to any obstacle that exists then; infinite where none does."""
+    least = np.full(len(look.times), np.inf)
+    for distance in (distance for _, _, distance in _obstacle_distances(look)):
+        least = np.minimum(least, distance.min(axis=1))
+    return least
+
+
+def worst_violation(plan: fp.Plan, instants: int = INSTANTS) -> Worst:
+    """Return the largest of the violations."""
+    return max(violations(plan, instants), key=lambda worst: worst.amount)
+
+
+def _at_the_ends(look: Look) -> Iterator[Worst]:
+    problem = look.plan.problem
+    positions, velocities, accelerations = look.joints
+    for index, state in ((0, problem.initial), (-1, problem.final)):
+        time = float(look.times[index])
+        for name, given, asked, unit in (
+            ("position", positions, state.positions, "rad"),
+            ("velocity", velocities, state.velocities, "rad/s"),
+            ("acceleration", accelerations, state.accelerations, "rad/s^2"),
+        ):
+            yield Worst(f"boundary {name}", float(np.abs(given[index] - asked).max()), unit, time)
+    yield Worst("orientation", abs(float(look.orientation[-1]) - problem.final.orientation), "rad", time)
+
+
+def _joint_limits(look: Look) -> Iterator[Worst]:
+    problem = look.plan.problem
+    positions, velocities, _ = look.joints
+    outside = np.maximum(problem.position_limits[:, 0] - positions, positions - problem.position_limits[:, 1])
+    yield _largest(look, "joint range", outside, "rad")
+    if np.isfinite(problem.velocity_limits).any():
+        yield _largest(look, "velocity", np.abs(velocities) - problem.velocity_limits, "rad/s")
+    if np.isfinite(problem.torque_limits).any():
+        yield _largest(look, "torque", np.abs(look.torques) - problem.torque_limits, "N m")
+    if np.isfinite(problem.motor_stall).any():
+        used = np.abs(look.torques) + problem.motor_slope * np.abs(velocities)
+        yield _largest(look, "speed-dependent torque", used - problem.motor_stall, "N m")
+    if problem.limits.orientation_rate is not None:
+        excess = np.abs(look.rates)[:, None] - problem.limits.orientation_rate
+        yield _largest(look, "orientation rate", excess, "rad/s")
+
+
+def _clearances(look: Look) -> Iterator[Worst]:
+    problem = look.plan.problem
+    for label, margin, distance in _obstacle_distances(look):
+        yield _largest(look, label, margin - distance, "m")
+    for pair in problem.self_clearances:
+        first, second = (look.links[link] for link in pair.links)
+        for i, j in product(range(first[0].shape[1]), range(second[0].shape[1])):
+            distance = _between(first[0][:, [i]], first[1][:, [i]], second[0][:, [j]], second[1][:, [j]])
+            yield _largest(look, f"clearance of {pair.links[0]} to {pair.links[1]}", pair.margin - distance, "m")
+
+
+def _obstacle_distances(look: Look) -> Iterator[tuple[str, float, np.ndarray]]:
+    """A label, the margin and the distances (K, S), of every link to every obstacle; infinite where that is not."""
+    for index, obstacle in enumerate(look.plan.problem.obstacles):
+        shift = look.times[:, None, None] * np.array(obstacle.velocity)
+        low, high = obstacle.window or (0.0, look.plan.duration)
+        exists = (look.times >= low) & (look.times <= high)
+        for link, ends in look.links.items():
+            distance = np.where(exists[:, None], _distance(ends[0] - shift, ends[1] - shift, obstacle), np.inf)
+            yield f"clearance of {link} to obstacle {index}", obstacle.margin, distance
+
+
+def _largest(look: Look, label: str, excess: np.ndarray, unit: str) -> Worst:
+    at, column = np.unravel_index(np.argmax(excess), excess.shape)
+    return Worst(label, float(excess[at, column]), unit, float(look.times[at]))
+
+
+def _distance(start: np.ndarray, end: np.ndarray, obstacle: object) -> np.ndarray:
+    """Distance (K, S) from segments to an obstacle's surface."""
+    if isinstance(obstacle, fp.Circle):
+        return _to_point(start, end, np.array(obstacle.center)) - obstacle.radius
+    if isinstance(obstacle, fp.HalfPlane):
+        normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
+        return np.minimum((start - obstacle.point) @ normal, (end - obstacle.point) @ normal)
+    if isinstance(obstacle, fp.Bar):
+        ends = (np.broadcast_to(np.array(point), start.shape) for point in (obstacle.start, obstacle.end))
+        return _between(start, end, *ends) - obstacle.radius
+    raise TypeError(f"no distance to {type(obstacle).__name__}")
+
+
+def _to_point(start: np.ndarray, end: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Distance by the two ends, and by the height over the segment where the foot of it lies within."""
+    along, to_start, to_end = end - start, point - start, point - end
+    nearest = np.minimum(np.linalg.norm(to_start, axis=-1), np.linalg.norm(to_end, axis=-1))
+    within = ((along * to_start).sum(axis=-1) > 0) & ((along * to_end).sum(axis=-1) < 0)
+    height = np.abs(_cross(along, to_start)) / np.maximum(np.linalg.norm(along, axis=-1), 1e-300)
+    return np.where(within, height, nearest)
+
+
+def _between(start: np.ndarray, end: np.ndarray, other_start: np.ndarray, other_end: np.ndarray) -> np.ndarray:
+    """Distance between segments; 0 where they cross."""
+    by_ends = [_to_point(start, end, point) for point in (other_start, other_end)]
+    by_ends += [_to_point(other_start, other_end, point) for point in (start, end)]
+    along, other_along = end - start, other_end - other_start
+    sides = _cross(along, other_start - start) * _cross(along, other_end - start)
+    other_sides = _cross(other_along, start - other_start) * _cross(other_along, end - other_start)
+    return np.where((sides < 0) & (other_sides < 0), 0.0, np.minimum.reduce(by_ends))
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,109 @@
+"""Draws the pictures of the README into docs/images/. Run it from anywhere; it plans what it draws."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+import floatplan as fp
+from floatplan.plan_record import write_whole
+from floatplan.view.curves import Flown, draw_configuration, draw_torques, plan_names
+from floatplan.view.postures import postures
+from floatplan.view.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
+from floatplan.view.style import GREY, new_figure, palette, styled
+
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+DPI = 220
+COLOURS = 128  # of the PNG palettes: flat pictures need no more
+NARROWEST = 0.5  # width of a flight over its height, so that its title fits
+GALLERY = {
+    "new_configuration": "new configuration",
+    "somersault": "somersault",
+    "high_jump": "high jump",
+    "falling_cat": "falling cat, h = 0",
+}
+
+
+def main() -> None:
+    with styled():
+        save(flight(plan_of("handstand")), IMAGES / "handstand.png")
+        save(flight(plan_of("obstacle"), without_obstacles("obstacle")), IMAGES / "obstacle.png")
+        save(gallery({title: plan_of(name) for name, title in GALLERY.items()}), IMAGES / "flights.png")
+
+
+def plan_of(name: str) -> fp.Plan:
+    plan = fp.plan(fp.load_problem(ROOT / "problems" / f"{name}.toml"))
+    if not plan.ok:
+        raise SystemExit(f"{name}: {plan.explanation}")
+    return plan
+
+
+def without_obstacles(name: str) -> fp.Plan:
+    return fp.plan(replace(fp.load_problem(ROOT / "problems" / f"{name}.toml"), obstacles=()))
+
+
+def flight(plan: fp.Plan, other: fp.Plan | None = None) -> Figure:
+    """The flight at the left, its angles and torques at the right; those of another plan dashed."""
+    figure = new_figure(7.6, 3.7)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1], wspace=0.06, hspace=0.08)
+    draw_scene(figure.add_subplot(grid[:, 0]), plan)
+    angles = figure.add_subplot(grid[0, 1])
+    torques = figure.add_subplot(grid[1, 1], sharex=angles)
+    flown, beside = Flown.of(plan), None if other is None else Flown.of(other)
+    draw_configuration(angles, flown, beside)
+    draw_torques(torques, flown, beside)
+    angles.tick_params(labelbottom=False)
+    torques.set(xlim=(0, plan.duration), xlabel="time (s)")
+    names = ("orientation", *plan.robot.joints)
+    handles = [Line2D([], [], color=colour) for colour in palette(len(names))]
+    if other is not None:
+        names += (plan_names(plan, other)[1],)
+        handles.append(Line2D([], [], color=GREY, linestyle="--"))
+    angles.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(names))
+    return figure
+
+
+def gallery(plans: dict[str, fp.Plan]) -> Figure:
+    """Flights side by side, each at its own scale and as wide as it needs."""
+    boxes = [picture_box(plan, postures(plan, snapshot_times(plan))) for plan in plans.values()]
+    widths = [max((high - low).real / (high - low).imag, NARROWEST) for low, high in boxes]
+    figure = new_figure(7.6, 7.3 / sum(widths) + 0.25)
+    for axes, (title, plan) in zip(row(figure, widths), plans.items(), strict=True):
+        draw_scene(axes, plan)
+        axes.set_title(title, fontsize=8)
+    return figure
+
+
+def row(figure: Figure, widths: Sequence[float]) -> Sequence[Axes]:
+    grid = figure.add_gridspec(1, len(widths), width_ratios=widths, wspace=0.03)
+    return [figure.add_subplot(grid[0, column]) for column in range(len(widths))]
+
+
+def draw_scene(axes: Axes, plan: fp.Plan) -> None:
+    placed = postures(plan, snapshot_times(plan))
+    frame_box(axes, *picture_box(plan, placed))
+    axes.set_axis_off()
+    draw_surroundings(axes, plan, placed)
+    draw_flight(axes, plan, placed)
+
+
+def save(figure: Figure, path: Path) -> None:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI)
+    picture = Image.open(stream).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    content = io.BytesIO()
+    picture.save(content, format="PNG", optimize=True)
+    write_whole(path, content.getvalue())
+    print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1000} kB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""Photographs pages of reports and scenes into docs/images/, by Chromium. It plans what it shows."""
+
+from __future__ import annotations
+
+import io
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from PIL import Image
+
+import floatplan as fp
+from floatplan.plan_record import write_whole
+from floatplan.proof.certify import certify
+from floatplan.view.report import write_report
+from floatplan.view.scene import write_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+sys.path.insert(0, str(ROOT / "tests"))
+WIDTH = 1200  # pixels of the pictures
+SLOWER = 20  # a scene that is to be photographed: without a graphics card a picture takes a second
+PATIENCE = 120  # s that a scene has to load and to be in mid-flight
+CLEAR = "for (const one of document.querySelectorAll('[class*=Notification]')) one.remove()"
+PAUSE = """
+    const [low, high] = arguments;
+    const watch = setInterval(() => {
+      const time = Number(document.querySelectorAll('input')[1]?.value);
+      if (time < low || time > high) return;
+      document.querySelector('button[class*=ActionIcon]').click();
+      clearInterval(watch);
+      window.paused = true;
+    }, 4);
+"""
+
+
+def main() -> None:
+    from browser import started
+
+    example, backflip = checked("obstacle.toml"), checked("gallery/go2.toml")
+    with tempfile.TemporaryDirectory() as folder:
+        for browser in started():
+            for plan in (example, backflip):
+                name = f"report_{plan.problem.name}.png"
+                photograph_report(browser, plan, Path(folder) / "report.html", IMAGES / name)
+            for plan in (backflip, example):
+                photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
+
+
+def checked(name: str) -> fp.Plan:
+    """Plan a problem, and put what the checks say into its record."""
+    plan = fp.plan(fp.load_problem(ROOT / "problems" / name))
+    if not plan.ok:
+        raise SystemExit(f"{name}: {plan.explanation}")
+    record = plan.record.with_checks(certificate=certify(plan).to_dict(), replay=fp.replay(plan).to_dict())
+    plan.__dict__["record"] = record
+    return plan
+
+
+def photograph_report(browser: Any, plan: fp.Plan, page: Path, path: Path) -> None:
+    browser.driver.set_window_size(1400, 1240)
+    browser.open(write_report(plan, page))
+    browser.run("floatplan.player.seek(0.55 * floatplan.motion.duration)")
+    time.sleep(0.5)
+    save(browser.driver.get_screenshot_as_png(), path)
+
+
+def photograph_scene(browser: Any, plan: fp.Plan, page: Path, path: Path) -> None:
+    browser.driver.set_window_size(800, 680)
+    with slow_motion():
+        browser.open(write_scene(plan, page))
+    time.sleep(3.0)
+    browser.run(CLEAR)
+    browser.run(PAUSE, 0.4 * SLOWER * plan.duration, 0.6 * SLOWER * plan.duration)
+    deadline = time.monotonic() + PATIENCE
+    while not browser.run("return window.paused === true"):
+        if time.monotonic() > deadline:
+            raise SystemExit(f"{page}: never seen in mid-flight")
+        time.sleep(0.2)
+    time.sleep(1.5)
+    save(browser.driver.get_screenshot_as_png(), path)
+
+
+@contextmanager
+def slow_motion() -> Iterator[None]:
+    from viser.infra import StateSerializer
+
+    at_speed = StateSerializer.insert_sleep
+
+    def slowly(serializer: StateSerializer, duration: float) -> None:
+        at_speed(serializer, SLOWER * duration)
+
+    with mock.patch.object(StateSerializer, "insert_sleep", slowly):
+        yield
+
+
+def save(content: bytes, path: Path) -> None:
+    picture = Image.open(io.BytesIO(content)).convert("RGB")
+    picture = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
+    stream = io.BytesIO()
+    picture.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        stream, format="PNG", optimize=True
+    )
+    write_whole(path, stream.getvalue())
+    print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1000} kB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""Tamper with plans at random and count what the certificate says: no false proof is allowed.
+
+Usage: ``python scripts/mutations.py [COUNT] [SEED] [PROCESSES]`` (default: 10000 mutations, seed 1, one process). The
+judge (``tests/proof_judge.py``) evaluates each motion at 20 001 instants and shares no code with the proof: doubles
+decide where a violation is beyond 1e-9 of its unit, 50 digits near it. Exit 1 where a violated plan was proved, or
+fewer than 99 % of the valid ones were.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from proof_judge import Judge
+from proof_mutations import base_plans, mutate
+
+from floatplan.plan_record import PlanRecord
+from floatplan.proof.certificate import certify
+
+BATCH = 50
+KEPT = 0.99
+WRONG = {("invalid", "proved"), ("valid", "refuted"), ("valid", "undecided")}
+
+
+@cache
+def _bases() -> list[PlanRecord]:
+    return base_plans()
+
+
+def batch(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, str]], int]:
+    """Counts by kind of mutation, judge's verdict and certificate's; and how many values took 50 digits."""
+    rng = np.random.default_rng([seed, number])
+    bases, judge = _bases(), Judge()
+    counts: Counter[tuple[str, str, str]] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for index in range(size):
+            case = mutate(rng, bases[index % len(bases)], Path(folder))
+            truth, said = judge(case.robot, case.record), certify(case.record).verdict
+            counts[case.kind, truth, said] += 1
+            if (truth, said) in WRONG:
+                print(f"batch {number}, mutation {index}: {case.kind} is {truth} and was {said}", flush=True)
+    return counts, judge.sharp_values
+
+
+def main(count: int = 10_000, seed: int = 1, processes: int = 1) -> int:
+    """Print the counts of all batches."""
+    began, counts, sharp = time.perf_counter(), Counter[tuple[str, str, str]](), 0
+    sizes = [min(BATCH, count - first) for first in range(0, count, BATCH)]
+    with ProcessPoolExecutor(processes) as pool:
+        for number, (some, values) in enumerate(pool.map(batch, [seed] * len(sizes), range(len(sizes)), sizes)):
+            counts, sharp = counts + some, sharp + values
+            print(f"{sum(sizes[: number + 1])} in {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
+    for (kind, truth, said), times in sorted(counts.items()):
+        print(f"{kind:12s} {truth:8s} {said:10s} {times:6d}")
+    false_proofs = sum(times for (_, truth, said), times in counts.items() if (truth, said) == ("invalid", "proved"))
+    valid = sum(times for (_, truth, _), times in counts.items() if truth == "valid")
+    kept = sum(times for (_, truth, said), times in counts.items() if (truth, said) == ("valid", "proved"))
+    print(f"{count} mutations in {time.perf_counter() - began:.0f} s; {sharp} values took 50 digits")
+    print(f"{false_proofs} false proofs; {kept} of {valid} valid plans proved")
+    return 1 if false_proofs or kept < KEPT * valid else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:4])))

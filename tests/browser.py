@@ -1,0 +1,76 @@
+"""Debian's Chromium, driven by Selenium: pages are opened from files, and all that they ask for is written down."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+SWITCHES = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--disable-gpu",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--window-size=1000,640",
+)
+
+
+class Browser:
+    """One browser with one page at a time."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def open(self, path: Path) -> None:
+        self.driver.get_log("performance")
+        self.driver.get_log("browser")
+        self.driver.get(path.resolve().as_uri())
+
+    def run(self, script: str, *arguments: Any) -> Any:
+        return self.driver.execute_script(script, *arguments)
+
+    def requests(self) -> list[str]:
+        """Addresses that the page asked for since it was opened, its own included, data in the page left out."""
+        messages = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        sent = [message["params"] for message in messages if message["method"] == "Network.requestWillBeSent"]
+        sockets = [message["params"]["url"] for message in messages if message["method"] == "Network.webSocketCreated"]
+        found = [each["request"]["url"] for each in sent] + sockets
+        return [url for url in found if not url.startswith(("data:", "blob:"))]
+
+    def complaints(self, least: str = "WARNING") -> list[str]:
+        levels = ("SEVERE",) if least == "SEVERE" else ("SEVERE", "WARNING")
+        return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] in levels]
+
+
+def started() -> Iterator[Browser]:
+    """Start the browser, and end it; skip where there is none, unless continuous integration is to have one."""
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    driver = shutil.which("chromedriver")
+    if program is None or driver is None:
+        reason = "no Chromium with its driver: apt-get install chromium chromium-driver"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for switch in SWITCHES:
+        options.add_argument(switch)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    session = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    try:
+        yield Browser(session)
+    finally:
+        session.quit()

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
+from typer.testing import CliRunner
+
+if TYPE_CHECKING:
+    from floatplan import Plan, Robot
+
+ROOT = Path(__file__).resolve().parents[1]
+TREES = {"tree xz": ("xz", "y"), "tree zy": ("zy", "x"), "tree xy": ("xy", "z"), "tree coupled": ("xz", "y")}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run of the command line left."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    return ROOT
+
+
+@pytest.fixture
+def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run]:
+    """Run the command line in an empty working directory; any exception that it lets through fails the test."""
+    from floatplan.cli import app
+
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+
+    def run(*arguments: str | Path) -> Run:
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments], prog_name="floatplan")
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return Run(result.exit_code, result.stdout, result.stderr)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def gymnast() -> Robot:
+    """Table I of the paper."""
+    from floatplan import Robot
+
+    return Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
+
+
+@pytest.fixture(scope="session", params=[*CHAIN_NAMES, *TREES])
+def any_robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """Every chain of ``urdf/``, and random trees in several planes, one with a coupled joint."""
+    from floatplan import Coupling, Robot
+
+    if request.param in CHAIN_NAMES:
+        return Robot.from_urdf(URDF_FOLDER / f"{request.param}.urdf")
+    plane, normal = TREES[request.param]
+    tree = RandomTree(20 + list(TREES).index(request.param), normal, joints=7)
+    path = tmp_path_factory.mktemp("robot") / "random.urdf"
+    path.write_text(tree.text)
+    coupled = {"joint2": Coupling("joint1", -0.7, 0.4)} if request.param == "tree coupled" else None
+    return Robot.from_urdf(path, plane=plane, locked=tree.locked, coupled=coupled)
+
+
+@pytest.fixture(scope="session")
+def planned() -> Callable[[str], Plan]:
+    """The plan of a problem file, by the file's name; made once."""
+    from floatplan import load_problem, plan
+
+    return cache(lambda name: plan(load_problem(ROOT / "problems" / f"{name}.toml")))

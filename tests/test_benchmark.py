@@ -1,0 +1,49 @@
+"""The benchmark runs: every section, with as little to measure as there is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+pytest.importorskip("casadi", reason="the extra bench is not installed")
+pytest.importorskip("scipy")
+
+
+@pytest.fixture(scope="module")
+def benchmark(root: Path) -> Iterator[ModuleType]:
+    """The benchmark, its peers cut short."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(root / "scripts")
+        import benchmark
+        import peers
+
+        patch.setattr(peers, "MOST_SECONDS", 0.5)
+        yield benchmark
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [
+        ("speed", "SLSQP own ms"),
+        ("quality", "25.0411"),
+        ("random", "of 1"),
+        ("forward", "easy"),
+        ("obstacle", "cut into the margin"),
+        ("growth", "time grows as n^"),
+        ("startup", "processor s"),
+    ],
+)
+def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    tiny = benchmark.Counts(
+        turns=1, slow_turns=1, generated=1, compared=1, starts=2, subprocesses=1, instants=400, chains=(3,)
+    )
+    benchmark.SECTIONS[section](tiny)
+    assert expected in capsys.readouterr().out
+
+
+def test_section_that_there_is_not(benchmark: ModuleType) -> None:
+    with pytest.raises(SystemExit):
+        benchmark.main(["nonsense"])

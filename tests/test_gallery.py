@@ -1,0 +1,149 @@
+"""Real robots of example-robot-data: planned within their limits, proved, and flown in two engines."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.proof.certificate import certify
+from floatplan.proof.shapes import shapes_of
+from floatplan.robot.example_robots import PREFIX, robots_folder
+from floatplan.robot.planarity import MEANINGLESS, WORTH_A_WARNING
+
+ROOT = Path(__file__).parents[1]
+GALLERY = ROOT / "problems" / "gallery"
+FAST = ("a1", "bolt", "borinot", "double_pendulum", "go2", "solo12")  # the others are planned by scripts/gallery.py
+
+pytestmark = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+
+
+@pytest.fixture(scope="module")
+def plans():
+    found: dict[str, fp.Plan] = {}
+
+    def get(name: str) -> fp.Plan:
+        if name not in found:
+            found[name] = fp.plan(fp.load_problem(GALLERY / f"{name}.toml"))
+        return found[name]
+
+    return get
+
+
+@pytest.mark.parametrize("path", sorted(GALLERY.glob("*.toml")), ids=lambda path: path.stem)
+def test_problems_are_sound(path):
+    problem = fp.load_problem(path)
+    assert problem.robot.source.startswith(PREFIX)
+    assert 0.4 <= problem.flight.duration <= 0.9
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_plans_are_within_limits(plans, name):
+    plan = plans(name)
+    assert plan.ok, plan.explanation
+    assert (plan.peaks.torque <= plan.problem.torque_limits * (1.0 + 1e-9)).all()
+    assert (plan.peaks.velocity <= plan.problem.velocity_limits * (1.0 + 1e-9)).all()
+    assert plan.peaks.clearance is None or plan.peaks.clearance > -1e-9
+    assert plan.record.robot.urdf == plan.robot.source
+    leak = plan.record.out_of_plane_leak
+    assert leak < (MEANINGLESS if name in ("borinot", "double_pendulum") else WORTH_A_WARNING)
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_plans_land_by_forward_dynamics(plans, name):
+    flown = fp.replay(plans(name))
+    assert flown.orientation_error < 1e-8
+    assert max(flown.position_error) < 1e-8
+    assert flown.com_error < 1e-9
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_mujoco_agrees_and_converges_with_fourth_order(plans, name):
+    pytest.importorskip("mujoco")
+    errors = []
+    for step in (2e-3, 1e-3, 5e-4):
+        flown = fp.replay(plans(name), engine="mujoco", step=step)
+        errors.append(max(flown.orientation_error, *flown.position_error))
+    assert errors[-1] < 1e-8
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.25)
+    assert errors[1] / errors[2] == pytest.approx(16.0, rel=0.25)
+
+
+def test_go2_turns_once_backwards_within_its_real_limits(plans):
+    plan = plans("go2")
+    assert plan.final_orientation == pytest.approx(-2.0 * np.pi, abs=1e-9)
+    assert np.isfinite(plan.problem.torque_limits).all()
+    assert np.isfinite(plan.problem.velocity_limits).all()
+    assert len(plan.robot.coupled) == 4
+
+
+def test_plans_are_proved_with_the_robot_s_capsules(plans):
+    plan = plans("a1")
+    shapes = shapes_of(plan.robot)
+    assert certify(plan.record, shapes=shapes).verdict == "proved"
+    bar = {**plan.record.problem["obstacles"][1], "center": [0.65, 0.5]}
+    moved = replace(plan.record, problem={**plan.record.problem, "obstacles": [bar]})
+    assert certify(moved, shapes=shapes).verdict == "refuted"
+
+
+def test_commands_find_the_robot_by_its_address(floatplan, plans):
+    path = plans("go2").save("plan.json")
+    assert json.loads(path.read_text())["robot"]["urdf"] == PREFIX + "go2_description/urdf/go2.urdf"
+    assert fp.load_plan(path).robot.joints == plans("go2").robot.joints
+    proved = floatplan("certify", path)
+    assert proved.code == 0, proved
+    assert floatplan("replay", path).code == 0
+
+
+def test_a_leak_is_warned_of(floatplan):
+    run = floatplan("plan", GALLERY / "borinot.toml", "--no-figures")
+    assert run.code == 0, run
+    assert "times as much angular momentum out of the plane" in " ".join(run.stderr.split())
+    assert "warning" not in floatplan("plan", GALLERY / "bolt.toml", "--no-figures").stderr
+
+
+def test_a_leak_that_makes_plans_meaningless_is_refused(floatplan):
+    flight = ("--start", "0" + ",0.8,-1.6" * 4, "--goal", "0" + ",0.8,-1.5" * 4, "--duration", "0.5")
+    run = floatplan("plan", PREFIX + "go2_description/urdf/go2.urdf", *flight)
+    assert run.code == 2
+    assert "meaningless" in run.stderr
+    assert "couple FR_thigh_joint with FL_thigh_joint" in run.stderr
+    assert not Path("runs").exists()
+
+
+def test_shapes_are_drawn(floatplan):
+    run = floatplan("info", GALLERY / "go2.toml", "--shapes", "go2.png")
+    assert run.code == 0, run
+    assert Path("go2.png").read_bytes().startswith(b"\x89PNG")
+    assert floatplan("info", GALLERY / "go2.toml", "--shapes", "go2.txt").code == 2
+
+
+def test_the_script_makes_the_table():
+    command = [sys.executable, str(ROOT / "scripts" / "gallery.py"), "double_pendulum", "--no-picture"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    header, rule, row = done.stdout.splitlines()
+    assert header.startswith("| robot | joints planned | kg |")
+    assert set(rule) <= set("|-: ")
+    assert row.startswith("| double pendulum | 2 | 0.701 | 0.6 |")
+
+
+def test_problems_are_written_with_the_robot_s_address(tmp_path, plans):
+    problem = plans("solo12").problem
+    again = fp.load_problem(fp.save_problem(problem, tmp_path / "problem.toml"))
+    assert again.robot.source == problem.robot.source
+    assert dict(again.robot.coupled) == dict(problem.robot.coupled)
+    assert dict(again.robot.locked) == dict(problem.robot.locked)
+
+
+def test_couplings_and_postures_that_are_none_are_refused(tmp_path):
+    text = (GALLERY / "go2.toml").read_text()
+    for asked, wrong, reason in (("mirror", "left", "is not 'mirror'"), ("standing", "sitting", "no posture")):
+        (tmp_path / "problem.toml").write_text(text.replace(f'"{asked}"', f'"{wrong}"'))
+        with pytest.raises(fp.InputError, match=reason):
+            fp.load_problem(tmp_path / "problem.toml")

@@ -1,0 +1,136 @@
+"""The project as it is delivered: package, wheel, scripts."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import floatplan
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("numpy", "pinocchio", "proxsuite", "scipy", "matplotlib", "pydantic", "rich", "yourdfpy", "flint", "viser")
+
+
+def python(*arguments: str, cwd: Path = ROOT, **environment: str) -> str:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env={**os.environ, **environment},
+    ).stdout
+
+
+@pytest.mark.parametrize("code", ["import floatplan", "import floatplan.cli"])
+def test_imports_are_light(code: str) -> None:
+    loaded = python("-c", f"{code}, sys; print(*sys.modules)").split()
+    assert not set(HEAVY) & set(loaded)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
+    output = python("-c", code, "--help").split()
+    assert {"Usage:", "plan", "info", "bounds"} <= set(output)
+    assert not set(HEAVY) & set(output)
+
+
+@pytest.mark.parametrize("name", floatplan.__all__)
+def test_public_names_are_there(name: str) -> None:
+    assert getattr(floatplan, name) is not None
+    assert name in dir(floatplan)
+
+
+def test_no_module_hides_the_function_plan() -> None:
+    code = "import floatplan, floatplan.planning.planner, floatplan.cli; print(callable(floatplan.plan))"
+    assert python("-c", code).strip() == "True"
+
+
+def test_other_names_are_not() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'fly'"):
+        floatplan.fly  # noqa: B018
+
+
+def test_the_version_is_the_project_s() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert floatplan.__version__ == project["version"]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    python("-m", "hatchling", "build", "-t", "wheel", "-d", str(folder))
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+class TestWheel:
+    def test_holds_robots_and_problems(self, wheel: Path) -> None:
+        names = set(zipfile.ZipFile(wheel).namelist())
+        for kind, ending in (("urdf", "urdf"), ("problems", "toml")):
+            files = {path.name for path in (ROOT / kind).glob(f"*.{ending}")}
+            assert files
+            assert {f"floatplan/data/{kind}/{name}" for name in files} <= names
+
+    def test_holds_no_tests_and_no_scripts(self, wheel: Path) -> None:
+        tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+        assert tops == {"floatplan", f"floatplan-{floatplan.__version__}.dist-info"}
+
+    def test_its_problems_find_its_robots(self, wheel: Path, tmp_path: Path) -> None:
+        zipfile.ZipFile(wheel).extractall(tmp_path)
+        code = (
+            "import floatplan as fp, pathlib; folder = pathlib.Path(fp.__file__).parent\n"
+            "for path in sorted(folder.glob('data/problems/*.toml')):\n"
+            "    robot = fp.load_problem(path).robot\n"
+            "    assert robot.path.resolve().is_relative_to(folder), robot.path\n"
+            "    print(path.stem)"
+        )
+        names = python("-c", code, cwd=tmp_path, PYTHONPATH=str(tmp_path)).split()
+        assert names == sorted(path.stem for path in (ROOT / "problems").glob("*.toml"))
+
+
+class TestScripts:
+    @pytest.mark.parametrize(
+        "name", ["scripts/demo", "scripts/test", "scripts/check", "scripts/environment", ".ci/run"]
+    )
+    def test_can_be_run(self, name: str) -> None:
+        path = ROOT / name
+        assert os.access(path, os.X_OK)
+        subprocess.run(["bash", "-n", str(path)], check=True)
+
+    def test_readme_commands_are_scripts(self) -> None:
+        text = (ROOT / "README.md").read_text()
+        block = text.split("## Two commands")[1].split("```")[1]
+        commands = [line.split("#")[0].strip() for line in block.splitlines()[1:] if line]
+        assert commands == ["scripts/demo", "scripts/test"]
+
+    def test_continuous_integration_runs_the_readme_s_test_command_and_that_the_checks(self) -> None:
+        assert (ROOT / ".ci" / "run").read_text().splitlines()[-1] == "exec scripts/test"
+        assert (ROOT / "scripts" / "test").read_text().splitlines()[-1] == "exec scripts/check"
+
+    @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+    def test_an_unfit_python_is_refused(self, tmp_path: Path) -> None:
+        for name in ("scripts", "pyproject.toml"):
+            source = ROOT / name
+            shutil.copytree(source, tmp_path / name) if source.is_dir() else shutil.copy(source, tmp_path)
+        old = tmp_path / "old-python"
+        old.write_text('#!/bin/sh\n[ "$1" = --version ] && { echo Python 3.9.1; exit 0; }\nexit 1\n')
+        old.chmod(0o755)
+        done = subprocess.run(
+            [tmp_path / "scripts" / "environment"],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHON": str(old)},
+        )
+        assert done.returncode == 2
+        assert "3.11, 3.12 or 3.13" in done.stderr
+        assert "Python 3.9.1" in done.stderr
+        assert not (tmp_path / ".venv").exists()

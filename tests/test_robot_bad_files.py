@@ -1,0 +1,254 @@
+"""Every fault that a URDF can have is refused with its file, its element and its reason, before Pinocchio sees it."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from robot_samples import TWO_LINKS, inertial, joint, robot_text
+
+from floatplan.errors import InputError
+from floatplan.robot import Robot
+
+
+def refused(tmp_path, content, **options):
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError) as caught:
+        Robot.from_urdf(path, **options)
+    assert caught.value.source == str(path)
+    assert str(caught.value).startswith(str(path))
+    return caught.value
+
+
+BOMB = '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><robot name="&b;"><link name="a"/></robot>'
+
+NOT_A_URDF = {
+    "empty": (b"", "empty"),
+    "blank": (b" \n ", "empty"),
+    "binary": (b"\x7fELF\x02\x01\x01\x00\x00\xff\xfe", "not well-formed XML"),
+    "text": (b"hello", "not well-formed XML"),
+    "truncated": (TWO_LINKS[: len(TWO_LINKS) // 2].encode(), "not well-formed XML"),
+    "bad bytes": (TWO_LINKS.replace('"two"', '"\xe9"').encode("latin-1"), "not well-formed XML"),
+    "unknown encoding": (b'<?xml version="1.0" encoding="klingon"?><robot/>', "not well-formed XML"),
+    "entity bomb": (BOMB.encode(), "document type"),
+    "external entity": (b'<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', "document type"),
+    "another root": (b"<mujoco><worldbody/></mujoco>", "root element is <mujoco>"),
+    "no links": (b'<robot name="r"/>', "has no <link>"),
+}
+
+
+@pytest.mark.parametrize("name", NOT_A_URDF)
+def test_what_is_not_a_urdf_is_refused(tmp_path, name):
+    content, reason = NOT_A_URDF[name]
+    assert reason in refused(tmp_path, content).reason
+
+
+def test_missing_file_and_directory_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere\.urdf: no such file"):
+        Robot.from_urdf(tmp_path / "nowhere.urdf")
+    with pytest.raises(InputError, match="is a directory"):
+        Robot.from_urdf(tmp_path)
+    with pytest.raises(InputError, match="cannot be read"):
+        Robot.from_urdf("robot\0.urdf")
+    with pytest.raises(InputError, match="not a regular file"):
+        Robot.from_urdf("/dev/null")
+
+
+def replaced(old, new):
+    assert TWO_LINKS.count(old) >= 1, old
+    return TWO_LINKS.replace(old, new, 1)
+
+
+CARRY = 'parent link="a"/><child link="b"'
+INERTIA_B = 'ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"'
+WRONG_VALUES = {
+    "mass NaN": (replaced('value="1"', 'value="nan"'), 'link "b": mass: value', "should be a number"),
+    "mass infinite": (replaced('value="1"', 'value="inf"'), 'link "b": mass: value', "finite"),
+    "mass overflow": (replaced('value="1"', 'value="1e999"'), 'link "b": mass: value', "finite"),
+    "mass huge": (replaced('value="1"', 'value="1e300"'), 'link "b": mass: value', "larger than any robot's"),
+    "mass text": (replaced('value="1"', 'value="one"'), 'link "b": mass: value', "should be a number"),
+    "mass underscored": (replaced('value="1"', 'value="1_0"'), 'link "b": mass: value', "should be a number"),
+    "mass negative": (replaced('value="1"', 'value="-1"'), 'link "b": mass', "is negative"),
+    "mass left out": (replaced('<mass value="1"/>', "<mass/>"), 'link "b": mass', "has no value"),
+    "inertia NaN": (replaced('iyy="0.02"', 'iyy="NaN"'), 'link "b": inertia: iyy', "should be a number"),
+    "inertia text": (replaced('iyy="0.02"', 'iyy=""'), 'link "b": inertia: iyy', "should be a number"),
+    "inertia negative": (replaced('iyy="0.02"', 'iyy="-0.02"'), 'link "b": inertia', "not positive definite"),
+    "inertia indefinite": (replaced('ixy="0"', 'ixy="0.2"'), 'link "a": inertia', "not positive definite"),
+    "triangle inequality": (
+        replaced('iyy="0.02"', 'iyy="0.05"'),
+        'link "b": inertia',
+        "breaks the triangle inequality",
+    ),
+    "origin NaN": (replaced('xyz="0.1 0 0"', 'xyz="0.1 nan 0"'), 'link "b": origin xyz', "should be a number"),
+    "origin infinite": (replaced('xyz="0.4 0 0"', 'xyz="inf 0 0"'), 'joint "j": origin xyz', "finite"),
+    "origin text": (
+        replaced('rpy="0 0 0"/><axis', 'rpy="0 up 0"/><axis'),
+        'joint "j": origin rpy',
+        "should be a number",
+    ),
+    "origin short": (replaced('xyz="0.4 0 0"', 'xyz="0.4 0"'), 'joint "j": origin xyz', "three numbers"),
+    "axis zero": (replaced('"0 -1 0"', '"0 0 0"'), 'joint "j": axis', "zero length"),
+    "axis NaN": (replaced('"0 -1 0"', '"0 nan 0"'), 'joint "j": axis', "should be a number"),
+    "limits crossed": (replaced('lower="-2"', 'lower="2"'), 'joint "j": limit', "lower 2 exceeds upper 1.5"),
+    "limit NaN": (replaced('lower="-2"', 'lower="nan"'), 'joint "j": limit: lower', "should be a number"),
+    "effort negative": (replaced('effort="10"', 'effort="-10"'), 'joint "j": limit', "effort -10 is negative"),
+    "velocity text": (replaced('velocity="20"', 'velocity="fast"'), 'joint "j": limit: velocity', "should be a number"),
+    "joint type": (replaced('"revolute"', '"hinge"'), 'joint "j"', 'has type "hinge"'),
+    "floating joint": (replaced('"revolute"', '"floating"'), 'joint "j"', 'has type "floating"'),
+    "joint without type": (replaced(' type="revolute"', ""), 'joint "j"', "has no type"),
+    "link without name": (replaced('<link name="a">', "<link>"), "<link> number 1", "has no name"),
+    "joint without name": (replaced(' name="j"', ""), "<joint> number 1", "has no name"),
+    "no parent": (replaced('<parent link="a"/>', ""), 'joint "j"', "has no parent link"),
+    "no child": (replaced('<child link="b"/>', "<child/>"), 'joint "j"', "has no child link"),
+    "two origins": (replaced("<axis", "<origin/><axis"), 'joint "j"', "2 <origin> elements"),
+    "two inertias": (replaced("</inertial>", f"</inertial>{inertial()}"), 'link "a"', "2 <inertial> elements"),
+    "world's name": (replaced('name="j"', 'name="universe"'), 'joint "universe"', "Pinocchio keeps this name"),
+    "mimic of nobody": (replaced("<axis", '<mimic joint="k"/><axis'), 'joint "j": mimic', 'names joint "k"'),
+    "mimic of itself": (replaced("<axis", '<mimic joint="j"/><axis'), 'joint "j": mimic', "cannot mimic itself"),
+    "mimic unnamed": (replaced("<axis", "<mimic/><axis"), 'joint "j": mimic', "names no joint"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_VALUES)
+def test_wrong_values_are_refused(tmp_path, name):
+    text, element, reason = WRONG_VALUES[name]
+    error = refused(tmp_path, text)
+    assert error.element == element
+    assert reason in error.reason
+
+
+J, K, L = joint("j", "a", "b"), joint("k", "b", "c"), joint("l", "c", "a")
+WRONG_TREES = {
+    "two roots": (robot_text(J, links="abc"), None, 'has 2 root links ("a", "c")'),
+    "detached part": (robot_text(J, joint("k", "c", "d"), links="abcd"), None, "detached"),
+    "loop of all": (robot_text(J, K, L, links="abc"), None, "form a loop"),
+    "loop beside a tree": (robot_text(J, joint("k", "c", "d"), joint("l", "d", "c"), links="abcd"), None, "d - c - d"),
+    "two parents": (robot_text(J, joint("k", "a", "b"), links="ab"), 'link "b"', 'joints "j" and "k" both carry it'),
+    "itself": (robot_text(J, joint("k", "b", "b"), links="ab"), 'joint "k"', 'joins link "b" to itself'),
+    "unknown parent": (robot_text(joint("j", "z", "b"), links="ab"), 'joint "j"', 'parent link "z" does not exist'),
+    "unknown child": (robot_text(joint("j", "a", "z"), links="ab"), 'joint "j"', 'child link "z" does not exist'),
+    "two links": (robot_text(J, links="aab"), 'link "a"', "two links have this name"),
+    "two joints": (robot_text(J, joint("j", "b", "c"), links="abc"), 'joint "j"', "two joints have this name"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_TREES)
+def test_wrong_trees_are_refused(tmp_path, name):
+    text, element, reason = WRONG_TREES[name]
+    error = refused(tmp_path, text)
+    assert error.element == element
+    assert reason in error.reason
+
+
+def chain_of(count):
+    links = "".join(f'<link name="l{i}">{inertial()}</link>' for i in range(count + 1))
+    return robot_text(links, *(joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(count)))
+
+
+@pytest.mark.parametrize("count", [151, 3000])
+def test_more_joints_than_can_be_handled_are_refused_at_once(tmp_path, count):
+    text = chain_of(count)
+    begin = time.perf_counter()
+    assert f"has {count} joints, more than the 150" in refused(tmp_path, text).reason
+    assert time.perf_counter() - begin < 1.0
+
+
+def test_as_many_joints_as_allowed_load(tmp_path):
+    path = tmp_path / "long.urdf"
+    path.write_text(chain_of(150))
+    assert len(Robot.from_urdf(path).joints) == 150
+
+
+MASSLESS = '<link name="m"/>'
+SINGULAR = {
+    "no mass at all": ('<robot><link name="a"/><link name="b"/>' + J + "</robot>", None, "has no mass"),
+    "massless end": (robot_text(MASSLESS, J, joint("k", "b", "m"), links="ab"), 'joint "k"', "moves no inertia"),
+    "point mass on its axis": (
+        robot_text(J, '<link name="b"><inertial><mass value="1"/></inertial></link>', links="a"),
+        'joint "j"',
+        "moves no inertia",
+    ),
+    "two joints at one place": (
+        robot_text(
+            MASSLESS, joint("k", "a", "m"), joint("j", "m", "b").replace('xyz="0.3 0 0"', 'xyz="0 0 0"'), links="ab"
+        ),
+        None,
+        "moves no inertia",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SINGULAR)
+def test_motion_that_moves_no_inertia_is_refused(tmp_path, name):
+    text, element, reason = SINGULAR[name]
+    error = refused(tmp_path, text)
+    assert reason in error.reason
+    if element:
+        assert error.element == element
+
+
+SOUND = {
+    "unnamed robot": robot_text(J, links="ab").replace(' name="sample"', ""),
+    "massless link between": robot_text(MASSLESS, joint("j", "a", "m"), joint("k", "m", "b"), links="ab"),
+    "point mass on an arm": robot_text(
+        J, '<link name="b"><inertial><origin xyz="0.2 0 0"/><mass value="1"/></inertial></link>', links="a"
+    ),
+    "inertial all zero": robot_text(
+        J,
+        K,
+        '<link name="b"><inertial><mass value="0"/><inertia ixx="0" iyy="0" izz="0"/></inertial></link>',
+        links="ac",
+    ),
+    "plate rounded to three digits": replaced(INERTIA_B, 'ixx="0.01" iyy="0.0201" izz="0.0101"'),
+    "joint and link of one name": robot_text(joint("b", "a", "b"), links="ab"),
+    "joints named like a root's": robot_text(
+        joint("root_joint", "a", "b"), joint("base_orientation", "b", "c"), joint("base_world", "c", "d"), links="abcd"
+    ),
+    "link named like a root's": TWO_LINKS.replace('"a"', '"base_world"'),
+    "names that XML must escape": TWO_LINKS.replace('"j"', '"a &lt; &quot;b&quot; &amp; c"'),
+    "names of other scripts": TWO_LINKS.replace('"j"', '"관절"'),
+    "another encoding": TWO_LINKS.encode("utf-16"),
+    "byte order mark": b"\xef\xbb\xbf" + TWO_LINKS.encode(),
+    "comments, gazebo, transmissions": replaced(
+        "</robot>", '<!-- x --><gazebo reference="a"/><transmission><joint name="j"/></transmission></robot>'
+    ),
+    "links without limits": replaced('<limit lower="-2" upper="1.5" effort="10" velocity="20"/>', ""),
+    "fixed joint of the least kind": replaced(
+        "</robot>", '<link name="c"/><joint name="k" type="fixed"><parent link="b"/><child link="c"/></joint></robot>'
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_what_is_unusual_but_sound_loads_without_a_word(tmp_path, capfd, name):
+    path = tmp_path / "robot.urdf"
+    content = SOUND[name]
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    robot = Robot.from_urdf(path)
+    assert robot.joints
+    assert robot.warnings == ()
+    assert len(set(robot.model.names)) == robot.model.njoints
+    assert capfd.readouterr() == ("", "")
+
+
+def test_impossible_inertia_of_a_link_fixed_to_a_sound_body_is_only_reported(tmp_path):
+    flat = (
+        '<inertial><mass value="0.01"/><inertia ixx="1e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="1e-5"/></inertial>'
+    )
+    camera = f'<link name="camera">{flat}</link>' + joint("mount", "a", "camera", kind="fixed")
+    path = tmp_path / "robot.urdf"
+    path.write_text(replaced("</robot>", f"{camera}</robot>"))
+    robot = Robot.from_urdf(path)
+    (warning,) = robot.warnings
+    assert "an inertia that no body can have: camera;" in warning
+    assert robot.tree.inertia[0] == pytest.approx(0.03 + 9e-5 + 0.01 * 2 / 2.01 * 0.1**2, rel=1e-12)
+
+
+def test_impossible_inertia_on_a_joint_of_its_own_is_refused(tmp_path):
+    flat = (
+        '<inertial><mass value="0.01"/><inertia ixx="1e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="1e-5"/></inertial>'
+    )
+    camera = f'<link name="camera">{flat}</link>' + joint("mount", "a", "camera")
+    error = refused(tmp_path, replaced("</robot>", f"{camera}</robot>"))
+    assert error.element == 'link "camera": inertia'
