@@ -1,15 +1,18 @@
-"""Polynomials in exact fractions: the basis of (12), the coefficients b that are written, and b read back.
+"""Polynomials beyond double precision: the basis of (12), the coefficients b that are written, and b read back.
 
 The b of (12) are powers of t in seconds. Of a polynomial of degree k that stays of the order of one on [0, T] the terms
 ``b_j T^j`` grow like 6^k and cancel, so that sums of doubles would lose all digits near degree 20. Hence two rules:
 
 - b is rounded so that rounding does not add up (:func:`written_powers`);
 - b is never summed in doubles: it is turned into Chebyshev polynomials first (:func:`chebyshev_of_seconds`).
+
+The basis is made of fractions. What is done for every plan is done in fixed point: whole numbers of ``2^-FIXED_POINT``.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
@@ -29,6 +32,7 @@ HERMITE = (  # powers of s of the quintics with p, p', p'' at 0 and at 1 equal t
     (0, 0, 0, 1, -2, 1),
 )
 BUBBLE = (0, 0, 0, 1, -3, 3, -1)  # s^3 (1-s)^3
+FIXED_POINT = 256  # bits after the point
 
 
 @cache
@@ -53,45 +57,74 @@ def basis_columns(free: int) -> npt.NDArray[np.object_]:
     return columns
 
 
-def written_powers(powers: Sequence[Fraction], duration: float) -> list[float]:
-    """Coefficients b in powers of seconds, as doubles, of a polynomial given in powers of s = t/T.
+def powers_of_seconds(combination: Sequence[float], duration: float) -> list[float]:
+    """Coefficients b in powers of seconds, as doubles, of a combination of the columns of the basis.
 
     Rounded from the highest down. What b_k lacks, ``r_k s^k``, lower powers make up for, but for ``r_k L_k(s)``. L_k is
     small, and vanishes with two derivatives at both ends where its degree allows it: (13) does not suffer from the
     rounding of large terms, and p hardly does.
     """
-    rest, scale = list(powers), Fraction(duration)
+    factors = [_fixed(value) for value in combination]
+    rest = [
+        sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in _fixed_columns(len(combination) - CONDITIONS)
+    ]
+    numerator, denominator = duration.as_integer_ratio()
     written = [0.0] * len(rest)
     for k in range(len(rest) - 1, -1, -1):
-        unit = scale**k
-        written[k] = float(rest[k] / unit)
-        lacking = rest[k] - Fraction(written[k]) * unit
-        for power, value in enumerate(_lost(k)[:-1]):
-            rest[power] -= lacking * value
+        unit, parts = numerator**k, denominator**k
+        written[k] = (rest[k] * parts) / (unit << FIXED_POINT)
+        value, divisor = written[k].as_integer_ratio()
+        lacking = rest[k] - (value * unit << FIXED_POINT) // (divisor * parts)
+        for power, share in enumerate(_lost(k)):
+            rest[power] -= lacking * share >> FIXED_POINT
     return written
 
 
-@cache
-def _lost(k: int) -> tuple[Fraction, ...]:
-    """Powers of s of L_k: ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6, the first coefficient 1.
+def _fixed(value: float | Fraction) -> int:
+    numerator, denominator = value.as_integer_ratio()
+    return (numerator << FIXED_POINT) // denominator
 
-    For lower k, as many of the factors s and s - 1 as there can be.
+
+@cache
+def _fixed_columns(free: int) -> tuple[tuple[int, ...], ...]:
+    """Rows of :func:`basis_columns`."""
+    return tuple(tuple(map(_fixed, row)) for row in basis_columns(free).tolist())
+
+
+@cache
+def _lost(k: int) -> tuple[int, ...]:
+    """Powers of s of L_k, without the highest: ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6.
+
+    The highest power has the factor 1. For lower k, as many of the factors s and s - 1 as there can be.
     """
     if k >= CONDITIONS:
-        column = basis_columns(k - CONDITIONS + 1)[:, k]
-        return tuple(value / column[k] for value in column)
+        column = basis_columns(k - CONDITIONS + 1)[:, k].tolist()
+        return tuple(_fixed(value / column[k]) for value in column[:k])
     found = [Fraction(0)] * min(k, 3) + [Fraction(1)]
     for _ in range(k - 3):
         found = _product(found, (-1, 1))
-    return tuple(found)
+    return tuple(map(_fixed, found[:k]))
 
 
 def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
     """Turn b (n, k+1) of (12) into coefficients (k+1, n) of Chebyshev polynomials of 2 t/T - 1, each rounded once."""
-    scale = Fraction(duration)
-    units = [scale**power for power in range(coefficients.shape[1])]
-    rows = [[Fraction(value) * unit for value, unit in zip(row, units, strict=True)] for row in coefficients.tolist()]
-    return chebyshev_of_powers(np.array(rows, dtype=object).T)
+    numerator, denominator = duration.as_integer_ratio()
+    rows = _fixed_chebyshev(coefficients.shape[1])
+    joints = []
+    for b in coefficients.tolist():
+        ratios = [value.as_integer_ratio() for value in b]
+        powers = [
+            (value * numerator**k << FIXED_POINT) // (divisor * denominator**k)
+            for k, (value, divisor) in enumerate(ratios)
+        ]
+        joints.append([sum(map(operator.mul, row, powers)) / (1 << 2 * FIXED_POINT) for row in rows])
+    return np.array(joints).T
+
+
+@cache
+def _fixed_chebyshev(size: int) -> tuple[tuple[int, ...], ...]:
+    """Rows of :func:`_chebyshev_map`."""
+    return tuple(tuple(map(_fixed, row)) for row in _chebyshev_map(size).tolist())
 
 
 def chebyshev_of_powers(powers: npt.NDArray[np.object_]) -> Array:

@@ -12,7 +12,6 @@ unit change of z is a root-mean-square change of p by one radian.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -26,7 +25,7 @@ from floatplan.motion.exact_polynomials import (
     basis_columns,
     chebyshev_of_powers,
     chebyshev_of_seconds,
-    written_powers,
+    powers_of_seconds,
 )
 from floatplan.motion.quadrature import chebyshev_values
 
@@ -178,10 +177,8 @@ class SinePolynomials:
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""
-        columns = basis_columns(self.width)
-        parts = np.concatenate((self.boundary, z), axis=1).tolist()
-        rows = [columns @ np.array([Fraction(value) for value in part], dtype=object) for part in parts]
-        return np.array([written_powers(row.tolist(), self.duration) for row in rows])
+        combinations = np.concatenate((self.boundary, z), axis=1).tolist()
+        return np.array([powers_of_seconds(combination, self.duration) for combination in combinations])
 
     @property
     def powers_map(self) -> Array:

@@ -210,16 +210,19 @@ def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: floa
     Only the most violated rows and those active last time enter; rows that the solution violates are added until none
     is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
     """
-    rows = _union(len(current.inequality), active, _most_violated(current.inequality, np.inf))
+    rows = _union(len(current.inequality), active, _most_violated(current.inequality, 0 if not active.size else np.inf))
     for _ in range(GENERATIONS):
-        solved = _proxqp(
-            hessian,
-            current.gradient,
-            current.equality_jacobian,
-            -current.equality,
-            current.inequality_jacobian[rows],
-            -current.inequality[rows],
-        )
+        if rows.size:
+            solved = _proxqp(
+                hessian,
+                current.gradient,
+                current.equality_jacobian,
+                -current.equality,
+                current.inequality_jacobian[rows],
+                -current.inequality[rows],
+            )
+        else:
+            solved = _equality_qp(hessian, current.gradient, current.equality_jacobian, -current.equality)
         if solved is None:
             return _elastic_qp(current, hessian, price)
         direction, equality_multiplier, row_multiplier = solved
@@ -278,6 +281,28 @@ def _elastic_qp(current: Evaluation, hessian: Array, price: float) -> _Step:
         price * np.maximum(-(current.inequality + rows @ direction), 0),
         elastic=True,
     )
+
+
+def _equality_qp(
+    hessian: Array, gradient: Array, rows: Array, values: Array
+) -> tuple[Array, Array, Array] | None:
+    """Minimise ``x H x / 2 + g x`` with ``A x = b`` by the linear system of its optimality, see :func:`_proxqp`.
+
+    ProxQP takes those whose rows depend on each other.
+    """
+    size, equalities = len(gradient), len(values)
+    matrix = np.zeros((size + equalities, size + equalities))
+    matrix[:size, :size] = hessian
+    matrix[:size, size:] = rows.T
+    matrix[size:, :size] = rows
+    right = np.concatenate((-gradient, values))
+    try:
+        solution = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        solution = np.full(len(right), np.nan)
+    if not np.abs(matrix @ solution - right).max(initial=0) <= QP_ACCURACY * (1 + np.abs(right).max(initial=0)):
+        return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
+    return solution[:size], solution[size:], np.empty(0)
 
 
 def _proxqp(
