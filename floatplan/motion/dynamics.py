@@ -95,7 +95,7 @@ class Dynamics:
         momentum_map = (gathered.real + self._inertia) @ self._rates
         by_momentum = 1 / momentum_map[:, 0]
         by_velocity = momentum_map[:, 1:] * -by_momentum[:, None]
-        rate = angular_momentum * by_momentum + np.einsum("ki,ki->k", by_velocity, velocities)
+        rate = angular_momentum * by_momentum + (by_velocity * velocities).sum(axis=1)
         body_rates = velocities @ self._turns.T + rate[:, None]
         moving = back * ((rotations * body_rates) @ self._coupling.T)
         by_position = ((moving.imag - body_rates * gathered.imag) @ self._turns) * (-self._turn * by_momentum[:, None])

@@ -180,22 +180,22 @@ class SinePolynomials:
         combinations = np.concatenate((self.boundary, z), axis=1).tolist()
         return np.array([powers_of_seconds(combination, self.duration) for combination in combinations])
 
-    @property
-    def powers_map(self) -> Array:
-        """Matrix (k+1, 6+width) from a joint's boundary and free coefficients to its b."""
-        powers = basis(self.width).powers
-        return np.asarray(powers / self.duration ** np.arange(len(powers))[:, None])
+
+def powers_map(width: int, duration: float) -> Array:
+    """Matrix (width+6, 6+width) from a joint's boundary and free coefficients to its b, powers of seconds."""
+    powers = basis(width).powers
+    return np.asarray(powers / duration ** np.arange(len(powers))[:, None])
 
 
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:
     """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
-    return np.asarray(np.pi * branch + np.where(branch % 2 == 0, 1, -1) * np.arcsin(np.clip(sine, -1, 1)))
+    return np.asarray(np.pi * branch + np.where(branch % 2 == 0, 1, -1) * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
 
 
 def boundary_arguments(
     positions: Array, velocities: Array, accelerations: Array, centre: Array, amplitude: Array, branch: IntArray
 ) -> tuple[Array, Array, Array]:
-    """p, dp/dt, d2p/dt2 (n,) at one end, from (13); see :func:`arcsine_argument` for the branch.
+    """p, dp/dt, d2p/dt2 (..., n) at an end, from (13); see :func:`arcsine_argument` for the branch.
 
     On the edge of a range (cos p = 0) the rate is zero and the acceleration ``-amplitude sin(p) p'^2``: p' follows from
     the acceleration (which must point inwards), and p'' is free; it is taken as zero.
@@ -204,7 +204,10 @@ def boundary_arguments(
     on_edge = 1 - np.abs(sine) < EDGE
     sine = np.where(on_edge, np.sign(sine), sine)
     p = arcsine_argument(sine, branch)
-    cosine = np.sqrt(np.clip((1 - sine) * (1 + sine), 0, None)) * np.where(branch % 2 == 0, 1, -1)
+    cosine = np.sqrt(np.maximum((1 - sine) * (1 + sine), 0)) * np.where(branch % 2 == 0, 1, -1)
+    if not on_edge.any():
+        rate = velocities / (amplitude * cosine)
+        return p, rate, (accelerations / amplitude + sine * rate**2) / cosine
     safe = np.where(on_edge, 1.0, cosine)
     inward = np.clip(-accelerations / (amplitude * np.where(on_edge, sine, 1.0)), 0, None)
     rate = np.where(on_edge, np.sqrt(np.where(on_edge, inward, 0.0)), velocities / (amplitude * safe))

@@ -33,12 +33,19 @@ class Evaluation:
     @cached_property
     def violation(self) -> float:
         """Sum of what the constraints lack."""
-        return float(np.abs(self.equality).sum() + np.maximum(-self.inequality, 0).sum())
+        return total_violation(self.equality, self.inequality)
 
     @cached_property
     def worst_violation(self) -> float:
         """Largest amount by which one constraint fails."""
-        return float(max(np.abs(self.equality).max(initial=0), (-self.inequality).max(initial=0)))
+        worst = float(np.abs(self.equality).max()) if self.equality.size else 0.0
+        return max(worst, -float(self.inequality.min())) if self.inequality.size else worst
+
+
+def total_violation(equality: Array, inequality: Array) -> float:
+    """Sum of what equalities (e,) and inequalities (k,) lack."""
+    lacking = float(np.abs(equality).sum())
+    return lacking - float(np.minimum(inequality, 0).sum()) if inequality.size else lacking
 
 
 class Program(Protocol):

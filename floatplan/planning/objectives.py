@@ -6,11 +6,14 @@ Every objective is scaled to about 1 at a sensible motion.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.sine_polynomial import powers_map
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.trajectory import Partials, Trajectory
 
@@ -102,25 +105,36 @@ def whitened_variables(variables: DecisionVariables) -> tuple[Array, Array]:
     the most sensitive direction of x move p by one radian (root mean square).
     """
     polynomials = variables.polynomials
-    powers = polynomials.powers_map
-    fixed = powers.shape[1] - polynomials.width
-    factors = {free: _factors(powers[:, fixed : fixed + free]) for free in set(polynomials.free)}
-    offsets, blocks = [], []
-    for boundary, free in zip(polynomials.boundary, polynomials.free, strict=True):
-        orthogonal, inverse = factors[free]
-        offsets.append(-inverse @ (orthogonal.T @ (powers[:, :fixed] @ boundary)))
-        blocks.append(inverse)
-    unit = 1 / max((np.linalg.norm(inverse, 2) for _, inverse in factors.values() if inverse.size), default=1.0)
+    width, duration = polynomials.width, polynomials.duration
+    factors = [_factors(width, free, duration) for free in polynomials.free]
+    unit = 1 / max(factor.longest for factor in factors)
+    offsets = [
+        factor.offset_by_boundary @ boundary for factor, boundary in zip(factors, polynomials.boundary, strict=True)
+    ]
     scaling = np.zeros((variables.coefficients, variables.coefficients))
     start = 0
-    for block in blocks:
-        stop = start + len(block)
-        scaling[start:stop, start:stop] = unit * block
+    for factor in factors:
+        stop = start + len(factor.inverse)
+        scaling[start:stop, start:stop] = unit * factor.inverse
         start = stop
     return np.concatenate(offsets), scaling
 
 
-def _factors(columns: Array) -> tuple[Array, Array]:
-    """Q, and the inverse of R, of ``columns = Q R``."""
+@dataclass(frozen=True, eq=False)
+class _Factors:
+    """Of ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map from the boundary to b_0."""
+
+    inverse: Array
+    longest: float
+    offset_by_boundary: Array
+
+
+@lru_cache(maxsize=64)
+def _factors(width: int, free: int, duration: float) -> _Factors:
+    """Factors for a joint with ``free`` of ``width`` coefficients and a duration in s."""
+    powers = powers_map(width, duration)
+    columns = powers[:, CONDITIONS : CONDITIONS + free]
     orthogonal, triangular = np.linalg.qr(columns)
-    return orthogonal, np.linalg.inv(triangular)
+    inverse = np.linalg.inv(triangular)
+    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
+    return _Factors(inverse, longest, -inverse @ (orthogonal.T @ powers[:, :CONDITIONS]))

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
 from floatplan.planning.constraints import Constraint
 from floatplan.planning.decision_variables import DecisionVariables
@@ -20,7 +21,7 @@ from floatplan.planning.objectives import (
     whitened_variables,
 )
 from floatplan.planning.trajectory import FlightModel, Sampling, Trajectory, trajectory
-from floatplan.problem import JointState, Problem
+from floatplan.problem import Problem
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 
@@ -67,12 +68,15 @@ class FlightProgram:
             detail=motion,
         )
 
-    def hessian(self, x: Array) -> Array:
-        """Return a positive definite first guess of the Lagrangian's Hessian."""
-        hessian = self.objective.hessian(self.trajectory(x))
+    def hessian(self, evaluation: Evaluation) -> Array:
+        """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
+        assert isinstance(evaluation.detail, Trajectory)
+        hessian = self.objective.hessian(evaluation.detail)
         return hessian + 1e-3 * max(float(np.abs(hessian).max(initial=0)), 1e-3) * np.eye(len(hessian))
 
     def _inequalities(self, motion: Trajectory, x: Array) -> tuple[Array, Array]:
+        if not (self.variables.reach or self.constraints):
+            return np.empty(0), np.empty((0, len(x)))
         values, jacobians = [], []
         if self.variables.reach:  # (9) for a free h: x's last entry within [-1, 1]
             jacobian = np.zeros((2, len(x)))
@@ -83,8 +87,6 @@ class FlightProgram:
             value, jacobian = block.evaluate(motion)
             values.append((value - BACK_OFF)[watched].ravel())
             jacobians.append(jacobian[watched].reshape(len(values[-1]), len(x)))
-        if not values:
-            return np.empty(0), np.empty((0, len(x)))
         return np.concatenate(values), np.concatenate(jacobians)
 
 
@@ -93,14 +95,16 @@ def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntAr
     low, high = problem.position_limits.T
     centre, amplitude = (low + high) / 2, (high - low) / 2
     duration = problem.flight.duration
-
-    def at_end(state: JointState, branch: IntArray) -> tuple[Array, Array, Array]:
-        p, rate, curvature = boundary_arguments(
-            state.positions, state.velocities, state.accelerations, centre, amplitude, branch
-        )
-        return p, duration * rate, duration**2 * curvature
-
-    boundary = np.stack((*at_end(problem.initial, branches[0]), *at_end(problem.final, branches[1])), axis=1)
+    ends = (problem.initial, problem.final)
+    p, rate, curvature = boundary_arguments(
+        np.array([end.positions for end in ends]),
+        np.array([end.velocities for end in ends]),
+        np.array([end.accelerations for end in ends]),
+        centre,
+        amplitude,
+        branches,
+    )
+    boundary = np.array([p, duration * rate, duration**2 * curvature]).T.reshape(len(centre), CONDITIONS)
     return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
 
 

@@ -16,7 +16,7 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.constraints import Constraint
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import reduce_violations
-from floatplan.planning.nonlinear_program import Settings, Solution
+from floatplan.planning.nonlinear_program import Evaluation, Settings, Solution
 from floatplan.planning.objectives import Objective
 from floatplan.planning.program import BACK_OFF, FlightProgram
 from floatplan.planning.sqp import minimise
@@ -42,6 +42,7 @@ MOST_ROUNDS = 12
 COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
 COARSELY_RESOLVED = 0.02  # tail of the Legendre coefficients of theta0', relative to its largest value
+CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
 HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
 
 
@@ -146,17 +147,24 @@ def solve(
 
     ``first_level`` is the index into NODE_COUNTS to start from.
     """
-    level = max(first_level, _coarse_level(model, variables, x))
-    extra = np.empty(0)
-    hessian = np.empty((0, 0))
-    current = replace(COARSE, longest_step=settings.longest_step)
-    iterations = evaluations = 0
-    for _ in range(MOST_ROUNDS):
+
+    def program_at(level: int, extra: Array) -> FlightProgram:
         nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
         sampling = sample_also(nodes, variables.polynomials.width, extra) if extra.size else nodes
-        program = FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
-        hessian = hessian if hessian.size else program.hessian(x)
-        solution = minimise(program, x, hessian, current, stop)
+        return FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
+
+    extra = np.empty(0)
+    cheap = _cheap_level(len(model.tree.mass))
+    for level in range(max(first_level, cheap), len(NODE_COUNTS)):
+        program = program_at(level, extra)
+        start = program.evaluate(x)
+        if _is_resolved(start):
+            break
+    hessian = program.hessian(start)
+    current = settings if level <= cheap and not constraints else replace(COARSE, longest_step=settings.longest_step)
+    iterations = evaluations = 0
+    for _ in range(MOST_ROUNDS):
+        solution = minimise(program, x, hessian, current, stop, start)
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
@@ -177,6 +185,8 @@ def solve(
         elif finished:
             break
         level, current = needed, settings
+        program = program_at(level, extra)
+        start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations, hessian)
 
 
@@ -205,13 +215,17 @@ def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
     return np.unique(np.concatenate((extra[beside], new)))
 
 
-def _coarse_level(model: FlightModel, variables: DecisionVariables, x: Array) -> int:
-    """Index into NODE_COUNTS at which theta0' is resolved well enough to start from."""
-    for level, count in enumerate(NODE_COUNTS[:-1]):
-        motion = trajectory(model, variables, sample_nodes(count, variables.polynomials.width), x)
-        if motion.sampling.quadrature.tail(motion.rate) < COARSELY_RESOLVED * np.abs(motion.rate).max():
-            return level
-    return len(NODE_COUNTS) - 1
+def _cheap_level(bodies: int) -> int:
+    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster."""
+    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
+
+
+def _is_resolved(start: Evaluation) -> bool:
+    """Whether the nodes resolve theta0' well enough to start from."""
+    motion = start.detail
+    assert isinstance(motion, Trajectory)
+    rates = motion.rate[: motion.sampling.nodes]
+    return motion.sampling.quadrature.tail(rates) < COARSELY_RESOLVED * float(np.abs(rates).max())
 
 
 def nodes_needed(motion: Trajectory) -> int:

@@ -2,8 +2,8 @@
 
 minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian's Hessian (Nocedal and Wright,
 Numerical Optimization, 2nd ed., procedure 18.2), an l1 merit function with Armijo line search (section 18.3), one
-second-order correction per iteration (section 18.3, (18.42)), and an elastic QP where the linearised constraints
-contradict each other (section 18.3, p. 536).
+second-order correction per iteration where there are inequalities (section 18.3, (18.42)), and an elastic QP where the
+linearised constraints contradict each other (section 18.3, p. 536).
 """
 
 from __future__ import annotations
@@ -16,9 +16,16 @@ import numpy as np
 from proxsuite import proxqp
 
 from floatplan.arrays import Array, IntArray
-from floatplan.planning.nonlinear_program import Evaluation, Program, Settings, Solution
+from floatplan.planning.nonlinear_program import (
+    Evaluation,
+    Program,
+    Settings,
+    Solution,
+    total_violation,
+)
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
+PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest multiplier
 SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
@@ -51,6 +58,7 @@ def minimise(
     hessian: Array,
     settings: Settings | None = None,
     stop: Callable[[], bool] = lambda: False,
+    start: Evaluation | None = None,
 ) -> Solution:
     """Minimise a program from x (m,), with ``hessian`` (m, m) as the first guess of the Lagrangian's.
 
@@ -58,9 +66,11 @@ def minimise(
     ----------
     stop : callable
         Asked before every iteration; when it says so the best point so far is returned.
+    start : Evaluation, optional
+        The program at x, where that is known.
     """
     settings = settings or Settings()
-    current = program.evaluate(x)
+    current = start or program.evaluate(x)
     evaluations, penalty = 1, 0.0
     fresh = hessian.copy()
     active = np.empty(0, dtype=np.int64)
@@ -71,11 +81,12 @@ def minimise(
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
         step = _solve_qp(current, hessian, active, price)
-        active = np.flatnonzero(step.inequality_multiplier)
+        if current.inequality.size:
+            active = np.flatnonzero(step.inequality_multiplier)
         if _is_optimal(current, step, settings):
             optimal = True
             break
-        wanted = 1.5 * _largest_multiplier(step)
+        wanted = PENALTY_FACTOR * _largest_multiplier(step)
         penalty = max(wanted, (penalty + wanted) / 2)
         direction = _shorten(program.metric, step.direction, settings.longest_step)
         if not direction.any():
@@ -119,18 +130,18 @@ def _is_optimal(current: Evaluation, step: _Step, settings: Settings) -> bool:
     """Feasible, and what a full step and the multipliers still promise is small beside the objective."""
     if current.worst_violation > settings.feasibility or step.elastic:
         return False
-    promised = (
-        abs(current.gradient @ step.direction)
-        + np.abs(step.equality_multiplier * current.equality).sum()
-        + np.abs(step.inequality_multiplier * current.inequality).sum()
-    )
-    return bool(promised <= settings.optimality * (1 + abs(current.objective)))
+    promised = abs(float(current.gradient @ step.direction))
+    promised += float(np.abs(step.equality_multiplier) @ np.abs(current.equality))
+    if current.inequality.size:
+        promised += float(np.abs(step.inequality_multiplier) @ np.abs(current.inequality))
+    return promised <= settings.optimality * (1 + abs(current.objective))
 
 
 def _largest_multiplier(step: _Step) -> float:
-    return float(
-        max(np.abs(step.equality_multiplier).max(initial=0), np.abs(step.inequality_multiplier).max(initial=0))
-    )
+    multipliers = step.equality_multiplier
+    if step.inequality_multiplier.size:
+        multipliers = np.concatenate((multipliers, step.inequality_multiplier))
+    return float(np.abs(multipliers).max(initial=0))
 
 
 def _shorten(metric: Array, direction: Array, longest: float) -> Array:
@@ -148,15 +159,12 @@ def _line_search(
 ) -> tuple[Array | None, Evaluation | None, int]:
     """Return the accepted point, its evaluation, and the number of evaluations; None where no step was good enough."""
     start = _merit(current, penalty)
-    linearised = Evaluation(
-        0.0,
-        current.gradient,
+    inequality = current.inequality
+    linearised = total_violation(
         current.equality + current.equality_jacobian @ direction,
-        current.equality_jacobian,
-        current.inequality + current.inequality_jacobian @ direction,
-        current.inequality_jacobian,
+        inequality + current.inequality_jacobian @ direction if inequality.size else inequality,
     )
-    slope = float(current.gradient @ direction) + penalty * (linearised.violation - current.violation)
+    slope = float(current.gradient @ direction) + penalty * (linearised - current.violation)
     slope = min(slope, 0.0)
     rounding = 1e-13 * (1 + abs(start))
     length, used = 1.0, 0
@@ -165,7 +173,7 @@ def _line_search(
         used += 1
         if _merit(trial, penalty) <= start + ARMIJO * length * slope + rounding:
             return x + length * direction, trial, used
-        if length == 1.0 and trial.violation > current.violation:
+        if length == 1.0 and current.inequality.size and trial.violation > current.violation:
             corrected = x + direction + _second_order_correction(current, trial)
             evaluation = program.evaluate(corrected)
             used += 1
@@ -187,9 +195,12 @@ def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Eval
     gradient_change = (
         trial.gradient
         - current.gradient
-        + (trial.equality_jacobian - current.equality_jacobian).T @ multiplier.equality_multiplier
-        - (trial.inequality_jacobian - current.inequality_jacobian).T @ multiplier.inequality_multiplier
+        + multiplier.equality_multiplier @ (trial.equality_jacobian - current.equality_jacobian)
     )
+    if current.inequality.size:
+        gradient_change -= multiplier.inequality_multiplier @ (
+            trial.inequality_jacobian - current.inequality_jacobian
+        )
     image = hessian @ change
     curvature = float(change @ image)
     if curvature < 1e-20:
@@ -207,40 +218,42 @@ def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Eval
 def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> _Step:
     """Solve the QP of the linearised program by constraint generation.
 
-    Only the most violated rows and those active last time enter; rows that the solution violates are added until none
-    is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
+    Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
+    until none is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
     """
-    rows = _union(len(current.inequality), active, _most_violated(current.inequality, 0 if not active.size else np.inf))
+    equality, inequality, rows = current.equality_jacobian, current.inequality, active
+    if active.size:
+        rows = _union(len(inequality), active, _most_violated(inequality, np.inf))
     for _ in range(GENERATIONS):
         if rows.size:
             solved = _proxqp(
                 hessian,
                 current.gradient,
-                current.equality_jacobian,
+                equality,
                 -current.equality,
                 current.inequality_jacobian[rows],
-                -current.inequality[rows],
+                -inequality[rows],
             )
         else:
-            solved = _equality_qp(hessian, current.gradient, current.equality_jacobian, -current.equality)
+            solved = _equality_qp(hessian, current.gradient, equality, -current.equality)
         if solved is None:
             return _elastic_qp(current, hessian, price)
         direction, equality_multiplier, row_multiplier = solved
-        linearised = current.inequality + current.inequality_jacobian @ direction
+        inequality_multiplier = np.zeros(len(inequality))
+        if not inequality.size:
+            return _Step(direction, equality_multiplier, inequality_multiplier, elastic=False)
+        linearised = inequality + current.inequality_jacobian @ direction
         linearised[rows] = np.inf
         missing = _most_violated(linearised, -ROW_TOLERANCE)
         if not missing.size:
-            inequality_multiplier = np.zeros(len(current.inequality))
             inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
             return _Step(direction, equality_multiplier, inequality_multiplier, elastic=False)
-        rows = _union(len(current.inequality), rows, missing)
+        rows = _union(len(inequality), rows, missing)
     return _elastic_qp(current, hessian, price)
 
 
 def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
     """Indices below ``count`` that are in either, rising."""
-    if not count:
-        return first
     chosen = np.zeros(count, dtype=bool)
     chosen[first] = chosen[second] = True
     return np.flatnonzero(chosen)
@@ -290,17 +303,14 @@ def _equality_qp(
 
     ProxQP takes those whose rows depend on each other.
     """
-    size, equalities = len(gradient), len(values)
-    matrix = np.zeros((size + equalities, size + equalities))
+    size = len(gradient)
+    matrix = np.zeros((size + len(values), size + len(values)))
     matrix[:size, :size] = hessian
     matrix[:size, size:] = rows.T
     matrix[size:, :size] = rows
-    right = np.concatenate((-gradient, values))
     try:
-        solution = np.linalg.solve(matrix, right)
+        solution = np.linalg.solve(matrix, np.concatenate((-gradient, values)))
     except np.linalg.LinAlgError:
-        solution = np.full(len(right), np.nan)
-    if not np.abs(matrix @ solution - right).max(initial=0) <= QP_ACCURACY * (1 + np.abs(right).max(initial=0)):
         return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
     return solution[:size], solution[size:], np.empty(0)
 

@@ -37,6 +37,13 @@ class Sampling:
         """Number N of quadrature nodes."""
         return len(self.quadrature.nodes)
 
+    @cached_property
+    def weighted(self) -> tuple[Array, Array]:
+        """Free polynomials and their first derivatives at the nodes (N, width), times the quadrature weights."""
+        weights = self.quadrature.weights[:, None]
+        value, derivative = (part[: self.nodes, CONDITIONS:] for part in self.values[:2])
+        return weights * value, weights * derivative
+
 
 @lru_cache(maxsize=64)
 def sample_nodes(count: int, width: int) -> Sampling:
@@ -223,12 +230,12 @@ class Trajectory:
     def final_gradient(self) -> Array:
         """Derivative (size,) of :attr:`final_orientation` by x."""
         nodes = self.sampling.nodes
-        weights = self.duration * self.sampling.quadrature.weights
         by_p, by_rate = self._rate_by_argument
-        values = self.sampling.values
-        by_z = (weights[:, None] * by_p[:nodes]).T @ values[0][:nodes, CONDITIONS:]
-        by_z += (weights[:, None] * by_rate[:nodes]).T @ values[1][:nodes, CONDITIONS:]
-        return self.variables.gradient(by_z, weights @ self.base_rate.by_momentum[:nodes])
+        weighted, weighted_derivative = self.sampling.weighted
+        by_z = by_p[:nodes].T @ weighted
+        by_z += by_rate[:nodes].T @ weighted_derivative
+        by_momentum = self.sampling.quadrature.weights @ self.base_rate.by_momentum[:nodes]
+        return self.duration * self.variables.gradient(by_z, by_momentum)
 
     @cached_property
     def _rate_by_argument(self) -> tuple[Array, Array]:
