@@ -72,7 +72,9 @@ class FlightProgram:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
         assert isinstance(evaluation.detail, Trajectory)
         hessian = self.objective.hessian(evaluation.detail)
-        return hessian + 1e-3 * max(float(np.abs(hessian).max(initial=0)), 1e-3) * np.eye(len(hessian))
+        diagonal = np.einsum("ii->i", hessian)
+        diagonal += 1e-3 * max(float(diagonal.max(initial=0)), 1e-3)
+        return hessian
 
     def _inequalities(self, motion: Trajectory, x: Array) -> tuple[Array, Array]:
         if not (self.variables.reach or self.constraints):

@@ -30,6 +30,7 @@ SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
 DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
+SIGNS = np.array([[-1.0], [1.0]])  # of the two parts of a BFGS update
 QP_ACCURACY = 1e-9
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
@@ -210,9 +211,8 @@ def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Eval
         share = (1 - DAMPING) * curvature / (curvature - product)
         gradient_change = share * gradient_change + (1 - share) * image
         product = float(change @ gradient_change)
-    return np.asarray(
-        hessian - (image[:, None] * image) / curvature + (gradient_change[:, None] * gradient_change) / product
-    )
+    pair = np.array((image / math.sqrt(curvature), gradient_change / math.sqrt(product)))
+    return np.asarray(hessian + pair.T @ (SIGNS * pair))
 
 
 def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> _Step:

@@ -45,12 +45,12 @@ def starts(
     seed: int,
 ) -> Iterator[Start]:
     """Yield the plain start, then random ones without end where anything is free; the same for the same seed."""
-    n = len(problem.robot.joints)
-    rng = np.random.default_rng(seed)
-    branches = np.zeros((2, n), dtype=np.int64)
     start = _plain_start(problem, degrees, momentum_bounds)
     plain = start.variables
     yield start
+    n = len(problem.robot.joints)
+    rng = np.random.default_rng(seed)
+    branches = np.zeros((2, n), dtype=np.int64)
     while plain.size:
         yield from _crossings(model, constraints, plain, rng)
         branches[1] = rng.choice([-1, 0, 0, 1], size=n)
