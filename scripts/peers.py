@@ -19,8 +19,8 @@ import floatplan as fp
 from floatplan.motion.dynamics import centroidal_coupling
 from floatplan.motion.momentum_bounds import angular_momentum_interval
 from floatplan.planning.constraints import constraints
+from floatplan.planning.nonlinear_program import Evaluation
 from floatplan.planning.program import FlightProgram, decision_variables, objective, sine_polynomials
-from floatplan.planning.sqp import Evaluation
 from floatplan.planning.trajectory import FlightModel, flight_model, sample_nodes
 
 NODES = 64
@@ -66,7 +66,7 @@ class Slsqp:
         self._at: bytes = b""
 
     def _evaluation(self, x: np.ndarray) -> Evaluation:
-        """The program at x: evaluated once for objective, constraints and all derivatives."""
+        """The program at x: evaluated once for objective and constraints, and once for their derivatives if asked."""
         if x.tobytes() != self._at:
             self._last, self._at = self.program.evaluate(x.copy()), x.tobytes()
         return self._last
@@ -82,9 +82,9 @@ class Slsqp:
                 {"type": "ineq", "fun": lambda x: at(x).inequality, "jac": lambda x: at(x).inequality_jacobian}
             )
         found = minimize(
-            lambda x: (at(x).objective, at(x).gradient),
+            lambda x: at(x).objective,
             variables.plain_motion(),
-            jac=True,
+            jac=lambda x: at(x).gradient,
             method="SLSQP",
             constraints=rules,
             options={"maxiter": self._iterations, "ftol": 1e-9},

@@ -175,9 +175,9 @@ def pinocchio_base_rate_derivatives(robot, position, velocity):
     inertia = normal @ by_v[:, 2]
     return BaseRate(
         rate,
-        by_position=-(normal @ by_q @ robot.selection) / inertia,
         by_velocity=-(normal @ by_v @ robot.selection) / inertia,
         by_momentum=1 / inertia,
+        differentiate=lambda: -(normal @ by_q @ robot.selection) / inertia,
     )
 
 

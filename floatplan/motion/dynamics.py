@@ -9,7 +9,9 @@ Gravity, the path of the centre of mass and the orientation do not enter.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,21 +21,29 @@ from floatplan.robot.planar_tree import PlanarTree
 
 @dataclass(frozen=True, eq=False)
 class BaseRate:
-    """theta0' of (4) at N instants, and its derivatives by joint positions, joint velocities and h.
+    """theta0' of (4) at N instants, and its derivatives by joint velocities and h; by joint positions when asked for.
 
     ``rate`` (N,) rad/s; ``by_position`` (N, n) 1/s; ``by_velocity`` (N, n); ``by_momentum`` (N,) 1/(kg m^2): the
     paper's g_0, and ``by_velocity`` its g_i, in the corrected form of (15).
     """
 
     rate: Array
-    by_position: Array
     by_velocity: Array
     by_momentum: Array
+    differentiate: Callable[[], Array]
+
+    @cached_property
+    def by_position(self) -> Array:
+        """Derivatives (N, n) by joint positions, 1/s."""
+        return self.differentiate()
 
     def __getitem__(self, instants: slice) -> BaseRate:
         """The same at some of the instants."""
         return BaseRate(
-            self.rate[instants], self.by_position[instants], self.by_velocity[instants], self.by_momentum[instants]
+            self.rate[instants],
+            self.by_velocity[instants],
+            self.by_momentum[instants],
+            lambda: self.by_position[instants],
         )
 
 
@@ -79,10 +89,8 @@ class Dynamics:
         return np.asarray((((rotations.conj() @ self._coupling) * rotations).real + self._inertia) @ self._rates)
 
     def base_rate(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> Array:
-        """theta0' (N,) rad/s of (4), corrected (15)."""
-        momentum_map = self.momentum_map(positions)
-        joint_part = np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)
-        return np.asarray((angular_momentum - joint_part) / momentum_map[:, 0])
+        """theta0' (N,) rad/s of (4), corrected (15), at positions and velocities (N, n)."""
+        return self.base_rate_derivatives(positions, velocities, angular_momentum).rate
 
     def base_rate_derivatives(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> BaseRate:
         """theta0' and its derivatives.
@@ -96,10 +104,14 @@ class Dynamics:
         by_momentum = 1 / momentum_map[:, 0]
         by_velocity = momentum_map[:, 1:] * -by_momentum[:, None]
         rate = angular_momentum * by_momentum + (by_velocity * velocities).sum(axis=1)
-        body_rates = velocities @ self._turns.T + rate[:, None]
-        moving = back * ((rotations * body_rates) @ self._coupling.T)
-        by_position = ((moving.imag - body_rates * gathered.imag) @ self._turns) * (-self._turn * by_momentum[:, None])
-        return BaseRate(rate, by_position, by_velocity, by_momentum)
+
+        def by_position() -> Array:
+            body_rates = velocities @ self._turns.T + rate[:, None]
+            moving = back * ((rotations * body_rates) @ self._coupling.T)
+            turning = (moving.imag - body_rates * gathered.imag) @ self._turns
+            return np.asarray(turning * (-self._turn * by_momentum[:, None]))
+
+        return BaseRate(rate, by_velocity, by_momentum, by_position)
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Joint torques (N, n) N m."""

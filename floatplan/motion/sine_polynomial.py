@@ -189,7 +189,9 @@ def powers_map(width: int, duration: float) -> Array:
 
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:
     """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
-    return np.asarray(np.pi * branch + np.where(branch % 2 == 0, 1, -1) * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
+    return np.asarray(
+        np.pi * branch + np.where(branch % 2 == 0, 1, -1) * np.arcsin(np.minimum(np.maximum(sine, -1), 1))
+    )
 
 
 def boundary_arguments(

@@ -47,8 +47,8 @@ class Constraint(Protocol):
     def values(self, trajectory: Trajectory) -> Array:
         """Values (K, r)."""
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values (K, r) and their derivatives (K, r, size) by x."""
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size) of the values by x."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +81,16 @@ class ObstacleClearance:
 
     def values(self, trajectory: Trajectory) -> Array:
         """Distances less the margin (K, r)."""
-        distances = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times).values
-        return (distances - self.obstacle.margin) / LENGTH_SCALE
+        return (self._distances(trajectory).values - self.obstacle.margin) / LENGTH_SCALE
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values and derivatives."""
-        distances = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times)
-        values = (distances.values - self.obstacle.margin) / LENGTH_SCALE
-        return values, trajectory.angle_jacobian(distances.by_angle / LENGTH_SCALE)
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
+        return trajectory.angle_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
+
+    def _distances(self, trajectory: Trajectory) -> Distances:
+        if self not in trajectory.distances:
+            trajectory.distances[self] = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times)
+        return trajectory.distances[self]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +121,16 @@ class SelfClearance:
         """Distances less the margin (K, r)."""
         return (self._distances(trajectory).values - self.margin) / LENGTH_SCALE
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values and derivatives."""
-        distances = self._distances(trajectory)
-        values = (distances.values - self.margin) / LENGTH_SCALE
-        return values, trajectory.angle_jacobian(distances.by_angle / LENGTH_SCALE)
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
+        return trajectory.angle_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
 
     def _distances(self, trajectory: Trajectory) -> Distances:
-        segments = trajectory.segments
-        return pair_distances(segments.of(np.array(self.first)), segments.of(np.array(self.second)))
+        if self not in trajectory.distances:
+            segments = trajectory.segments
+            first, second = segments.of(np.array(self.first)), segments.of(np.array(self.second))
+            trajectory.distances[self] = pair_distances(first, second)
+        return trajectory.distances[self]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +161,10 @@ class TorqueLimit:
         relative = trajectory.torques[:, list(self.joints)] / self.limit
         return np.concatenate((1 - relative, 1 + relative), axis=1)
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values and derivatives."""
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
         relative = trajectory.torque_jacobian[:, list(self.joints)] / self.limit[:, None]
-        return self.values(trajectory), np.concatenate((-relative, relative), axis=1)
+        return np.concatenate((-relative, relative), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +197,11 @@ class MotorLimit:
         drag = self.slope * trajectory.motion.velocities[:, list(self.joints)] / self.stall
         return 1 - np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values and derivatives."""
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
         torque = trajectory.torque_jacobian[:, list(self.joints)] / self.stall[:, None]
         drag = (self.slope / self.stall)[:, None] * trajectory.velocity_jacobian[:, list(self.joints)]
-        jacobian = -np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
-        return self.values(trajectory), jacobian
+        return -np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +232,10 @@ class VelocityLimit:
         relative = trajectory.motion.velocities[:, list(self.joints)] / self.limit
         return np.concatenate((1 - relative, 1 + relative), axis=1)
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values and derivatives."""
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
         relative = trajectory.velocity_jacobian[:, list(self.joints)] / self.limit[:, None]
-        return self.values(trajectory), np.concatenate((-relative, relative), axis=1)
+        return np.concatenate((-relative, relative), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,10 +264,10 @@ class OrientationRateLimit:
         relative = trajectory.rate / self.limit
         return np.stack((1 - relative, 1 + relative), axis=1)
 
-    def evaluate(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Values and derivatives."""
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
         relative = trajectory.base_rate_jacobian / self.limit
-        return self.values(trajectory), np.stack((-relative, relative), axis=1)
+        return np.stack((-relative, relative), axis=1)
 
 
 def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:

@@ -5,6 +5,7 @@ minimise f(x) subject to c(x) = 0 and g(x) >= 0.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -15,20 +16,46 @@ from floatplan.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
-    """A program at a point of m variables.
+class Derivatives:
+    """Of a program at a point: ``gradient`` (m,), ``equality_jacobian`` (e, m), ``inequality_jacobian`` (k, m)."""
 
-    ``gradient`` (m,), ``equality`` (e,), ``equality_jacobian`` (e, m), ``inequality`` (k,) with >= 0 wanted,
-    ``inequality_jacobian`` (k, m). ``detail`` is whatever the program wants to remember of the point.
+    gradient: Array
+    equality_jacobian: Array
+    inequality_jacobian: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A program at a point of m variables; the derivatives are computed when asked for.
+
+    ``equality`` (e,), ``inequality`` (k,) with >= 0 wanted. ``detail`` is whatever the program wants to remember of the
+    point.
     """
 
     objective: float
-    gradient: Array
     equality: Array
-    equality_jacobian: Array
     inequality: Array
-    inequality_jacobian: Array
+    differentiate: Callable[[], Derivatives]
     detail: object = None
+
+    @cached_property
+    def _derivatives(self) -> Derivatives:
+        return self.differentiate()
+
+    @property
+    def gradient(self) -> Array:
+        """Gradient (m,) of the objective."""
+        return self._derivatives.gradient
+
+    @property
+    def equality_jacobian(self) -> Array:
+        """Derivatives (e, m) of the equalities."""
+        return self._derivatives.equality_jacobian
+
+    @property
+    def inequality_jacobian(self) -> Array:
+        """Derivatives (k, m) of the inequalities."""
+        return self._derivatives.inequality_jacobian
 
     @cached_property
     def violation(self) -> float:

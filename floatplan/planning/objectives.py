@@ -21,8 +21,11 @@ from floatplan.planning.trajectory import Partials, Trajectory
 class Objective(Protocol):
     """A term to minimise."""
 
-    def evaluate(self, trajectory: Trajectory, x: Array) -> tuple[float, Array]:
-        """Value and gradient (size,) by x."""
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Positive semidefinite guess (size, size) of the second derivative by x."""
@@ -34,11 +37,16 @@ class CoefficientNorm:
 
     coefficients: int
 
-    def evaluate(self, trajectory: Trajectory, x: Array) -> tuple[float, Array]:
-        """Value and gradient (size,) by x."""
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        coefficients = x[: self.coefficients]
+        return float(coefficients @ coefficients) / 2
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
         gradient = x.copy()
         gradient[self.coefficients :] = 0
-        return float(gradient @ gradient) / 2, gradient
+        return gradient
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Return the identity, which is exact but for the entry of a free h."""
@@ -51,18 +59,17 @@ class SquaredAcceleration:
 
     scale: float
 
-    def evaluate(self, trajectory: Trajectory, x: Array) -> tuple[float, Array]:
-        """Value and gradient (size,) by x."""
-        return _integral_of_squares(trajectory, self.scale, *self._integrand(trajectory))
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        return _integral_of_squares(trajectory, self.scale, trajectory.motion.accelerations)
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+        return _gradient(trajectory, self.scale, trajectory.motion.accelerations, _acceleration_jacobian(trajectory))
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation."""
-        return _gauss_newton(trajectory, self.scale, self._integrand(trajectory)[1])
-
-    def _integrand(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        accelerations = trajectory.motion.accelerations
-        count, n = accelerations.shape
-        return accelerations, trajectory.jacobian(Partials(by_acceleration=np.broadcast_to(np.eye(n), (count, n, n))))
+        return _gauss_newton(trajectory, self.scale, _acceleration_jacobian(trajectory))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +78,36 @@ class SquaredTorque:
 
     scale: float
 
-    def evaluate(self, trajectory: Trajectory, x: Array) -> tuple[float, Array]:
-        """Value and gradient (size,) by x."""
-        return _integral_of_squares(trajectory, self.scale, trajectory.torques, trajectory.torque_jacobian)
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        return _integral_of_squares(trajectory, self.scale, trajectory.torques)
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+        return _gradient(trajectory, self.scale, trajectory.torques, trajectory.torque_jacobian)
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation."""
         return _gauss_newton(trajectory, self.scale, trajectory.torque_jacobian)
 
 
-def _integral_of_squares(trajectory: Trajectory, scale: float, values: Array, jacobian: Array) -> tuple[float, Array]:
-    """Integral over the flight of |values|^2 / scale, and its gradient (size,)."""
+def _acceleration_jacobian(trajectory: Trajectory) -> Array:
+    """Derivatives (K, n, size) of the joint accelerations by x."""
+    count, n = trajectory.motion.accelerations.shape
+    return trajectory.jacobian(Partials(by_acceleration=np.broadcast_to(np.eye(n), (count, n, n))))
+
+
+def _integral_of_squares(trajectory: Trajectory, scale: float, values: Array) -> float:
+    """Integral over the flight of |values|^2 / scale."""
+    nodes = trajectory.sampling.nodes
+    return float((_time_weights(trajectory) / scale) @ (values[:nodes] ** 2).sum(axis=1))
+
+
+def _gradient(trajectory: Trajectory, scale: float, values: Array, jacobian: Array) -> Array:
+    """Gradient (size,) of :func:`_integral_of_squares`."""
     nodes = trajectory.sampling.nodes
     weighted = (_time_weights(trajectory) / scale)[:, None] * values[:nodes]
-    return float((weighted * values[:nodes]).sum()), 2 * np.einsum("kr,krx->x", weighted, jacobian[:nodes])
+    return np.asarray(2 * np.einsum("kr,krx->x", weighted, jacobian[:nodes]))
 
 
 def _gauss_newton(trajectory: Trajectory, scale: float, jacobian: Array) -> Array:

@@ -12,7 +12,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
 from floatplan.planning.constraints import Constraint
 from floatplan.planning.decision_variables import DecisionVariables
-from floatplan.planning.nonlinear_program import Evaluation
+from floatplan.planning.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.objectives import (
     CoefficientNorm,
     Objective,
@@ -53,18 +53,17 @@ class FlightProgram:
         return trajectory(self.model, self.variables, self.sampling, x)
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Objective, (14) and constraints with their derivatives by x."""
+        """Objective, (14) and constraints; their derivatives by x when asked for."""
         motion = self.trajectory(x)
-        assert motion.base_rate is not None  # before anything asks for the rate alone
-        value, gradient = self.objective.evaluate(motion, x)
-        inequality, inequality_jacobian = self._inequalities(motion, x)
         return Evaluation(
-            objective=value,
-            gradient=gradient,
+            objective=self.objective.value(motion, x),
             equality=np.array([motion.final_orientation - self.model.final_orientation]),
-            equality_jacobian=motion.final_gradient[None, :],
-            inequality=inequality,
-            inequality_jacobian=inequality_jacobian,
+            inequality=self._inequality(motion, x),
+            differentiate=lambda: Derivatives(
+                self.objective.gradient(motion, x),
+                motion.final_gradient[None, :],
+                self._inequality_jacobian(motion, len(x)),
+            ),
             detail=motion,
         )
 
@@ -76,20 +75,18 @@ class FlightProgram:
         diagonal += 1e-3 * max(float(diagonal.max(initial=0)), 1e-3)
         return hessian
 
-    def _inequalities(self, motion: Trajectory, x: Array) -> tuple[Array, Array]:
-        if not (self.variables.reach or self.constraints):
-            return np.empty(0), np.empty((0, len(x)))
-        values, jacobians = [], []
-        if self.variables.reach:  # (9) for a free h: x's last entry within [-1, 1]
-            jacobian = np.zeros((2, len(x)))
-            jacobian[:, -1] = (-1, 1)
-            values.append(1 + jacobian[:, -1] * x[-1])
-            jacobians.append(jacobian)
+    def _inequality(self, motion: Trajectory, x: Array) -> Array:
+        """(9) for a free h, x's last entry within [-1, 1]; then the constraints at the instants that are watched."""
+        rows = [1 - x[-1:], 1 + x[-1:]] if self.variables.reach else []
         for block, watched in zip(self.constraints, self._watched, strict=True):
-            value, jacobian = block.evaluate(motion)
-            values.append((value - BACK_OFF)[watched].ravel())
-            jacobians.append(jacobian[watched].reshape(len(values[-1]), len(x)))
-        return np.concatenate(values), np.concatenate(jacobians)
+            rows.append((block.values(motion) - BACK_OFF)[watched].ravel())
+        return np.concatenate(rows) if rows else np.empty(0)
+
+    def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
+        rows = [np.eye(1, size, size - 1) * sign for sign in (-1, 1)] if self.variables.reach else []
+        for block, watched in zip(self.constraints, self._watched, strict=True):
+            rows.append(block.jacobian(motion)[watched].reshape(-1, size))
+        return np.concatenate(rows) if rows else np.empty((0, size))
 
 
 def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
@@ -131,5 +128,5 @@ def objective(problem: Problem, model: FlightModel, variables: DecisionVariables
         return CoefficientNorm(variables.coefficients)
     kind = SquaredTorque if problem.motion.objective == "torque" else SquaredAcceleration
     x = variables.plain_motion()
-    unscaled, _ = kind(1.0).evaluate(trajectory(model, variables, sampling, x), x)
+    unscaled = kind(1.0).value(trajectory(model, variables, sampling, x), x)
     return kind(max(unscaled, 1e-6))

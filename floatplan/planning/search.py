@@ -196,7 +196,9 @@ class Search:
         used = solution.evaluation.detail
         assert isinstance(used, Trajectory)
         nodes = NODE_COUNTS[min(max(nodes_needed(used), self._level) + 1, len(NODE_COUNTS) - 1)]
-        motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)
+        motion = used
+        if nodes != used.sampling.nodes:
+            motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)
         missed = abs(motion.final_orientation - self.model.final_orientation)
         if motion.sampling.quadrature.tail(motion.rate) > UNRESOLVED * np.abs(motion.rate).max():
             missed = np.inf

@@ -199,9 +199,7 @@ def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Eval
         + multiplier.equality_multiplier @ (trial.equality_jacobian - current.equality_jacobian)
     )
     if current.inequality.size:
-        gradient_change -= multiplier.inequality_multiplier @ (
-            trial.inequality_jacobian - current.inequality_jacobian
-        )
+        gradient_change -= multiplier.inequality_multiplier @ (trial.inequality_jacobian - current.inequality_jacobian)
     image = hessian @ change
     curvature = float(change @ image)
     if curvature < 1e-20:
@@ -296,9 +294,7 @@ def _elastic_qp(current: Evaluation, hessian: Array, price: float) -> _Step:
     )
 
 
-def _equality_qp(
-    hessian: Array, gradient: Array, rows: Array, values: Array
-) -> tuple[Array, Array, Array] | None:
+def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:
     """Minimise ``x H x / 2 + g x`` with ``A x = b`` by the linear system of its optimality, see :func:`_proxqp`.
 
     ProxQP takes those whose rows depend on each other.
@@ -309,7 +305,7 @@ def _equality_qp(
     matrix[:size, size:] = rows.T
     matrix[size:, :size] = rows
     try:
-        solution = np.linalg.solve(matrix, np.concatenate((-gradient, values)))
+        solution = np.asarray(np.linalg.solve(matrix, np.concatenate((-gradient, values))), dtype=np.float64)
     except np.linalg.LinAlgError:
         return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
     return solution[:size], solution[size:], np.empty(0)

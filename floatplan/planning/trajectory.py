@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.ballistics import Ballistics, ballistics
-from floatplan.motion.clearance import LinkShapes, Segments
+from floatplan.motion.clearance import Distances, LinkShapes, Segments
 from floatplan.motion.dynamics import BaseRate, Dynamics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
@@ -123,21 +123,16 @@ class Trajectory:
     motion: JointMotion
     angular_momentum: float | Array  # (K,) in a crowd
 
-    @cached_property
+    @property
     def rate(self) -> Array:
         """theta0' (K,) rad/s."""
-        motion = self.motion
-        return self.model.dynamics.base_rate(motion.positions, motion.velocities, self.angular_momentum)
+        return self.base_rate.rate
 
     @cached_property
     def base_rate(self) -> BaseRate:
         """theta0' with its derivatives."""
         motion = self.motion
-        base_rate = self.model.dynamics.base_rate_derivatives(
-            motion.positions, motion.velocities, self.angular_momentum
-        )
-        self.__dict__["rate"] = base_rate.rate
-        return base_rate
+        return self.model.dynamics.base_rate_derivatives(motion.positions, motion.velocities, self.angular_momentum)
 
     @cached_property
     def times(self) -> Array:
@@ -154,6 +149,11 @@ class Trajectory:
         """The links' capsules where they are."""
         com = self.model.ballistics.positions(self.times)
         return self.model.shapes.place(com[:, 0] + 1j * com[:, 1], self.angles)
+
+    @cached_property
+    def distances(self) -> dict[object, Distances]:
+        """What constraints have measured here, for their derivatives."""
+        return {}
 
     @cached_property
     def torques(self) -> Array:
