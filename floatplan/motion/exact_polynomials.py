@@ -15,7 +15,7 @@ import math
 import operator
 from collections.abc import Sequence
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -68,16 +68,21 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     rest = [
         sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in _fixed_columns(len(combination) - CONDITIONS)
     ]
-    numerator, denominator = duration.as_integer_ratio()
     written = [0.0] * len(rest)
     for k in range(len(rest) - 1, -1, -1):
-        unit, parts = numerator**k, denominator**k
-        written[k] = (rest[k] * parts) / (unit << FIXED_POINT)
+        unit, parts, lost = *_unit(duration, k), _lost(k)
+        written[k] = (rest[k] * parts) / unit
         value, divisor = written[k].as_integer_ratio()
-        lacking = rest[k] - (value * unit << FIXED_POINT) // (divisor * parts)
-        for power, share in enumerate(_lost(k)):
-            rest[power] -= lacking * share >> FIXED_POINT
+        lacking = rest[k] - value * unit // (divisor * parts)
+        rest[:k] = [lower - (lacking * share >> FIXED_POINT) for lower, share in zip(rest, lost, strict=False)]
     return written
+
+
+@lru_cache(maxsize=1024)
+def _unit(duration: float, k: int) -> tuple[int, int]:
+    """Two whole numbers whose ratio is ``duration^k`` in fixed point."""
+    numerator, denominator = duration.as_integer_ratio()
+    return numerator**k << FIXED_POINT, denominator**k
 
 
 def _fixed(value: float | Fraction) -> int:
@@ -108,14 +113,13 @@ def _lost(k: int) -> tuple[int, ...]:
 
 def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
     """Turn b (n, k+1) of (12) into coefficients (k+1, n) of Chebyshev polynomials of 2 t/T - 1, each rounded once."""
-    numerator, denominator = duration.as_integer_ratio()
     rows = _fixed_chebyshev(coefficients.shape[1])
+    units = [_unit(duration, k) for k in range(len(rows))]
     joints = []
     for b in coefficients.tolist():
         ratios = [value.as_integer_ratio() for value in b]
         powers = [
-            (value * numerator**k << FIXED_POINT) // (divisor * denominator**k)
-            for k, (value, divisor) in enumerate(ratios)
+            value * unit // (divisor * parts) for (value, divisor), (unit, parts) in zip(ratios, units, strict=True)
         ]
         joints.append([sum(map(operator.mul, row, powers)) / (1 << 2 * FIXED_POINT) for row in rows])
     return np.array(joints).T

@@ -42,7 +42,7 @@ ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 GENERATIONS = 12
 ROW_TOLERANCE = 1e-8  # by which a row left out of a QP may be violated by its solution
 POLISHING_STEPS = 2
-POLISHED = 1e-13  # equalities within this are as good as rounding lets them be
+POLISHED = 1e-12  # equalities within this are about as good as rounding lets them be
 
 
 @dataclass(frozen=True, eq=False)
