@@ -128,6 +128,11 @@ class Trajectory:
         """theta0' (K,) rad/s."""
         return self.base_rate.rate
 
+    @property
+    def node_rates(self) -> Array:
+        """theta0' (N,) rad/s at the quadrature nodes."""
+        return self.rate[: self.sampling.nodes]
+
     @cached_property
     def base_rate(self) -> BaseRate:
         """theta0' with its derivatives."""
@@ -204,8 +209,7 @@ class Trajectory:
     @cached_property
     def orientation(self) -> Array:
         """Orientation (K,) rad by (18)."""
-        rates = self.rate[: self.sampling.nodes]
-        return np.asarray(self.model.initial_orientation + self.duration * (self.sampling.integrals @ rates))
+        return np.asarray(self.model.initial_orientation + self.duration * (self.sampling.integrals @ self.node_rates))
 
     @property
     def duration(self) -> float:
@@ -221,10 +225,8 @@ class Trajectory:
     @property
     def final_orientation(self) -> float:
         """Orientation at T by (14), rad."""
-        quadrature = self.sampling.quadrature
-        return float(
-            self.model.initial_orientation + self.duration * (quadrature.weights @ self.rate[: self.sampling.nodes])
-        )
+        weights = self.sampling.quadrature.weights
+        return float(self.model.initial_orientation + self.duration * (weights @ self.node_rates))
 
     @cached_property
     def final_gradient(self) -> Array:
