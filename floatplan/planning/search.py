@@ -24,7 +24,7 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import Nearest, reduce_violations
-from floatplan.planning.nonlinear_program import Solution
+from floatplan.planning.nonlinear_program import Derivatives, Solution
 from floatplan.planning.objectives import Objective
 from floatplan.planning.program import BACK_OFF, FlightProgram, decision_variables, objective
 from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
@@ -345,4 +345,17 @@ def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outco
     start = next(islice(chain(given, _prepared.starts(degrees)), number, None), None)
     if start is None:
         return None
-    return _prepared.attempt(start, number, degrees, _expired)
+    return _portable(_prepared.attempt(start, number, degrees, _expired))
+
+
+def _portable(outcome: Outcome) -> Outcome:
+    """Strip an outcome of what cannot go from one process to another: its derivatives, and what is remembered of it."""
+    solution = outcome.solution
+    motion = solution.evaluation.detail
+    assert isinstance(motion, Trajectory)
+    evaluation = replace(solution.evaluation, differentiate=_left_behind, detail=replace(motion))
+    return replace(outcome, solution=replace(solution, evaluation=evaluation))
+
+
+def _left_behind() -> Derivatives:
+    raise AssertionError("the derivatives of an outcome stay in the process where it was found")
