@@ -145,6 +145,10 @@ class Robot:
         position_limits, velocity_limits, torque_limits = planned_limits(tree, choice.planned, choice.coupled)
         check_model(model, reference, selection, choice.planned, position_limits)
         resting = [choice.resting[name] for name in choice.planned]
+        missing = [
+            f'link "{link}": collision mesh "{filename}" not found; left out of its shape'
+            for link, filename in missing_meshes(tree, text.path.parent)
+        ]
         return cls(
             name=tree.name,
             path=text.path,
@@ -163,7 +167,7 @@ class Robot:
             tree=planar_tree(layout),
             frames=named_frames(layout),
             resting=read_only(np.clip(resting, position_limits[:, 0], position_limits[:, 1])),
-            warnings=(*choice.warnings, *missing_meshes(tree, text.path.parent)),
+            warnings=(*choice.warnings, *missing),
             source=source,
             layout=layout,
             tilt=largest_turn(written, tree),
