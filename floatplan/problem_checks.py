@@ -24,6 +24,7 @@ from floatplan.problem_parts import (
     SelfClearance,
     Takeoff,
 )
+from floatplan.robot.link_shapes import missing_meshes
 from floatplan.robot.robot import Robot
 
 LOWEST_DEGREE = 5
@@ -292,6 +293,17 @@ def check_obstacle(obstacle: Obstacle, element: str, duration: float) -> None:
             raise InputError(
                 f"the window [{start}, {end}] s lies outside the flight of {duration} s", element=f"{element}.window"
             )
+
+
+def check_shapes(robot: Robot) -> None:
+    """Refuse a robot with collision meshes that are not there: it would be clear of obstacles that it hits."""
+    for link, filename in missing_meshes(robot.layout.tree, None if robot.path is None else robot.path.parent):
+        raise InputError(
+            f'collision mesh "{filename}" not found, so clearance cannot be told',
+            source=robot.source,
+            element=f'link "{link}"',
+            advice="put it there, set ROS_PACKAGE_PATH, or take the <collision> out",
+        )
 
 
 def check_pair(robot: Robot, pair: SelfClearance, element: str) -> None:

@@ -25,6 +25,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+import long_chains
 import numpy as np
 import pinocchio as pin
 from forward_problems import GRADES, forward_problems
@@ -57,6 +58,7 @@ class Counts:
     subprocesses: int = 5
     instants: int = INSTANTS
     chains: tuple[int, ...] = CHAINS
+    long_chains: tuple[int, ...] = long_chains.JOINTS
 
 
 FULL = Counts()
@@ -260,6 +262,8 @@ def growth(counts: Counts) -> None:
     for label, column in (("time", 1), ("time per evaluation", 3)):
         exponent = np.polyfit(np.log(sizes), np.log([row[column] for row in rows]), 1)[0]
         print(f"  {label} grows as n^{exponent:.2f}")
+    print("\n  chains that uncurl, without limits")
+    long_chains.main(counts.long_chains)
     print()
 
 

@@ -16,8 +16,9 @@ from make_images import draw_scene, save
 from matplotlib.figure import Figure
 
 import floatplan as fp
+from floatplan.arrays import Array
 from floatplan.view.postures import postures
-from floatplan.view.snapshots import picture_box, snapshot_times
+from floatplan.view.snapshots import picture_box
 from floatplan.view.style import new_figure, styled
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,6 +39,7 @@ TITLES = {
 COLUMNS = ("robot", "joints planned", "kg", "duration, s", "torque / limit", "leak", "planned in, s")
 WIDTH = 7.6  # inches
 PER_ROW = 5
+SNAPSHOTS = 5
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,8 @@ def picture(entries: Sequence[Entry]) -> Figure:
     """Flights in rows, each at its own scale, all of a row equally high."""
     shapes = []
     for entry in entries:
-        low, high = picture_box(entry.plan, postures(entry.plan, snapshot_times(entry.plan)))
-        shapes.append(min(max((high - low).real / (high - low).imag, 0.6), 2.0))
+        low, high = picture_box(entry.plan, postures(entry.plan, times(entry.plan)))
+        shapes.append((high - low).real / (high - low).imag)
     rows = [range(first, min(first + PER_ROW, len(entries))) for first in range(0, len(entries), PER_ROW)]
     heights = [(WIDTH - 0.3) / sum(shapes[index] for index in row) for row in rows]
     figure = new_figure(WIDTH, sum(heights) + 0.25 * len(rows))
@@ -111,9 +113,14 @@ def picture(entries: Sequence[Entry]) -> Figure:
         grid = band.add_gridspec(1, len(row), width_ratios=[shapes[index] for index in row], wspace=0.03)
         for column, index in enumerate(row):
             axes = band.add_subplot(grid[0, column])
-            draw_scene(axes, entries[index].plan)
+            draw_scene(axes, entries[index].plan, times(entries[index].plan))
             axes.set_title(TITLES[entries[index].name], fontsize=6.5)
     return figure
+
+
+def times(plan: fp.Plan) -> Array:
+    """Instants of the snapshots, so few that postures stand apart."""
+    return np.linspace(0.0, plan.duration, SNAPSHOTS)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 import floatplan as fp
+from floatplan.arrays import Array
 from floatplan.plan_record import write_whole
 from floatplan.view.curves import Flown, draw_configuration, draw_torques, plan_names
 from floatplan.view.postures import postures
@@ -87,8 +88,8 @@ def row(figure: Figure, widths: Sequence[float]) -> Sequence[Axes]:
     return [figure.add_subplot(grid[0, column]) for column in range(len(widths))]
 
 
-def draw_scene(axes: Axes, plan: fp.Plan) -> None:
-    placed = postures(plan, snapshot_times(plan))
+def draw_scene(axes: Axes, plan: fp.Plan, times: Array | None = None) -> None:
+    placed = postures(plan, snapshot_times(plan) if times is None else times)
     frame_box(axes, *picture_box(plan, placed))
     axes.set_axis_off()
     draw_surroundings(axes, plan, placed)

@@ -38,7 +38,15 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
 )
 def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     tiny = benchmark.Counts(
-        turns=1, slow_turns=1, generated=1, compared=1, starts=2, subprocesses=1, instants=400, chains=(3,)
+        turns=1,
+        slow_turns=1,
+        generated=1,
+        compared=1,
+        starts=2,
+        subprocesses=1,
+        instants=400,
+        chains=(3,),
+        long_chains=(3, 4),
     )
     benchmark.SECTIONS[section](tiny)
     assert expected in capsys.readouterr().out

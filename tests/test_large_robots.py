@@ -15,10 +15,21 @@ LEGS = 4
 EFFORT = 8.0  # N m
 
 
-def test_a_chain_of_20_joints_plans_and_lands_with_feedback(monkeypatch):
+@pytest.fixture
+def chain_problem(monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
-    problem = runpy.run_path(str(SCRIPTS / "long_chains.py"))["chain_problem"](20)
-    plan = fp.plan(problem)
+    return runpy.run_path(str(SCRIPTS / "long_chains.py"))["chain_problem"]
+
+
+def test_a_chain_of_50_joints_plans(chain_problem):
+    plan = fp.plan(chain_problem(50))
+    assert plan.ok, plan.explanation
+    assert len(plan.robot.joints) == 50
+    assert plan.final_orientation == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_chain_of_20_joints_plans_and_lands_with_feedback(chain_problem):
+    plan = fp.plan(chain_problem(20))
     assert plan.ok, plan.explanation
     assert plan.final_orientation == pytest.approx(1.0, abs=1e-9)
     open_loop, tracked = fp.replay(plan), fp.replay(plan, feedback=30.0)

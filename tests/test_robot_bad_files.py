@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import pytest
 from robot_samples import TWO_LINKS, inertial, joint, robot_text
@@ -252,3 +253,49 @@ def test_impossible_inertia_on_a_joint_of_its_own_is_refused(tmp_path):
     camera = f'<link name="camera">{flat}</link>' + joint("mount", "a", "camera")
     error = refused(tmp_path, replaced("</robot>", f"{camera}</robot>"))
     assert error.element == 'link "camera": inertia'
+
+
+MESH = '<link name="b"><collision><geometry><mesh filename="nowhere.stl"/></geometry></collision>'
+PROBLEM = """
+[robot]
+urdf = "robot.urdf"
+{choice}
+[start]
+orientation = 0
+positions = 0.1
+[goal]
+orientation = 0.4
+positions = 0.5
+[flight]
+duration = 0.5
+takeoff = {{ frame = "a" }}
+{more}
+"""
+BAR = '[[obstacles]]\nkind = "circle"\ncenter = [3, 3]\nradius = 0.1'
+ASKED = {  # URDF, what the problem file chooses, what it adds, part of the message
+    "3000 joints": (chain_of(3000), "", "", "has 3000 joints, more than the 150"),
+    "links without inertia": (SINGULAR["massless end"][0], "", "", 'joint "k": moves no inertia of its own'),
+    "coupled to a joint that is not there": (robot_text(J, links="ab"), 'coupled = { j = "x" }', "", 'no joint "x"'),
+    "coupled by another word": (robot_text(J, links="ab"), 'coupled = "left"', "", "is not 'mirror'"),
+    "missing mesh": (robot_text(J, links="ab").replace('<link name="b">', MESH), "", BAR, '"nowhere.stl" not found'),
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_the_command_refuses_wrong_robots(floatplan, name):
+    text, choice, more, message = ASKED[name]
+    Path("robot.urdf").write_text(text)
+    Path("problem.toml").write_text(PROBLEM.format(choice=choice, more=more))
+    run = floatplan("plan", "problem.toml")
+    assert (run.code, run.stdout) == (2, "")
+    assert message in run.stderr
+    assert "Traceback" not in run.stderr
+    assert not Path("runs").exists()
+
+
+def test_the_command_plans_a_robot_without_a_name(floatplan):
+    Path("robot.urdf").write_text(SOUND["unnamed robot"])
+    Path("problem.toml").write_text(PROBLEM.format(choice="", more=""))
+    run = floatplan("plan", "problem.toml", "--no-figures")
+    assert run.code == 0, run
+    assert "unnamed" in run.stderr

@@ -13,6 +13,7 @@ import floatplan as fp
 TIMES = np.linspace(0.0, 0.8, 41)
 START, GOAL = {"j1": 0.4, "j2": -0.7, "j3": 0.5}, {"j1": -0.3, "j2": 0.6, "j3": 1.1}
 TURN, FINAL = 0.2, 1.7
+EFFORT = 2.6  # N m, less than the plan takes without limits
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Writing:
             place, turned = place * cmath.exp(-1j * self.base_angle), -self.base_angle
         rotation = words(turned * np.cross(self.vector(1.0), self.vector(1j)))
         ends = f'<parent link="{link.parent}"/><child link="{link.name}"/>'
-        limits = '<limit lower="-2" upper="2" effort="60" velocity="15"/>'
+        limits = f'<limit lower="-2" upper="2" effort="{EFFORT}" velocity="15"/>'
         origin = f'<origin xyz="{words(self.vector(place))}" rpy="{rotation}"/>'
         axis = f'<axis xyz="{words(self.normal(name))}"/>'
         return f'<joint name="{name}" type="revolute">{ends}{origin}{axis}{limits}</joint>'
@@ -143,6 +144,10 @@ def flown(tmp_path, writing: Writing) -> dict[str, np.ndarray]:
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
     return flown(tmp_path_factory.mktemp("plain"), Writing())
+
+
+def test_the_torque_limit_is_felt(plain):
+    assert 0.99 * EFFORT < np.abs(plain["torques"]).max() <= EFFORT
 
 
 @pytest.mark.parametrize(

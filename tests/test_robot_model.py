@@ -9,9 +9,11 @@ import time
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_free_flyer import FreeFlyer, random_states, relative_error
-from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree, joint, robot_text
+from robot_free_flyer import FreeFlyer, axes_turned_in_file, random_states, relative_error
+from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree, inertial, joint, robot_text
 
+import floatplan as fp
+from floatplan.motion.dynamics import Dynamics
 from floatplan.robot import Coupling, Robot
 
 NORMALS = {"xz": "y", "zx": "y", "yz": "x", "zy": "x", "xy": "z", "yx": "z"}
@@ -49,6 +51,49 @@ def test_torques_equal_the_free_flyer_s(robot):
     for full, velocity, acceleration in random_states(robot, 20):
         torques = robot.selection.T @ pin.rnea(robot.model, data, full, velocity, acceleration)
         assert relative_error(torques, oracle.torques(full, velocity, acceleration)) < 1e-12
+
+
+@pytest.fixture
+def tilted(tmp_path):
+    """A robot with links off the plane beyond a tilted joint that is bent where the planned positions are zero."""
+    joints = joint("one", "a", "b"), joint("two", "b", "c", "0.0009 1 0"), joint("three", "c", "d", "0 1 0.0005")
+    sides = (
+        f'<link name="c">{inertial(1.0, "0.1 0.1 0.05")}</link><link name="d">{inertial(1.0, "0.1 -0.1 0.1")}</link>'
+    )
+    path = tmp_path / "tilted.urdf"
+    path.write_text(robot_text(*joints, sides, links="ab"))
+    return Robot.from_urdf(path, plane="xz", coupled={"two": Coupling("one", -0.5, 1.2)})
+
+
+def test_tilted_axes_are_turned_onto_the_normal(tilted):
+    text, tilt = axes_turned_in_file(tilted)
+    assert tilted.tilt == pytest.approx(tilt, rel=1e-9) == pytest.approx(0.0009, rel=1e-6)
+    oracle, data, closed = FreeFlyer(tilted, text), tilted.model.createData(), Dynamics(tilted.tree)
+    for full, velocity, acceleration in random_states(tilted, 10):
+        positions = np.linalg.lstsq(tilted.selection, full - tilted.reference, rcond=None)[0]
+        assert relative_error(momentum_row(tilted, data, full), oracle.momentum_row(full)) < 1e-12
+        assert relative_error(closed.momentum_map(positions[None])[0], oracle.momentum_row(full)) < 1e-12
+        torques = tilted.selection.T @ pin.rnea(tilted.model, data, full, velocity, acceleration)
+        assert relative_error(torques, oracle.torques(full, velocity, acceleration)) < 1e-12
+        frame = tilted.model.frames[tilted.model.getFrameId("d")]
+        pin.framesForwardKinematics(tilted.model, data, full)
+        turned = data.oMi[frame.parentJoint].rotation @ frame.placement.rotation
+        assert abs(turned[1] - [0.0, 1.0, 0.0]).max() < 1e-15
+
+
+def test_planner_certificate_and_engines_turn_tilted_axes_alike(tilted):
+    problem = fp.Problem(
+        tilted,
+        start=fp.Posture(0.1, [0.2, 0.1]),
+        goal=fp.Posture(0.6, [0.7, -0.4]),
+        flight=fp.Flight(duration=0.7, takeoff=fp.Takeoff("a")),
+    )
+    plan = fp.plan(problem)
+    assert plan.ok, plan.explanation
+    assert fp.certify(plan).verdict == "proved"
+    assert fp.replay(plan).landed
+    pytest.importorskip("mujoco")
+    assert fp.replay(plan, engine="mujoco").landed
 
 
 def test_tree_puts_every_frame_where_forward_kinematics_does(robot):

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from robot_samples import RandomTree, inertial, joint
 
+import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot import Robot
 from floatplan.robot.capsule_cache import cache_folder
@@ -224,6 +225,24 @@ def test_links_without_usable_collision_remain_segments(tmp_path):
     assert [(shape.link, shape.end, shape.radius) for shape in robot.shapes] == [("a", 0.3, 0.0), ("b", 0.0, 0.0)]
     assert one_link(tmp_path, "<collision/>").shapes[0].end == 0.3
     assert one_link(tmp_path, in_plane("<cone/>")).shapes[0].end == 0.3
+
+
+def test_clearance_of_a_robot_without_its_meshes_is_refused(tmp_path):
+    robot = one_link(tmp_path, in_plane('<mesh filename="nowhere.stl"/>'))
+    asked = {
+        "start": fp.Posture(0.0, [0.1]),
+        "goal": fp.Posture(0.4, [0.5]),
+        "flight": fp.Flight(duration=0.5, takeoff=fp.Takeoff("a")),
+    }
+    assert fp.Problem(robot, **asked).obstacles == ()
+    wanted = (
+        {"obstacles": (fp.Circle(center=(3.0, 3.0), radius=0.1),)},
+        {"self_clearances": (fp.SelfClearance(links=("a", "b")),)},
+    )
+    for clearance in wanted:
+        with pytest.raises(InputError, match=r"clearance cannot be told") as caught:
+            fp.Problem(robot, **asked, **clearance)
+        assert caught.value.element == 'link "a"'
 
 
 def test_capsules_inside_others_are_left_out(tmp_path):

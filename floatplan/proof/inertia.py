@@ -14,7 +14,7 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import flint
@@ -22,7 +22,7 @@ import flint
 from floatplan.errors import InputError
 from floatplan.plan_record import RobotRecord
 from floatplan.proof.enclosure import PRECISION, Balls
-from floatplan.proof.urdf import Joint, Placement, Urdf, placements, rotate, unit_axis
+from floatplan.proof.urdf import IDENTITY, Joint, Placement, Urdf, motion, rotate, unit_axis
 
 LETTERS = "xyz"
 SHORTEST = 1e-12  # [m] a shorter segment is its start
@@ -143,8 +143,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         _check_roles(urdf, record)
         horizontal, vertical = _axes(record.plane)
         normal_axis = 3 - horizontal - vertical
-        placed = placements(urdf, lambda joint: _position_at_zero(joint, record))
-        signs = _signs(urdf, record, placed, normal_axis)
+        placed, signs = _placed(urdf, record, normal_axis)
         normal = -1.0 if sum(signs[joint] for joint in record.joints) < 0 else 1.0
         sigma = normal * (1.0 if (vertical - horizontal) % 3 == 1 else -1.0)
 
@@ -212,17 +211,26 @@ def _position_at_zero(joint: Joint, record: RobotRecord) -> float:
     return float(record.locked.get(joint.name, 0.0))
 
 
-def _signs(urdf: Urdf, record: RobotRecord, placed: Mapping[str, Placement], normal_axis: int) -> dict[str, float]:
-    """Direction, +1 or -1, of each moving joint's axis along the plane's third letter."""
+def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str, Placement], dict[str, float]]:
+    """Placements of links in the root link at planned positions zero, and each moving joint's direction, +1 or -1.
+
+    Directions are along the plane's third letter; an axis slightly off it is turned onto it.
+    """
+    placed = {urdf.root: Placement(IDENTITY, (0, 0, 0))}
     signs = {}
     for joint in urdf.joints:
-        if joint.name not in record.joints and joint.name not in record.coupled:
-            continue
-        axis = rotate((placed[joint.parent] * joint.origin).rotation, unit_axis(joint))
-        if any(not abs(flint.arb(axis[k])) < LARGEST_TILT for k in range(3) if k != normal_axis):
-            raise InputError("its axis is not the plane's normal", element=f'joint "{joint.name}"')
-        signs[joint.name] = 1.0 if axis[normal_axis] > 0 else -1.0
-    return signs
+        at = placed[joint.parent] * joint.origin
+        turned = joint
+        if joint.name in record.joints or joint.name in record.coupled:
+            axis = rotate(at.rotation, unit_axis(joint))
+            if any(not abs(flint.arb(axis[k])) < LARGEST_TILT for k in range(3) if k != normal_axis):
+                raise InputError("its axis is not the plane's normal", element=f'joint "{joint.name}"')
+            sign = 1.0 if axis[normal_axis] > 0 else -1.0
+            x, y, z = (sign * flint.arb(value) for value in at.rotation[normal_axis])
+            turned = replace(joint, axis=(x, y, z))
+            signs[joint.name] = sign
+        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, _position_at_zero(joint, record))
+    return placed, signs
 
 
 def _segments(urdf: Urdf, link: str, origin_of: Callable[[str, str], Point]) -> tuple[tuple[Point, Point], ...]:

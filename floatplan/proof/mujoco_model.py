@@ -84,27 +84,14 @@ def _urdf(robot: Robot, held: HeldModel) -> str:
     """URDF text of inertias and joints alone; links and joints by number, locked joints fixed where they are."""
     tree = robot.layout.tree
     links = {name: f"link{index}" for index, name in enumerate(tree.links)}
-    axes = _axes(robot)
     lines = [_link(links[link.name], link) for link in tree.links.values()]
     lines.append('<link name="outside"/><joint name="free" type="floating"><parent link="outside"/>')
     lines.append(f"<child link={quoteattr(links[tree.root])}/></joint>")
     for number, joint in enumerate(tree.joints):
         row = robot.model.getJointId(joint.name) if joint.moves else 0
         name = f"joint{row}" if row else f"fixed{number}"
-        lines.append(_joint(name, joint, links, axes.get(joint.name), robot.locked.get(joint.name, 0.0)))
+        lines.append(_joint(name, joint, links, robot.locked.get(joint.name)))
     return "\n".join(['<robot name="robot">', HEADER, *lines, "</robot>"])
-
-
-def _axes(robot: Robot) -> dict[str, Any]:
-    """Axis (3,) of each joint that moves in the robot's model, in its own frame."""
-    data = robot.model.createData()
-    pin.computeJointJacobians(robot.model, data, np.array(robot.reference))
-    axes = {}
-    for joint in range(4, robot.model.njoints):
-        column = pin.getJointJacobian(robot.model, data, joint, pin.LOCAL)[:, robot.model.joints[joint].idx_v]
-        if robot.model.names[joint] not in robot.locked:
-            axes[robot.model.names[joint]] = column[3:]
-    return axes
 
 
 def _link(name: str, link: UrdfLink) -> str:
@@ -118,12 +105,13 @@ def _link(name: str, link: UrdfLink) -> str:
     return f"<link name={quoteattr(name)}><inertial>{placed}{mass}<inertia {moments}/></inertial></link>"
 
 
-def _joint(name: str, joint: UrdfJoint, links: dict[str, str], axis: Any, locked: float) -> str:
+def _joint(name: str, joint: UrdfJoint, links: dict[str, str], locked: float | None) -> str:
     xyz, rpy = joint.origin.xyz, joint.origin.rpy
-    if axis is None:
+    free = joint.moves and locked is None
+    if locked is not None:
         placement = joint.origin.placement * joint.motion(locked)
         xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
-    turning = f'type="continuous"><axis xyz="{_words(axis)}"/>' if axis is not None else 'type="fixed">'
+    turning = f'type="continuous"><axis xyz="{_words(joint.axis)}"/>' if free else 'type="fixed">'
     return (
         f'<joint name="{name}" {turning}<origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>'
         f'<parent link="{links[joint.parent]}"/><child link="{links[joint.child]}"/></joint>'

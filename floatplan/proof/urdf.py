@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
@@ -124,15 +124,6 @@ def motion(joint: Joint, position: float) -> Placement:
     if position == 0.0:
         return Placement(IDENTITY, (0, 0, 0))
     return Placement(_turn(unit_axis(joint), flint.arb(position)), (0, 0, 0))
-
-
-def placements(urdf: Urdf, positions: Callable[[Joint], float]) -> dict[str, Placement]:
-    """Placements of all links in the root link, for joints at ``positions``."""
-    found = {urdf.root: Placement(IDENTITY, (0, 0, 0))}
-    for joint in urdf.joints:
-        step = found[joint.parent] * joint.origin
-        found[joint.child] = step if joint.kind == "fixed" else step * motion(joint, positions(joint))
-    return found
 
 
 def _tree(root: ElementTree.Element) -> Urdf:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
@@ -188,16 +190,29 @@ def _explain_locks(
     return [f"locked, because they do not turn about the plane's normal: {listed}"] if silent else []
 
 
-def axes_in_plane(tree: UrdfTree, choice: Choice) -> dict[str, Array]:
-    """Axis (3,) of each planned and coupled joint, in its own frame, exactly along or against the plane's normal.
+def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
+    """Return the robot that is planned: the axes of planned and coupled joints exactly along or against the normal.
 
-    An axis slightly off is turned onto it: the robot's motion is then planar, and its planar tree is the same robot.
+    An axis slightly off is turned onto it, and nothing else: the joints' origins are those of the file. A robot with
+    tilted axes has no motion in the plane to restrict it to; this one moves in the plane exactly, and its momentum
+    differs from the file's by the order of the tilt.
     """
-    placements = tree.placements(choice.positions_at_zero())
-    axes = {}
-    for name in choice.moving:
-        joint = tree.joint[name]
-        rotation = placements[joint.parent].rotation @ joint.origin.placement.rotation
-        exact = choice.signs[name] * rotation.T @ choice.plane.normal
-        axes[name] = joint.axis if abs(exact - joint.axis).max() < AXIS_ROUNDING else exact / math.hypot(*exact)
-    return axes
+    positions = choice.positions_at_zero()
+    rotations = {tree.root: np.eye(3)}
+    joints = []
+    for joint in tree.joints:
+        rotation = rotations[joint.parent] @ joint.origin.placement.rotation
+        turned = joint
+        if joint.name in choice.moving:
+            exact = choice.signs[joint.name] * rotation.T @ choice.plane.normal
+            if abs(exact - joint.axis).max() >= AXIS_ROUNDING:
+                turned = replace(joint, axis=exact / math.hypot(*exact))
+        joints.append(turned)
+        rotations[joint.child] = rotation @ turned.motion(positions.get(joint.name, 0.0)).rotation
+    return replace(tree, joints=tuple(joints))
+
+
+def largest_turn(written: UrdfTree, turned: UrdfTree) -> float:
+    """Largest angle between the axes of a joint in the one and in the other, rad."""
+    pairs = [(joint.axis, turned.joint[joint.name].axis) for joint in written.joints]
+    return max(math.atan2(np.linalg.norm(np.cross(one, other)), one @ other) for one, other in pairs)

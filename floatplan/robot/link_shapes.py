@@ -63,16 +63,16 @@ def link_outlines(layout: TreeLayout, folder: Path | None) -> list[tuple[int, Ou
     return outlines
 
 
-def missing_meshes(tree: UrdfTree, folder: Path | None) -> list[str]:
-    """Return a warning for each mesh file of a collision element that is not to be found."""
-    warnings = []
+def missing_meshes(tree: UrdfTree, folder: Path | None) -> list[tuple[str, str]]:
+    """Return the link and the file name of each mesh of a collision element that is not to be found."""
+    missing = []
     for link in tree.links.values():
         for collision in link.collisions:
             for mesh in collision.iterfind("geometry/mesh"):
                 filename = mesh.get("filename", "")
                 if folder is None or find_mesh(filename, folder) is None:
-                    warnings.append(f'link "{link.name}": collision mesh "{filename}" not found; left out of its shape')
-    return warnings
+                    missing.append((link.name, filename))
+    return missing
 
 
 def _capsules(layout: TreeLayout, link: str, folder: Path | None) -> list[Capsule]:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.robot.joint_choice import Choice, axes_in_plane
+from floatplan.robot.joint_choice import Choice
 from floatplan.robot.urdf_tree import Origin, UrdfJoint, UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
@@ -51,10 +51,9 @@ def full_coordinates(model: Any, choice: Choice) -> tuple[Array, Array]:
 
 def planar_xml(tree: UrdfTree, choice: Choice) -> str:
     """URDF text of links, inertias, joints and the planar root; geometry and the rest left out."""
-    axes = axes_in_plane(tree, choice)
     lines = ['<robot name="robot">', *_root_lines(tree, choice)]
     lines += [_link_line(link) for link in tree.links.values()]
-    lines += [_joint_line(joint, axes.get(joint.name, joint.axis)) for joint in tree.joints]
+    lines += [_joint_line(joint) for joint in tree.joints]
     return "\n".join([*lines, "</robot>"])
 
 
@@ -86,10 +85,10 @@ def _link_line(link: UrdfLink) -> str:
     return f"<link name={quoteattr(link.name)}><inertial>{body}</inertial></link>"
 
 
-def _joint_line(joint: UrdfJoint, axis: Array) -> str:
+def _joint_line(joint: UrdfJoint) -> str:
     limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
     kind = "revolute" if joint.type == "continuous" else joint.type
-    return _joint_text(joint.name, kind, joint.parent, joint.child, axis, _origin_text(joint.origin), limits)
+    return _joint_text(joint.name, kind, joint.parent, joint.child, joint.axis, _origin_text(joint.origin), limits)
 
 
 def _joint_text(

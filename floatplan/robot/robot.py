@@ -15,7 +15,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.capsule_fit import Outline
 from floatplan.robot.example_robots import urdf_path
-from floatplan.robot.joint_choice import Choice, choose_joints
+from floatplan.robot.joint_choice import Choice, choose_joints, largest_turn, with_axes_in_plane
 from floatplan.robot.joint_limits import planned_limits
 from floatplan.robot.link_shapes import link_outlines, link_shapes, missing_meshes
 from floatplan.robot.mirror import mirror_couplings
@@ -58,6 +58,7 @@ class Robot:
     resting : (n,) rad, the planned joints' positions in the reference posture, or nearest to zero
     warnings : what the URDF leaves in doubt
     layout : how links are gathered into bodies
+    tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
     """
 
     name: str
@@ -80,6 +81,7 @@ class Robot:
     warnings: tuple[str, ...]
     source: str
     layout: TreeLayout
+    tilt: float
 
     @classmethod
     def from_urdf(
@@ -135,13 +137,18 @@ class Robot:
             raise error.within(error.source or path) from None
 
     @classmethod
-    def _assemble(cls, source: str, text: UrdfText, tree: UrdfTree, choice: Choice) -> Robot:
+    def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
+        tree = with_axes_in_plane(written, choice)
         model = build_model(tree, choice)
         reference, selection = full_coordinates(model, choice)
         layout = lay_out(tree, choice)
         position_limits, velocity_limits, torque_limits = planned_limits(tree, choice.planned, choice.coupled)
         check_model(model, reference, selection, choice.planned, position_limits)
         resting = [choice.resting[name] for name in choice.planned]
+        missing = [
+            f'link "{link}": collision mesh "{filename}" not found; left out of its shape'
+            for link, filename in missing_meshes(tree, text.path.parent)
+        ]
         return cls(
             name=tree.name,
             path=text.path,
@@ -160,9 +167,10 @@ class Robot:
             tree=planar_tree(layout),
             frames=named_frames(layout),
             resting=read_only(np.clip(resting, position_limits[:, 0], position_limits[:, 1])),
-            warnings=(*choice.warnings, *missing_meshes(tree, text.path.parent)),
+            warnings=(*choice.warnings, *missing),
             source=source,
             layout=layout,
+            tilt=largest_turn(written, tree),
         )
 
     @cached_property

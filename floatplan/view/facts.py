@@ -45,6 +45,7 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
                 for shape in robot.shapes
             ],
             "out_of_plane_leak": leak,
+            "tilt": robot.tilt,
             "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
         }
     )

@@ -60,6 +60,8 @@ def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
     table.add_row("frames", escape(", ".join(facts["frames"])))
     table.add_row("shapes", escape(", ".join(_shape(shape) for shape in facts["shapes"])) or "none")
     table.add_row("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it")
+    if facts["tilt"]:
+        table.add_row("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad")
     table.add_row("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")
     return Group(table, _joint_table(facts), *(Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]))
 
