@@ -98,6 +98,7 @@ WRONG_VALUES = {
     "joint type": (replaced('"revolute"', '"hinge"'), 'joint "j"', 'has type "hinge"'),
     "floating joint": (replaced('"revolute"', '"floating"'), 'joint "j"', 'has type "floating"'),
     "joint without type": (replaced(' type="revolute"', ""), 'joint "j"', "has no type"),
+    "robot without name": (replaced(' name="two"', ""), "<robot>", "has no name"),
     "link without name": (replaced('<link name="a">', "<link>"), "<link> number 1", "has no name"),
     "joint without name": (replaced(' name="j"', ""), "<joint> number 1", "has no name"),
     "no parent": (replaced('<parent link="a"/>', ""), 'joint "j"', "has no parent link"),
@@ -163,7 +164,7 @@ def test_as_many_joints_as_allowed_load(tmp_path):
 
 MASSLESS = '<link name="m"/>'
 SINGULAR = {
-    "no mass at all": ('<robot><link name="a"/><link name="b"/>' + J + "</robot>", None, "has no mass"),
+    "no mass at all": ('<robot name="r"><link name="a"/><link name="b"/>' + J + "</robot>", None, "has no mass"),
     "massless end": (robot_text(MASSLESS, J, joint("k", "b", "m"), links="ab"), 'joint "k"', "moves no inertia"),
     "point mass on its axis": (
         robot_text(J, '<link name="b"><inertial><mass value="1"/></inertial></link>', links="a"),
@@ -190,7 +191,6 @@ def test_motion_that_moves_no_inertia_is_refused(tmp_path, name):
 
 
 SOUND = {
-    "unnamed robot": robot_text(J, links="ab").replace(' name="sample"', ""),
     "massless link between": robot_text(MASSLESS, joint("j", "a", "m"), joint("k", "m", "b"), links="ab"),
     "point mass on an arm": robot_text(
         J, '<link name="b"><inertial><origin xyz="0.2 0 0"/><mass value="1"/></inertial></link>', links="a"
@@ -277,6 +277,7 @@ ASKED = {  # URDF, what the problem file chooses, what it adds, part of the mess
     "links without inertia": (SINGULAR["massless end"][0], "", "", 'joint "k": moves no inertia of its own'),
     "coupled to a joint that is not there": (robot_text(J, links="ab"), 'coupled = { j = "x" }', "", 'no joint "x"'),
     "coupled by another word": (robot_text(J, links="ab"), 'coupled = "left"', "", "is not 'mirror'"),
+    "no name": (robot_text(J, links="ab").replace(' name="sample"', ""), "", "", "<robot>: has no name"),
     "missing mesh": (robot_text(J, links="ab").replace('<link name="b">', MESH), "", BAR, '"nowhere.stl" not found'),
 }
 
@@ -291,11 +292,3 @@ def test_the_command_refuses_wrong_robots(floatplan, name):
     assert message in run.stderr
     assert "Traceback" not in run.stderr
     assert not Path("runs").exists()
-
-
-def test_the_command_plans_a_robot_without_a_name(floatplan):
-    Path("robot.urdf").write_text(SOUND["unnamed robot"])
-    Path("problem.toml").write_text(PROBLEM.format(choice="", more=""))
-    run = floatplan("plan", "problem.toml", "--no-figures")
-    assert run.code == 0, run
-    assert "unnamed" in run.stderr

@@ -122,7 +122,7 @@ def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
             value * unit // (divisor * parts) for (value, divisor), (unit, parts) in zip(ratios, units, strict=True)
         ]
         joints.append([sum(map(operator.mul, row, powers)) / (1 << 2 * FIXED_POINT) for row in rows])
-    return np.array(joints).T
+    return np.array(joints).T.copy()
 
 
 @cache

@@ -45,14 +45,17 @@ def check_urdf(root: Element) -> UrdfTree:
     joints = _by_name("joint", joint_elements)
     if not links:
         raise InputError("has no <link>", advice="if it is a xacro file, run xacro on it first")
-    read_links = {name: _read_link(name, element) for name, element in links.items()}
-    read_joints = [_read_joint(name, element) for name, element in joints.items()]
+    name = (root.get("name") or "").strip()
+    if not name:
+        raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
+    read_links = {link: _read_link(link, element) for link, element in links.items()}
+    read_joints = [_read_joint(joint, element) for joint, element in joints.items()]
     base, ordered = _order(read_links, read_joints)
     for joint in ordered:
         _check_mimic(joint, joints)
     warnings = check_inertias(read_links, ordered)
     ordered, dropped = _drop_placeholders(ordered)
-    return UrdfTree(root.get("name") or "unnamed", base, read_links, ordered, (*warnings, *dropped))
+    return UrdfTree(name, base, read_links, ordered, (*warnings, *dropped))
 
 
 def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
