@@ -178,13 +178,17 @@ def test_the_robot_is_painted(page: Browser) -> None:
     assert page.run(script)
 
 
-def test_a_frame_is_drawn_in_a_fraction_of_its_time(page: Browser) -> None:
+def test_a_frame_takes_a_quarter_of_its_time_at_most(page: Browser) -> None:
+    """Scripts and layout of most frames, at 60 per second; measured, they take half a millisecond."""
     script = """
-        const began = performance.now();
-        for (let k = 0; k < 50; k++) floatplan.player.seek(k * 0.02);
-        return (performance.now() - began) / 50;
+        return Array.from({length: 100}, (_, k) => {
+            const began = performance.now();
+            floatplan.player.seek(k / 100 * floatplan.motion.duration);
+            document.body.getBoundingClientRect();
+            return performance.now() - began;
+        });
     """
-    assert page.run(script) < 1000 / 60
+    assert np.median(page.run(script)) < 1000 / 60 / 4
 
 
 def test_a_phone_needs_no_sideways_scrolling(page: Browser) -> None:
