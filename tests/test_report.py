@@ -128,6 +128,10 @@ def test_limits_that_joints_share_are_one_line_and_far_ones_none(handstand: fp.P
     assert [len(each) for each in lines(torque=4.0, velocity=9.0)] == [0, 2, 2, 0]
     assert [len(each) for each in lines(torque={"q1": 4.0, "q2": 3.0}, orientation_rate=6.0)] == [0, 2, 4, 0]
     assert [len(each) for each in lines(torque=1000.0)] == [0, 0, 0, 0]
+    far = replace(handstand.problem, limits=fp.Limits(position="full", torque={"q1": 1000.0, "q2": 3.0}))
+    torques = report_data(replace(handstand, problem=far))["charts"][2]
+    assert torques["beyond"] == "limits from 1000, not drawn"
+    assert [line["name"] for line in torques["lines"]] == ["limit"] * 2
     motor = lines(motor={"q1": fp.Motor(5.0, 0.2)})[2]
     assert len(motor[0]["value"]) == len(sample_grid(handstand.duration))
 

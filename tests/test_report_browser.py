@@ -191,13 +191,18 @@ def test_a_frame_takes_a_quarter_of_its_time_at_most(page: Browser) -> None:
     assert np.median(page.run(script)) < 1000 / 60 / 4
 
 
-def test_a_phone_needs_no_sideways_scrolling(page: Browser) -> None:
+def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Browser) -> None:
     page.driver.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride", {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}
     )
     try:
         assert page.run("return document.documentElement.scrollWidth") <= 360
+        page.run("document.querySelector('#charts figure:last-child').scrollIntoView({block: 'end'})")
+        at = "return document.elementFromPoint(180, arguments[0]).closest(arguments[1]) !== null"
+        assert page.run(at, 100, "#stage")  # the robot stays in sight beside its curves
+        assert page.run(at, 740 / 2, "#charts")
     finally:
+        page.run("window.scrollTo(0, 0)")
         page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
