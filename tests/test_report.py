@@ -21,7 +21,7 @@ from floatplan.view.animation import RATE, SPEED, animate
 from floatplan.view.report import escaped_json, filled, report, report_data, write_report
 from floatplan.view.report_data import FEWEST, MOST, hex_colour, rounded, sample_grid
 from floatplan.view.scene import scene
-from floatplan.view.scene_shapes import prism, quaternion
+from floatplan.view.scene_shapes import obstacle_slab, prism, quaternion
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 
@@ -189,6 +189,17 @@ def test_slabs_are_closed_and_turns_are_turns(handstand: fp.Plan) -> None:
     assert set(counts) == {4}  # each edge has two faces, each face two sides
     assert np.ptp(vertices @ handstand.robot.plane.normal) == pytest.approx(0.5)
     np.testing.assert_allclose(quaternion(np.array([0.0, 0.0, 1.0]), np.pi), [0, 0, 0, 1], atol=1e-15)
+
+
+def test_ground_and_walls_reach_beside_the_whole_flight(handstand: fp.Plan) -> None:
+    low, high = -0.5 - 1.0j, 3.0 + 3.5j
+    for normal, along in (((0.0, 2.0), 0), ((-1.0, 0.0), 1)):
+        plane = handstand.robot.plane
+        vertices, _ = obstacle_slab(handstand, fp.HalfPlane(point=(7.0, -0.2), normal=normal), low, high)
+        flat = vertices @ np.stack((plane.horizontal, plane.vertical), axis=1)
+        assert (flat @ normal).max() == pytest.approx(np.dot((7.0, -0.2), normal))
+        assert flat[:, along].min() <= (low.real, low.imag)[along]
+        assert flat[:, along].max() >= (high.real, high.imag)[along]
 
 
 def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> None:
