@@ -72,6 +72,21 @@ class TestPlan:
         for part in ("gymnast", "1.1 s", "108.97; -108.97, 90 deg", "20; 70, 56.73 deg", "0.13 kg m^2/s", "plan.json"):
             assert part in run.stderr, run.stderr
 
+    @pytest.mark.parametrize("columns", [80, 120])
+    def test_summary_fits_a_screen_and_says_where_to_look_next(
+        self, floatplan: Command, monkeypatch: pytest.MonkeyPatch, columns: int
+    ) -> None:
+        monkeypatch.setenv("COLUMNS", str(columns))
+        run = floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out")
+        assert run.code == 0
+        lines = run.stderr.splitlines()
+        assert len(lines) <= 25
+        assert max(map(len, lines)) <= columns
+        assert any(
+            line.split(maxsplit=1) == ["next", "floatplan show out/plan.json"] for line in map(str.rstrip, lines)
+        )
+        assert Path("out/plan.json").is_file()
+
     def test_quiet_says_nothing(self, floatplan: Command) -> None:
         run = floatplan("plan", EXAMPLE, "--quiet", "--no-figures")
         assert (run.stdout, run.stderr) == ("", "")
