@@ -212,7 +212,9 @@ def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> N
     assert 0 < SPEED <= 1
 
 
-@pytest.mark.parametrize(("name", "speed"), [("flight.avi", 1.0), ("flight.gif", 0.0), ("flight.gif", float("nan"))])
+@pytest.mark.parametrize(
+    ("name", "speed"), [("flight.avi", 1.0), ("flight.gif", 0.0), ("flight.gif", float("nan")), ("flight.gif", 1e-9)]
+)
 def test_films_that_cannot_be(handstand: fp.Plan, tmp_path: Path, name: str, speed: float) -> None:
     with pytest.raises(InputError):
         animate(handstand, tmp_path / name, speed=speed)
