@@ -207,6 +207,7 @@ def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> N
     with Image.open(path) as film:
         assert film.n_frames == round(handstand.duration / 2.0 * RATE) + 1
         first = np.asarray(film.convert("RGB"))
+        assert (first[0] == 255).all()  # on white paper
         film.seek(film.n_frames - 1)
         assert (first != np.asarray(film.convert("RGB"))).any()
     assert 0 < SPEED <= 1

@@ -123,7 +123,8 @@ def _pixels(figure: Figure) -> Array:
 
 def _gif(frames: list[Image.Image]) -> bytes:
     """All pictures share the palette of the middle one, so that their colours do not flicker."""
-    palette = frames[len(frames) // 2].quantize(COLOURS, dither=Image.Dither.NONE)
+    middle = frames[len(frames) // 2]
+    palette = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     pause = round(1000 / RATE)
     stream = io.BytesIO()
