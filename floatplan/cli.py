@@ -17,7 +17,6 @@ from floatplan.errors import InputError
 
 if TYPE_CHECKING:
     from floatplan.motion_plan import Plan
-    from floatplan.problem import Problem
 
 COMPARISON_BUDGET = 2.0  # s, for the plan that the figures are compared with
 
@@ -136,7 +135,7 @@ def plan(
     if is_robot(source):
         files.append(write_problem(answer, directory))
     if figures or (figures is None and not json_output):
-        files += write_figures(answer, directory, compare=_without_obstacles(problem, seed))
+        files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
     if report:
         files.append(write_page(answer, directory))
     if not quiet:
@@ -264,14 +263,15 @@ def replay(
     raise typer.Exit(DONE if flown.landed or flown.disturbed else FAILED)
 
 
-def _without_obstacles(problem: Problem, seed: int) -> Plan | None:
-    """Return the plan that knows no obstacles, for the pictures to compare with, where there is one at once."""
+def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
+    """Return the plan that knows no obstacles, for the pictures, where there is one at once that runs into them."""
     from floatplan.planning.planner import plan as search
+    from floatplan.view.comparison import worst_passage
 
-    if not problem.obstacles:
+    if not answer.problem.obstacles:
         return None
-    blind = search(replace(problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
-    return blind if blind.ok else None
+    blind = search(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
+    return blind if blind.ok and worst_passage(answer, blind)[1] is not None else None
 
 
 @contextmanager

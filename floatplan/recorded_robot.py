@@ -44,11 +44,22 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
 
 
 def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
-    """Return where the URDF of a plan is: as recorded, else so from the plan file's folder, else in that folder."""
+    """Return where the URDF of a plan is: as recorded, else beside the plan file, else as recorded from its folders.
+
+    A path is recorded from where the plan was made, such as two folders above ``runs/handstand/plan.json``.
+
+    Raises
+    ------
+    InputError
+        It is in none of these places.
+    """
     if urdf.startswith(PREFIX) or Path(urdf).is_file() or plan_file is None:
         return urdf
-    folder = Path(plan_file).parent
-    return next((str(path) for path in (folder / urdf, folder / Path(urdf).name) if path.is_file()), urdf)
+    folders = Path(plan_file).absolute().parents
+    for path in (folders[0] / Path(urdf).name, *(folder / urdf for folder in folders)):
+        if path.is_file():
+            return str(path)
+    raise InputError("no such file", source=plan_file, element=f"robot.urdf {urdf}", advice="--urdf says where it is")
 
 
 def robot_record(robot: Robot) -> RobotRecord:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from make_images import draw_scene, save
+from make_images import draw_scene, rendered, save
 from matplotlib.figure import Figure
 
 import floatplan as fp
@@ -81,7 +81,7 @@ def main() -> None:
     print(table(entries))
     if not arguments.no_picture:
         with styled():
-            save(picture(entries), PICTURE)
+            save(rendered(picture(entries)), PICTURE)
 
 
 def planned(name: str) -> Entry:

@@ -1,9 +1,9 @@
-"""Draws the pictures of the README into docs/images/. Run it from anywhere; it plans what it draws."""
+"""Draws the pictures of README and docs/pictures.md into docs/images/. Run it from anywhere; it plans what it draws."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.plan_record import write_whole
 from floatplan.view.curves import Flown, draw_configuration, draw_torques, plan_names
+from floatplan.view.figures import figures
 from floatplan.view.postures import postures
 from floatplan.view.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
 from floatplan.view.style import GREY, new_figure, palette, styled
@@ -23,6 +24,7 @@ from floatplan.view.style import GREY, new_figure, palette, styled
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
 DPI = 220
+SHEET_DPI = 150  # of several figures in one picture
 COLOURS = 128  # of the PNG palettes: flat pictures need no more
 NARROWEST = 0.5  # width of a flight over its height, so that its title fits
 GALLERY = {
@@ -33,15 +35,24 @@ GALLERY = {
 }
 
 
+SHOWN = {"obstacle": "obstacle", "go2": "gallery/go2"}
+SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
+
+
 def main() -> None:
+    for name, problem in SHOWN.items():
+        drawn = figures(plan_of(problem, fp.plan_and_prove))
+        save(rendered(drawn["kinogram"]), IMAGES / f"kinogram_{name}.png")
+        columns = [[rendered(drawn[figure], SHEET_DPI) for figure in column] for column in SHEET]
+        save(sheet(columns), IMAGES / f"figures_{name}.png")
     with styled():
-        save(flight(plan_of("handstand")), IMAGES / "handstand.png")
-        save(flight(plan_of("obstacle"), without_obstacles("obstacle")), IMAGES / "obstacle.png")
-        save(gallery({title: plan_of(name) for name, title in GALLERY.items()}), IMAGES / "flights.png")
+        save(rendered(flight(plan_of("handstand"))), IMAGES / "handstand.png")
+        save(rendered(flight(plan_of("obstacle"), without_obstacles("obstacle"))), IMAGES / "obstacle.png")
+        save(rendered(gallery({title: plan_of(name) for name, title in GALLERY.items()})), IMAGES / "flights.png")
 
 
-def plan_of(name: str) -> fp.Plan:
-    plan = fp.plan(fp.load_problem(ROOT / "problems" / f"{name}.toml"))
+def plan_of(name: str, search: Callable[[fp.Problem], fp.Plan] = fp.plan) -> fp.Plan:
+    plan = search(fp.load_problem(ROOT / "problems" / f"{name}.toml"))
     if not plan.ok:
         raise SystemExit(f"{name}: {plan.explanation}")
     return plan
@@ -96,12 +107,27 @@ def draw_scene(axes: Axes, plan: fp.Plan, times: Array | None = None) -> None:
     draw_flight(axes, plan, placed)
 
 
-def save(figure: Figure, path: Path) -> None:
+def rendered(figure: Figure, dpi: int = DPI) -> Image.Image:
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=DPI)
-    picture = Image.open(stream).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    figure.savefig(stream, format="png", dpi=dpi)
+    return Image.open(stream).convert("RGB")
+
+
+def sheet(columns: Sequence[Sequence[Image.Image]]) -> Image.Image:
+    """Pictures in columns."""
+    widths = [max(picture.width for picture in column) for column in columns]
+    whole = Image.new(
+        "RGB", (sum(widths), max(sum(picture.height for picture in column) for column in columns)), "white"
+    )
+    for index, column in enumerate(columns):
+        for row, picture in enumerate(column):
+            whole.paste(picture, (sum(widths[:index]), sum(above.height for above in column[:row])))
+    return whole
+
+
+def save(picture: Image.Image, path: Path) -> None:
     content = io.BytesIO()
-    picture.save(content, format="PNG", optimize=True)
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(content, format="PNG", optimize=True)
     write_whole(path, content.getvalue())
     print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1000} kB")
 

@@ -23,7 +23,6 @@ from floatplan.view.scene import write_scene
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
 sys.path.insert(0, str(ROOT / "tests"))
-WIDTH = 1200  # pixels of the pictures
 SLOWER = 20  # a scene that is to be photographed: without a graphics card a picture takes a second
 PATIENCE = 120  # s that a scene has to load and to be in mid-flight
 CLEAR = "for (const one of document.querySelectorAll('[class*=Notification]')) one.remove()"
@@ -66,12 +65,13 @@ def photograph_report(browser: Any, plan: fp.Plan, page: Path, path: Path) -> No
     browser.driver.set_window_size(1400, 1240)
     browser.open(write_report(plan, page))
     browser.run("floatplan.player.seek(0.55 * floatplan.motion.duration)")
+    browser.run("document.documentElement.style.overflow = 'hidden'")  # no scroll bar
     time.sleep(0.5)
     save(browser.driver.get_screenshot_as_png(), path)
 
 
 def photograph_scene(browser: Any, plan: fp.Plan, page: Path, path: Path) -> None:
-    browser.driver.set_window_size(800, 680)
+    browser.driver.set_window_size(1000, 800)
     with slow_motion():
         browser.open(write_scene(plan, page))
     time.sleep(3.0)
@@ -83,7 +83,7 @@ def photograph_scene(browser: Any, plan: fp.Plan, page: Path, path: Path) -> Non
             raise SystemExit(f"{page}: never seen in mid-flight")
         time.sleep(0.2)
     time.sleep(1.5)
-    save(browser.driver.get_screenshot_as_png(), path)
+    save(browser.driver.find_element("tag name", "canvas").screenshot_as_png, path)
 
 
 @contextmanager
@@ -100,10 +100,10 @@ def slow_motion() -> Iterator[None]:
 
 
 def save(content: bytes, path: Path) -> None:
+    """Write a picture as it was taken: flat colours pack well until they are scaled."""
     picture = Image.open(io.BytesIO(content)).convert("RGB")
-    picture = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
     stream = io.BytesIO()
-    picture.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+    picture.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=4, dither=Image.Dither.NONE).save(
         stream, format="PNG", optimize=True
     )
     write_whole(path, stream.getvalue())

@@ -72,6 +72,21 @@ class TestPlan:
         for part in ("gymnast", "1.1 s", "108.97; -108.97, 90 deg", "20; 70, 56.73 deg", "0.13 kg m^2/s", "plan.json"):
             assert part in run.stderr, run.stderr
 
+    @pytest.mark.parametrize("columns", [80, 120])
+    def test_summary_fits_a_screen_and_says_where_to_look_next(
+        self, floatplan: Command, monkeypatch: pytest.MonkeyPatch, columns: int
+    ) -> None:
+        monkeypatch.setenv("COLUMNS", str(columns))
+        run = floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out")
+        assert run.code == 0
+        lines = run.stderr.splitlines()
+        assert len(lines) <= 25
+        assert max(map(len, lines)) <= columns
+        assert any(
+            line.split(maxsplit=1) == ["next", "floatplan show out/plan.json"] for line in map(str.rstrip, lines)
+        )
+        assert Path("out/plan.json").is_file()
+
     def test_quiet_says_nothing(self, floatplan: Command) -> None:
         run = floatplan("plan", EXAMPLE, "--quiet", "--no-figures")
         assert (run.stdout, run.stderr) == ("", "")
@@ -342,6 +357,17 @@ class TestCertify:
         assert floatplan("certify", path, "--save").code == 0
         assert fp.load_plan(path).record.certificate["verdict"] == "proved"
 
+    def test_a_plan_is_found_again_from_its_own_folder(
+        self, floatplan: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        for name in ("problems", "urdf"):
+            (tmp_path / "here" / name).symlink_to(ROOT / name)
+        assert floatplan("plan", "problems/obstacle.toml", "--no-figures", "--quiet").code == 0
+        assert json.loads(Path("runs/obstacle/plan.json").read_text())["robot"]["urdf"].startswith("problems")
+        monkeypatch.chdir("runs/obstacle")
+        assert floatplan("certify", "plan.json").code == 0
+        assert floatplan("export", "plan.json", "-f", "csv").code == 0
+
     def test_refuted(self, floatplan: Command, tmp_path: Path) -> None:
         record = example_b()
         path = replace(record, angular_momentum=record.angular_momentum + 1e-3).save(tmp_path / "plan.json")
@@ -353,7 +379,7 @@ class TestCertify:
     def test_a_robot_that_has_moved(self, floatplan: Command, tmp_path: Path) -> None:
         record = example_a()
         path = replace(record, robot=replace(record.robot, urdf="gone.urdf")).save(tmp_path / "plan.json")
-        refused(floatplan("certify", path), "gone.urdf", "o such file")
+        refused(floatplan("certify", path), "gone.urdf", "o such file", "--urdf")
         assert floatplan("certify", path, "--urdf", GYMNAST).code == 0
 
     def test_bad_input(self, floatplan: Command, tmp_path: Path) -> None:

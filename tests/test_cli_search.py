@@ -124,3 +124,13 @@ def test_pictures_show_the_plan_that_knows_no_obstacle(floatplan: Callable[..., 
     names = {path.stem for path in Path("out/figures").iterdir()}
     assert {"snapshots", "comparison", "configuration", "rates", "torques", "clearance"} <= names
     assert "without obstacle" in Path("out/figures/torques.svg").read_text(encoding="utf-8")
+
+
+def test_an_obstacle_that_changes_nothing_is_not_compared_with(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+    far = (PROBLEMS / "obstacle.toml").read_text().replace("center = [1.485, 3.342]", "center = [1.485, 9.0]")
+    assert "9.0" in far
+    (tmp_path / "far.toml").write_text(far.replace("../urdf/", f"{PROBLEMS.parent}/urdf/"))
+    assert floatplan("plan", tmp_path / "far.toml", "-o", "out", "--quiet").code == 0
+    names = {path.stem for path in Path("out/figures").iterdir()}
+    assert "clearance" in names
+    assert "comparison" not in names

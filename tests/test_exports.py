@@ -72,6 +72,11 @@ def every_joint(plan: fp.Plan, quantity: np.ndarray) -> dict[str, np.ndarray]:
     return columns | {name: columns[coupling.leader] for name, coupling in plan.robot.coupled.items()}
 
 
+def group_of(plan: fp.Plan, joint: str) -> list[str]:
+    """A planned joint and those coupled to it: the plan's torque is the sum of theirs."""
+    return [joint, *(name for name, coupling in plan.robot.coupled.items() if coupling.leader == joint)]
+
+
 def angle_about(normal: np.ndarray, xyzw: np.ndarray) -> np.ndarray:
     """Unwrapped rotation angles (N,) about a unit vector, of quaternions (N, 4) that turn about nothing else."""
     sine = xyzw[:, :3] @ normal
@@ -85,10 +90,16 @@ def test_csv(plan: fp.Plan, tmp_path: Path) -> None:
         rows = list(csv.DictReader(stream))
     times = np.array([float(row["time"]) for row in rows])
     state = plan.at(times)
-    near([float(row["orientation"]) for row in rows], state.orientation)
+    wanted = {"time": times, "orientation": state.orientation, "orientation_rate": state.orientation_rate}
+    wanted |= {"com_x": state.com_position[:, 0], "com_y": state.com_position[:, 1]}
     for index, joint in enumerate(plan.robot.joints):
-        near([float(row[f"{joint}_position"]) for row in rows], state.positions[:, index])
-        near([float(row[f"{joint}_torque"]) for row in rows], state.torques[:, index])
+        wanted[f"{joint}_position"] = state.positions[:, index]
+        wanted[f"{joint}_velocity"] = state.velocities[:, index]
+        wanted[f"{joint}_acceleration"] = state.accelerations[:, index]
+        wanted[f"{joint}_torque"] = state.torques[:, index]
+    assert set(rows[0]) == set(wanted)
+    for name, column in wanted.items():
+        near([float(row[name]) for row in rows], column)
 
 
 def test_npz(plan: fp.Plan, tmp_path: Path) -> None:
@@ -111,8 +122,7 @@ def test_ros(plan: fp.Plan, tmp_path: Path) -> None:
             near([point[key][names.index(name)] for point in points], column)
     effort = np.array([point["effort"] for point in points])
     for index, joint in enumerate(plan.robot.joints):
-        group = [joint, *(name for name, coupling in plan.robot.coupled.items() if coupling.leader == joint)]
-        near(effort[:, [names.index(name) for name in group]].sum(axis=1), state.torques[:, index])
+        near(effort[:, [names.index(name) for name in group_of(plan, joint)]].sum(axis=1), state.torques[:, index])
 
 
 def test_yaml_takes_small_numbers_for_numbers(handstand: fp.Plan, tmp_path: Path) -> None:
@@ -138,12 +148,18 @@ def test_unitree(plan: fp.Plan, tmp_path: Path) -> None:
 def test_mujoco(plan: fp.Plan, tmp_path: Path) -> None:
     with np.load(export(plan, "mujoco", tmp_path / "file")) as archive:
         state, qpos, names = plan.at(archive["time"]), archive["qpos"], archive["joint_names"].tolist()
-        near(qpos[:, :3] @ plan.robot.plane.horizontal, state.base_position[:, 0])
-        near(angle_about(plan.robot.plane.normal, np.roll(qpos[:, 3:7], -1, axis=1)), state.orientation)
+        qvel, ctrl, plane = archive["qvel"], archive["ctrl"], plan.robot.plane
+        near(qpos[:, :3] @ np.stack((plane.horizontal, plane.vertical), axis=1), state.base_position)
+        near(angle_about(plane.normal, np.roll(qpos[:, 3:7], -1, axis=1)), state.orientation)
+        near(qvel[:, 3:6], np.outer(state.orientation_rate, plane.normal))
         for name, column in every_joint(plan, state.positions).items():
             near(qpos[:, 7 + names.index(name)], column)
+        for name, column in every_joint(plan, state.velocities).items():
+            near(qvel[:, 6 + names.index(name)], column)
+        for joint, column in zip(plan.robot.joints, state.torques.T, strict=True):
+            near(ctrl[:, [names.index(name) for name in group_of(plan, joint)]].sum(axis=1), column)
         speeds = CubicSpline(archive["time"], qpos[:, :3]).derivative()(archive["time"])
-        np.testing.assert_allclose(archive["qvel"][1:-1, :3], speeds[1:-1], atol=1e-5)
+        np.testing.assert_allclose(qvel[1:-1, :3], speeds[1:-1], atol=1e-5)
 
 
 def test_mujoco_flies_from_the_exported_file(plan: fp.Plan, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from PIL import Image
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.problem import Obstacle
+from floatplan.view.comparison import worst_passage
 from floatplan.view.curves import SAMPLES
 from floatplan.view.figures import figures, save_figures
 from floatplan.view.kinogram import COLUMNS, kinogram, kinogram_times
@@ -107,6 +108,17 @@ def test_obstacles_and_a_second_plan_add_theirs(
     assert list(figures(hindered)) == [*ALWAYS, "clearance"]
     assert list(compared) == [*ALWAYS, "clearance", "comparison"]
     assert list(figures(handstand, compare=hindered)) == [*ALWAYS, "comparison"]
+
+
+def test_two_plans_are_compared_where_one_runs_into_something(handstand: fp.Plan) -> None:
+    def among(*obstacles: Obstacle) -> fp.Plan:
+        return dataclasses.replace(handstand, problem=dataclasses.replace(handstand.problem, obstacles=obstacles))
+
+    ground = fp.HalfPlane()
+    time, obstacle = worst_passage(among(ground, CIRCLE), handstand)
+    assert obstacle is CIRCLE
+    assert clearances_to(handstand, CIRCLE, np.array([time]))[0] < CIRCLE.margin
+    assert worst_passage(among(ground), handstand) == (handstand.duration / 2, None)
 
 
 @pytest.mark.parametrize("robot", ["acrobat", "chain10"])

@@ -21,7 +21,7 @@ from floatplan.view.animation import RATE, SPEED, animate
 from floatplan.view.report import escaped_json, filled, report, report_data, write_report
 from floatplan.view.report_data import FEWEST, MOST, hex_colour, rounded, sample_grid
 from floatplan.view.scene import scene
-from floatplan.view.scene_shapes import prism, quaternion
+from floatplan.view.scene_shapes import obstacle_slab, prism, quaternion
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 
@@ -128,6 +128,10 @@ def test_limits_that_joints_share_are_one_line_and_far_ones_none(handstand: fp.P
     assert [len(each) for each in lines(torque=4.0, velocity=9.0)] == [0, 2, 2, 0]
     assert [len(each) for each in lines(torque={"q1": 4.0, "q2": 3.0}, orientation_rate=6.0)] == [0, 2, 4, 0]
     assert [len(each) for each in lines(torque=1000.0)] == [0, 0, 0, 0]
+    far = replace(handstand.problem, limits=fp.Limits(position="full", torque={"q1": 1000.0, "q2": 3.0}))
+    torques = report_data(replace(handstand, problem=far))["charts"][2]
+    assert torques["beyond"] == "limits from 1000, not drawn"
+    assert [line["name"] for line in torques["lines"]] == ["limit"] * 2
     motor = lines(motor={"q1": fp.Motor(5.0, 0.2)})[2]
     assert len(motor[0]["value"]) == len(sample_grid(handstand.duration))
 
@@ -187,17 +191,31 @@ def test_slabs_are_closed_and_turns_are_turns(handstand: fp.Plan) -> None:
     np.testing.assert_allclose(quaternion(np.array([0.0, 0.0, 1.0]), np.pi), [0, 0, 0, 1], atol=1e-15)
 
 
+def test_ground_and_walls_reach_beside_the_whole_flight(handstand: fp.Plan) -> None:
+    low, high = -0.5 - 1.0j, 3.0 + 3.5j
+    for normal, along in (((0.0, 2.0), 0), ((-1.0, 0.0), 1)):
+        plane = handstand.robot.plane
+        vertices, _ = obstacle_slab(handstand, fp.HalfPlane(point=(7.0, -0.2), normal=normal), low, high)
+        flat = vertices @ np.stack((plane.horizontal, plane.vertical), axis=1)
+        assert (flat @ normal).max() == pytest.approx(np.dot((7.0, -0.2), normal))
+        assert flat[:, along].min() <= (low.real, low.imag)[along]
+        assert flat[:, along].max() >= (high.real, high.imag)[along]
+
+
 def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> None:
     path = handstand.animate(tmp_path / "flight.gif", speed=2.0)
     with Image.open(path) as film:
         assert film.n_frames == round(handstand.duration / 2.0 * RATE) + 1
         first = np.asarray(film.convert("RGB"))
+        assert (first[0] == 255).all()  # on white paper
         film.seek(film.n_frames - 1)
         assert (first != np.asarray(film.convert("RGB"))).any()
     assert 0 < SPEED <= 1
 
 
-@pytest.mark.parametrize(("name", "speed"), [("flight.avi", 1.0), ("flight.gif", 0.0), ("flight.gif", float("nan"))])
+@pytest.mark.parametrize(
+    ("name", "speed"), [("flight.avi", 1.0), ("flight.gif", 0.0), ("flight.gif", float("nan")), ("flight.gif", 1e-9)]
+)
 def test_films_that_cannot_be(handstand: fp.Plan, tmp_path: Path, name: str, speed: float) -> None:
     with pytest.raises(InputError):
         animate(handstand, tmp_path / name, speed=speed)

@@ -14,13 +14,14 @@ from browser import Browser, started
 
 import floatplan as fp
 from floatplan.robot.example_robots import robots_folder
+from floatplan.view.postures import clearances_to
 from floatplan.view.report import write_report
 from floatplan.view.scene import write_scene
 
 ROOT = Path(__file__).parents[1]
-REAL = [ROOT / "problems" / "gallery" / f"{name}.toml" for name in ("borinot", "go2")]
-PROBLEMS = [*sorted((ROOT / "problems").glob("*.toml")), *REAL]
-BUDGET = 0.5  # s of search: a report shows what was found, also where that is no plan
+PROBLEMS = sorted((ROOT / "problems").glob("**/*.toml"))
+BUDGET = 5.0  # s of search: a report shows what was found, also where that is no plan
+PATIENCE = 10.0  # s for what takes a fraction of one
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
 
@@ -67,17 +68,45 @@ def agree(found: dict[str, float], wanted: dict[str, float]) -> None:
     assert {key: found[key] for key in wanted} == pytest.approx(wanted, rel=1e-6, abs=1e-6)
 
 
+def scrub(browser: Browser, instant: float) -> None:
+    """Move the slider, as a hand does."""
+    browser.run(
+        "const scrub = document.getElementById('scrub'); scrub.value = arguments[0];"
+        "scrub.dispatchEvent(new Event('input'))",
+        instant,
+    )
+
+
+def wait_for(browser: Browser, condition: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not browser.run(f"return {condition}"):
+        assert time.monotonic() < deadline, f"never: {condition}"
+        time.sleep(0.02)
+
+
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
-def test_reports_open_without_complaint_or_network(browser: Browser, path: Path, tmp_path: Path) -> None:
-    if path in REAL and robots_folder() is None:
+def test_every_report_plays_and_scrubs_without_complaint_or_network(
+    browser: Browser, path: Path, tmp_path: Path
+) -> None:
+    from selenium.webdriver.common.by import By
+
+    if path.parent.name == "gallery" and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     plan = fp.plan(fp.load_problem(path), budget=BUDGET)
     report = write_report(plan, tmp_path / "report.html")
     browser.open(report)
-    browser.run("floatplan.player.seek(floatplan.motion.duration / 2)")
-    agree(numbers(browser), expected(plan, plan.duration / 2))
-    browser.run("floatplan.player.play()")
-    time.sleep(0.1)
+    play = browser.driver.find_element(By.ID, "play")
+    play.click()
+    wait_for(browser, "floatplan.player.time > 0.02")
+    play.click()
+    middle = plan.duration / 2
+    scrub(browser, middle)
+    wanted = expected(plan, middle)
+    for index, obstacle in enumerate(plan.problem.obstacles):
+        distance = clearances_to(plan, obstacle, np.array([middle]))[0]
+        if np.isfinite(distance):
+            wanted[f"clearance.{index}"] = distance
+    agree(numbers(browser), wanted)
     assert browser.complaints() == []
     assert browser.requests() == [report.as_uri()]
 
@@ -102,11 +131,7 @@ def test_it_plays_pauses_and_steps(page: Browser, handstand: fp.Plan) -> None:
 
 def test_scrubbing_shows_the_plan_s_values_at_mid_flight(page: Browser, handstand: fp.Plan) -> None:
     middle = handstand.duration / 2
-    page.run(
-        "const scrub = document.getElementById('scrub'); scrub.value = arguments[0];"
-        "scrub.dispatchEvent(new Event('input'))",
-        middle,
-    )
+    scrub(page, middle)
     found = numbers(page)
     agree(found, expected(handstand, middle))
     assert found["clearance.0"] == pytest.approx(handstand.clearances([middle])[0], abs=1e-6)
@@ -153,22 +178,31 @@ def test_the_robot_is_painted(page: Browser) -> None:
     assert page.run(script)
 
 
-def test_a_frame_is_drawn_in_a_fraction_of_its_time(page: Browser) -> None:
+def test_a_frame_takes_a_quarter_of_its_time_at_most(page: Browser) -> None:
+    """Scripts and layout of most frames, at 60 per second; measured, they take half a millisecond."""
     script = """
-        const began = performance.now();
-        for (let k = 0; k < 50; k++) floatplan.player.seek(k * 0.02);
-        return (performance.now() - began) / 50;
+        return Array.from({length: 100}, (_, k) => {
+            const began = performance.now();
+            floatplan.player.seek(k / 100 * floatplan.motion.duration);
+            document.body.getBoundingClientRect();
+            return performance.now() - began;
+        });
     """
-    assert page.run(script) < 1000 / 60
+    assert np.median(page.run(script)) < 1000 / 60 / 4
 
 
-def test_a_phone_needs_no_sideways_scrolling(page: Browser) -> None:
+def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Browser) -> None:
     page.driver.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride", {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}
     )
     try:
         assert page.run("return document.documentElement.scrollWidth") <= 360
+        page.run("document.querySelector('#charts figure:last-child').scrollIntoView({block: 'end'})")
+        at = "return document.elementFromPoint(180, arguments[0]).closest(arguments[1]) !== null"
+        assert page.run(at, 100, "#stage")  # the robot stays in sight beside its curves
+        assert page.run(at, 740 / 2, "#charts")
     finally:
+        page.run("window.scrollTo(0, 0)")
         page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
@@ -185,10 +219,7 @@ def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan,
     scene = write_scene(handstand, tmp_path / "scene.html")
     browser.driver.set_window_size(300, 250)
     browser.open(scene)
-    deadline = time.monotonic() + 20
-    while not browser.run("return document.querySelector('canvas') !== null") and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert browser.run("return document.querySelector('canvas') !== null")
+    wait_for(browser, "document.querySelector('canvas') !== null")
     assert browser.requests() == [scene.as_uri()]
     assert browser.complaints("SEVERE") == []
     browser.driver.get("about:blank")

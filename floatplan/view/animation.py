@@ -33,6 +33,7 @@ from floatplan.view.surroundings import draw_ground, draw_obstacle
 
 RATE = 25.0  # pictures per second: GIF counts in hundredths of a second
 SPEED = 0.5  # of the film's clock against the flight's
+LONGEST = 60.0  # s of film
 REST = 0.8  # s that the landing stays
 WIDTH = 480  # pixels, even as MP4 wants them
 DPI = 120
@@ -53,11 +54,15 @@ def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED
     Raises
     ------
     InputError
-        The ending is another, the speed is not positive, or ffmpeg is wanted and not installed.
+        The ending is another, the speed is not positive or makes a film of more than a minute, or ffmpeg is wanted and
+        not installed.
     """
     path = Path(path)
     if not 0 < speed < math.inf:
         raise InputError(f"{speed} is not positive", element="speed")
+    if plan.duration / speed > LONGEST:
+        length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
+        raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed")
     if path.suffix == ".gif":
         return write_whole(path, _gif(list(pictures(plan, speed))))
     if path.suffix == ".mp4":
@@ -118,7 +123,8 @@ def _pixels(figure: Figure) -> Array:
 
 def _gif(frames: list[Image.Image]) -> bytes:
     """All pictures share the palette of the middle one, so that their colours do not flicker."""
-    palette = frames[len(frames) // 2].quantize(COLOURS, dither=Image.Dither.NONE)
+    middle = frames[len(frames) // 2]
+    palette = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     pause = round(1000 / RATE)
     stream = io.BytesIO()

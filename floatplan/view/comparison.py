@@ -23,16 +23,17 @@ from floatplan.view.snapshots import (
 from floatplan.view.style import INK, legend_above, palette
 from floatplan.view.surroundings import obstacle_outline
 
+TOUCH = 1e-3  # m: standing on the ground is not running into it
 LOOK = 513  # instants among which the other plan's deepest one is sought
 BACKGROUND = 0.3  # strength of the snapshots behind the two robots compared
 AROUND = 0.12  # room around the two robots and the obstacle, in sizes of their box
 
 
 def comparison(plan: Plan, compare: Plan) -> Figure:
-    """Draw a plan and, in black, the other plan's robot where that is nearest to, or deepest in, an obstacle.
+    """Draw a plan and, in black, the other plan's robot where that is deepest in an obstacle or its margin.
 
     Both robots are drawn at that instant, this plan's in full colour over its own faint snapshots, and the picture
-    holds them and the obstacle. Without obstacles it is the middle of the flight.
+    holds them and the obstacle. Where the other plan meets none it is the middle of the flight.
     """
     time, obstacle = worst_passage(plan, compare)
     placed = postures(plan, snapshot_times(plan))
@@ -52,10 +53,10 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
 
 
 def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
-    """Return when the other plan is nearest to (or deepest in) an obstacle of this one, s, and which."""
+    """Return when the other plan is deepest in an obstacle of this one or its margin, s, and which; or mid-flight."""
     duration = min(plan.duration, compare.duration)
     times = np.linspace(0, duration, LOOK)
-    worst: tuple[float, float, Obstacle | None] = (np.inf, duration / 2, None)
+    worst: tuple[float, float, Obstacle | None] = (-TOUCH, duration / 2, None)
     for obstacle in plan.problem.obstacles:
         left = np.nan_to_num(clearances_to(compare, obstacle, times) - obstacle.margin, nan=np.inf)
         if left.min() < worst[0]:

@@ -21,7 +21,7 @@ def charts(plan: Plan, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
     """Return the charts from top to bottom, as the page reads them.
 
     Each has a title, a unit, a factor from SI to it, ``series`` (name, colour, key of its column) and ``lines``
-    (name, colour, one value or samples): limits, margins and marks.
+    (name, colour, one value or samples): limits, margins and marks; ``beyond`` tells of limits that are not drawn.
     """
     found = [_angles(plan), _rates(plan, columns), _torques(plan, columns), _momentum(plan)]
     return [*found, _clearance(plan, columns)] if plan.problem.obstacles else found
@@ -36,9 +36,10 @@ def _angles(plan: Plan) -> dict[str, Any]:
 def _rates(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
     keys = ["orientation_rate", *_of_joints(plan, "velocities")]
     base = plan.problem.limits.orientation_rate
-    of_joints = _limit_lines(plan, keys[1:], plan.problem.velocity_limits, columns)
-    of_base = _limit_lines(plan, keys[:1], [np.inf if base is None else base], columns, first=0)
-    return _chart("Rates", "rad/s", _series(plan, keys), lines=of_joints + of_base)
+    of_joints = _limits(plan, keys[1:], plan.problem.velocity_limits, columns)
+    of_base = _limits(plan, keys[:1], [np.inf if base is None else base], columns, first=0)
+    limits = {"lines": of_joints["lines"] + of_base["lines"], "beyond": of_joints["beyond"]}
+    return _chart("Rates", "rad/s", _series(plan, keys), **limits)
 
 
 def _torques(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
@@ -46,7 +47,7 @@ def _torques(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
     speeds = np.abs([columns[key] for key in _of_joints(plan, "velocities")])
     motor = problem.motor_stall[:, None] - problem.motor_slope[:, None] * speeds
     limits = np.minimum(problem.torque_limits[:, None], motor)
-    return _chart("Torques", "N m", _series(plan, keys), lines=_limit_lines(plan, keys, limits, columns))
+    return _chart("Torques", "N m", _series(plan, keys), **_limits(plan, keys, limits, columns))
 
 
 def _momentum(plan: Plan) -> dict[str, Any]:
@@ -93,10 +94,10 @@ def _series(plan: Plan, keys: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _limit_lines(
+def _limits(
     plan: Plan, keys: Sequence[str], limits: Sequence[float] | Array, columns: Mapping[str, Array], first: int = 1
-) -> list[dict[str, Any]]:
-    """Limits on both sides, one value or (N,) each, unless so far away that they would flatten the curves.
+) -> dict[str, Any]:
+    """Limits on both sides, one value or (N,) each; told in words if so far away that they would flatten the curves.
 
     ``first`` is the part that the first key belongs to: 0 for the base. One limit for several joints is one line.
     """
@@ -106,9 +107,11 @@ def _limit_lines(
     if len(keys) > 1 and (over_time == over_time[0, 0]).all():
         over_time, colours = over_time[:1], [INK]
     lines: list[dict[str, Any]] = []
+    far = [low for low in over_time.min(axis=1) if NEAR * peak < low < np.inf]
+    beyond = f"limits from {min(far):.4g}, not drawn" if far else ""
     for values, colour in zip(over_time, colours, strict=True):
         if float(values.min()) <= NEAR * peak:
             for side in (1.0, -1.0):
                 value = side * float(values[0]) if np.ptp(values) == 0 else rounded(side * values)
                 lines.append({"name": "limit", "colour": colour, "value": value})
-    return lines
+    return {"lines": lines, "beyond": beyond}

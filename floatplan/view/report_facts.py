@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion_plan import Plan
-from floatplan.problem import JointState, Obstacle, Problem
+from floatplan.problem import Bar, Circle, HalfPlane, JointState, Obstacle, Problem
 
 Row = tuple[str, str]
 
@@ -66,7 +66,7 @@ def _found(plan: Plan) -> list[Row]:
     rows = [
         ("status", record.status),
         ("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end"),
-        ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {inside} [{low:.5g}, {high:.5g}] of (9)"),
+        ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {inside} [{low:.5g}, {high:.5g}], eq. (9)"),
         ("objective", f"{record.objective['name']}: {float(record.objective['value']):.6g}"),
         ("peak torques", f"{_listed(record.torque_peak)} N m"),
         ("peak rates", f"{_listed(record.velocity_peak)} rad/s"),
@@ -137,12 +137,23 @@ def _degrees(problem: Problem) -> str:
 
 
 def _obstacle(obstacle: Obstacle) -> str:
-    text = f"{obstacle.kind}, margin {obstacle.margin:g} m"
+    text = f"{obstacle.kind}{_where(obstacle)}, margin {obstacle.margin:g} m"
     if any(obstacle.velocity):
         text += f", moving at {_pair(obstacle.velocity)} m/s"
     if obstacle.window is not None:
         text += f", from {obstacle.window[0]:g} to {obstacle.window[1]:g} s"
     return text
+
+
+def _where(obstacle: Obstacle) -> str:
+    match obstacle:
+        case Circle():
+            return f" at {_pair(obstacle.center)} m, radius {obstacle.radius:g} m"
+        case Bar():
+            return f" from {_pair(obstacle.start)} to {_pair(obstacle.end)} m, radius {obstacle.radius:g} m"
+        case HalfPlane():
+            return f" at {_pair(obstacle.point)} m, normal {_pair(obstacle.normal)}"
+    raise TypeError(f"no words for {type(obstacle).__name__}")
 
 
 def _pair(values: Iterable[float]) -> str:

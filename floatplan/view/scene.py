@@ -21,7 +21,7 @@ from floatplan.motion.flight_state import FlightState
 from floatplan.motion_plan import Plan
 from floatplan.plan_record import write_whole
 from floatplan.problem import HalfPlane, Obstacle
-from floatplan.view.postures import postures, robot_size
+from floatplan.view.postures import postures
 from floatplan.view.scene_robot import Mover, capsule_robot, mesh_robot, visual_model
 from floatplan.view.scene_shapes import obstacle_slab, slanted
 from floatplan.view.snapshots import picture_box, snapshot_times
@@ -97,11 +97,12 @@ def _add_robot(server: Any, plan: Plan, state: FlightState) -> Update:
 def _add_obstacles(server: Any, plan: Plan, times: Array) -> list[Update]:
     """Obstacles as slabs across the plane; return the updates of those that move, come or go."""
     updates = []
-    width = 0.4 * robot_size(plan)
+    low, high = picture_box(plan, postures(plan, snapshot_times(plan)))
     for number, obstacle in enumerate(plan.problem.obstacles):
-        vertices, faces = obstacle_slab(plan, obstacle, width)
-        name, colour = f"/obstacles/{number}", SAND if isinstance(obstacle, HalfPlane) else STONE
-        node = server.scene.add_mesh_simple(name, vertices, faces, color=colour, opacity=0.85, flat_shading=True)
+        vertices, faces = obstacle_slab(plan, obstacle, low, high)
+        name, flat = f"/obstacles/{number}", isinstance(obstacle, HalfPlane)
+        look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
+        node = server.scene.add_mesh_simple(name, vertices, faces, cast_shadow=not flat, **look)
         if obstacle.window is not None or any(obstacle.velocity):
             updates.append(_obstacle_update(node, plan, obstacle, times))
     return updates
@@ -137,12 +138,12 @@ def _add_surroundings(server: Any, plan: Plan) -> None:
 
 
 def _add_trails(server: Any, plan: Plan) -> None:
-    times = np.linspace(0.0, plan.duration, 121)
-    placed = postures(plan, times)
-    for name, path, colour in zip(
-        ("com", "takeoff", "landing"), (placed.com, placed.takeoff, placed.landing), TRAILS, strict=True
-    ):
+    placed = postures(plan, np.linspace(0.0, plan.duration, 121))
+    names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
+    paths = placed.com, placed.takeoff, placed.landing
+    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
         points = np.array([slanted(plan.robot.plane, complex(place)) for place in path])
         pairs = np.stack((points[:-1], points[1:]), axis=1)
         colours = tuple(int(255 * part) for part in rgb(colour))
-        server.scene.add_line_segments(f"/trails/{name}", pairs, colours, thickness=2.0, thickness_units="screen")
+        server.scene.add_line_segments(f"/trails/{index}", pairs, colours, thickness=2.0, thickness_units="screen")
+        server.scene.add_label(f"/trails/{index}/name", name, position=points[0])

@@ -8,10 +8,11 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion_plan import Plan
 from floatplan.problem import HalfPlane, Obstacle
 from floatplan.robot.parts import Plane
+from floatplan.view.postures import robot_size
 from floatplan.view.surroundings import obstacle_outline
 
-SLAB = 0.04  # thickness of a half-plane as drawn, in widths
-SPREAD = 3.0  # its length to either side, in widths
+SLAB = 0.016  # thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
+BAR = 0.4  # width of other obstacles, in sizes of the robot
 
 
 def slanted(plane: Plane, place: complex) -> Array:
@@ -25,16 +26,20 @@ def quaternion(axis: Array, angle: float) -> tuple[float, float, float, float]:
     return float(np.cos(angle / 2)), float(x), float(y), float(z)
 
 
-def obstacle_slab(plan: Plan, obstacle: Obstacle, width: float) -> tuple[Array, IntArray]:
-    """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, as wide as told across the plane, m."""
-    if isinstance(obstacle, HalfPlane):
-        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-        along, below = SPREAD * width * 1j * normal, -SLAB * width * normal
-        corners = complex(*obstacle.point) + np.array([along, along + below, below - along, -along])
-    else:
+def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> tuple[Array, IntArray]:
+    """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
+
+    A half-plane reaches beside all of the box from ``low`` to ``high``.
+    """
+    size = robot_size(plan)
+    if not isinstance(obstacle, HalfPlane):
         outline = obstacle_outline(obstacle, 0.0, 0.0)
-        corners = np.asarray(outline[:, 0] + 1j * outline[:, 1])
-    return prism(plan.robot.plane, corners, width)
+        return prism(plan.robot.plane, outline[:, 0] + 1j * outline[:, 1], BAR * size)
+    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+    point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal
+    beside = ((low + high) / 2 - point) / (1j * normal)
+    ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
+    return prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size)
 
 
 def prism(plane: Plane, corners: ComplexArray, width: float) -> tuple[Array, IntArray]:

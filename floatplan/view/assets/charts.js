@@ -12,6 +12,7 @@ class Chart {
     title.appendChild(make("strong", "", spec.title));
     title.appendChild(make("span", "unit", spec.unit));
     this.readouts = spec.series.map((series) => this.readout(title, series));
+    this.explainLines(title);
     const body = figure.appendChild(make("div", "plot"));
     this.plot = new uPlot(this.options(body.clientWidth), this.table(), body);
     this.head = this.plot.over.appendChild(make("div", "playhead"));
@@ -30,6 +31,18 @@ class Chart {
     const value = entry.appendChild(make("b", "value"));
     value.dataset.key = key;
     return value;
+  }
+
+  /* Dashed lines are told by name, in their colour where they share one. */
+  explainLines(title) {
+    const { lines, beyond } = this.spec;
+    for (const name of new Set(lines.map((line) => line.name))) {
+      const colours = new Set(lines.filter((line) => line.name === name).map((line) => line.colour));
+      const entry = title.appendChild(make("span", "entry"));
+      entry.appendChild(make("i", "swatch dashed")).style.borderColor = colours.size === 1 ? [...colours][0] : "#222222";
+      entry.appendChild(make("span", "", name));
+    }
+    if (beyond) title.appendChild(make("span", "beyond", beyond));
   }
 
   table() {
