@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def random_chain(rng: np.random.Generator, joints: int) -> fp.Robot:
 
 
 def random_problem(seed: int, joints: int, *, moving: bool = False) -> fp.Problem:
-    """Return a flight between random states inside the ranges; with ``moving``, joints move at both ends."""
+    """Return a flight between random states inside the ranges, by the shorter turn; with ``moving``, joints move there."""
     rng = np.random.default_rng([seed, joints, int(moving)])
 
     def posture() -> fp.Posture:
@@ -50,10 +51,12 @@ def random_problem(seed: int, joints: int, *, moving: bool = False) -> fp.Proble
             accelerations=rates[1],
         )
 
+    robot, start, goal = random_chain(rng, joints), posture(), posture()
+    turn = math.remainder(goal.orientation - start.orientation, 2 * math.pi)
     return fp.Problem(
-        robot=random_chain(rng, joints),
-        start=posture(),
-        goal=posture(),
+        robot=robot,
+        start=start,
+        goal=replace(goal, orientation=start.orientation + turn),
         flight=fp.Flight(duration=float(rng.uniform(0.8, 1.6))),
         name=f"random_{joints}_{seed}",
     )

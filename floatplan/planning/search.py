@@ -46,6 +46,8 @@ RAISED = 2  # nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2
 HIGHEST_AUTOMATIC_DEGREE = 13
 BUDGET = 6.0  # s of work, where none is given
+BUDGET_FOR_RAISING = 9.0  # the same where the degree may be raised
+SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
 WANTED_AFTER_FAILURE = 4  # solutions to choose from where the plain start did not come easily
 STARTS_AFTER_THE_FIRST = 1  # with constraints: tried after one that is solved but not optimal
 EASY_ITERATIONS = 40
@@ -221,8 +223,9 @@ def search(
     ``attempts`` limits the starts, where the problem is known to have no solution and only a near miss is wanted.
     Ctrl-C ends the search with the best motion so far.
     """
-    budget = BUDGET if budget is None and jobs > 1 else budget  # several processes have no common work to count
-    expired = expiry(budget)
+    usual = BUDGET_FOR_RAISING if prepared.problem.raises_degree else BUDGET
+    budget = usual if budget is None and jobs > 1 else budget  # several processes have no common work to count
+    expired = expiry(budget, usual)
     outcomes: list[Outcome] = []
     constrained = bool(prepared.constraints)
     interrupted = False
@@ -252,14 +255,14 @@ def search(
     )
 
 
-def expiry(budget: float | None) -> Callable[[], bool]:
+def expiry(budget: float | None, usual: float = BUDGET) -> Callable[[], bool]:
     """Return what says when a budget (s), counted from now, is used up.
 
     A budget that was asked for is by the clock. The usual one is of this process's own work: a busy machine takes
     longer, but finds what a quiet one finds.
     """
     clock = time.process_time if budget is None else time.monotonic
-    end = clock() + (BUDGET if budget is None else budget)
+    end = clock() + (usual if budget is None else budget)
     return lambda: clock() > end
 
 
@@ -295,12 +298,22 @@ def _outcomes(prepared: Search, jobs: int, budget: float | None, expired: Callab
     nearest: list[Outcome] = []
     with _runner(prepared, jobs, budget, expired) as run:
         for degrees, attempts in _stages(prepared.problem):
-            raised = [prepared.raised(outcome, degrees) for outcome in nearest[:RAISED]]
-            nearest = []
+            raised = [prepared.raised(outcome, degrees) for outcome in nearest]
+            tried = []
             for outcome in run(degrees, raised, attempts):
                 yield outcome
-                nearest.append(outcome)
-            nearest.sort(key=lambda outcome: outcome.rank)
+                tried.append(outcome)
+            nearest = _nearest(tried)
+
+
+def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
+    """The outcomes that lack least, each at another motion."""
+    found: list[Outcome] = []
+    for outcome in sorted(outcomes, key=lambda outcome: outcome.rank):
+        cost = outcome.solution.evaluation.objective
+        if all(abs(cost - other.solution.evaluation.objective) > SAME * abs(cost) for other in found):
+            found.append(outcome)
+    return found[:RAISED]
 
 
 Run: TypeAlias = Callable[[tuple[int, ...], list[Start], int], Iterator[Outcome]]
