@@ -39,7 +39,7 @@ def random_chain(rng: np.random.Generator, joints: int) -> fp.Robot:
 
 
 def random_problem(seed: int, joints: int, *, moving: bool = False) -> fp.Problem:
-    """Return a flight between random states inside the ranges, by the shorter turn; with ``moving``, joints move there."""
+    """Return a flight between random states inside the ranges, by the shorter turn; ``moving`` joints there or not."""
     rng = np.random.default_rng([seed, joints, int(moving)])
 
     def posture() -> fp.Posture:

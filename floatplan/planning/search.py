@@ -258,10 +258,10 @@ def search(
 def expiry(budget: float | None, usual: float = BUDGET) -> Callable[[], bool]:
     """Return what says when a budget (s), counted from now, is used up.
 
-    A budget that was asked for is by the clock. The usual one is of this process's own work: a busy machine takes
+    A budget that was asked for is by the clock. The usual one is of this thread's own work: a busy machine takes
     longer, but finds what a quiet one finds.
     """
-    clock = time.process_time if budget is None else time.monotonic
+    clock = time.thread_time if budget is None else time.monotonic
     end = clock() + (usual if budget is None else budget)
     return lambda: clock() > end
 
