@@ -199,7 +199,7 @@ class Search:
         assert isinstance(used, Trajectory)
         nodes = NODE_COUNTS[min(max(nodes_needed(used), self._level) + 1, len(NODE_COUNTS) - 1)]
         motion = used
-        if nodes != used.sampling.nodes:
+        if nodes > used.sampling.nodes:
             motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)
         missed = abs(motion.final_orientation - self.model.final_orientation)
         if motion.sampling.quadrature.tail(motion.node_rates) > UNRESOLVED * np.abs(motion.node_rates).max():

@@ -40,6 +40,7 @@ WATCHED = 0.005  # of a row's scale: local minima below this become instants of 
 BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
 MOST_ROUNDS = 12
 COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
+ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
 COARSELY_RESOLVED = 0.02  # tail of the Legendre coefficients of theta0', relative to its largest value
 CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
@@ -155,13 +156,14 @@ def solve(
 
     extra = np.empty(0)
     cheap = _cheap_level(len(model.tree.mass))
-    for level in range(max(first_level, cheap), len(NODE_COUNTS)):
+    for level in range(max(first_level, cheap, 0), len(NODE_COUNTS)):
         program = program_at(level, extra)
         start = program.evaluate(x)
         if _is_resolved(start):
             break
     hessian = program.hessian(start)
-    current = settings if level <= cheap and not constraints else replace(COARSE, longest_step=settings.longest_step)
+    first = COARSE if constraints else settings if level <= cheap else ROUGH
+    current = replace(first, longest_step=settings.longest_step)
     iterations = evaluations = 0
     for _ in range(MOST_ROUNDS):
         solution = minimise(program, x, hessian, current, stop, start)
@@ -173,8 +175,8 @@ def solve(
         motion = solution.evaluation.detail
         assert isinstance(motion, Trajectory)
         needed = max(level, nodes_needed(motion))
-        finished = current is settings and needed == level
-        if solution.status == "infeasible" and (current is settings or solution.evaluation.worst_violation > HOPELESS):
+        finished = current == settings and needed == level
+        if solution.status == "infeasible" and (current == settings or solution.evaluation.worst_violation > HOPELESS):
             break
         if constraints:
             worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
@@ -215,9 +217,10 @@ def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
     return np.unique(np.concatenate((extra[beside], new)))
 
 
+@lru_cache(maxsize=32)
 def _cheap_level(bodies: int) -> int:
-    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster."""
-    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
+    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster; -1 where there is none."""
+    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=-1)
 
 
 def _is_resolved(start: Evaluation) -> bool:
