@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from typing import TypeAlias
 
 import numpy as np
@@ -330,8 +331,10 @@ def _runner(prepared: Search, jobs: int, budget: float | None, expired: Callable
     if jobs == 1:
         yield run_here
         return
-    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, budget)
-    with ProcessPoolExecutor(jobs, get_context("forkserver"), initializer=_prepare, initargs=ready) as pool:
+    context = get_context("forkserver")
+    ended = context.Event()
+    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, budget, ended)
+    with ProcessPoolExecutor(jobs, context, initializer=_prepare, initargs=ready) as pool:
 
         def run_there(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
             futures = [pool.submit(_attempt, degrees, given, number) for number in range(attempts)]
@@ -340,18 +343,22 @@ def _runner(prepared: Search, jobs: int, budget: float | None, expired: Callable
         try:
             yield run_there
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            ended.set()
+            pool.shutdown(cancel_futures=True)
 
 
 _prepared: Search
 _expired: Callable[[], bool]
 
 
-def _prepare(problem: Problem, momentum_bounds: tuple[float, float], seed: int, budget: float | None) -> None:
-    """Make a process ready for attempts; Ctrl-C is for the one that started it."""
+def _prepare(
+    problem: Problem, momentum_bounds: tuple[float, float], seed: int, budget: float | None, ended: Event
+) -> None:
+    """Make a process ready for attempts, which stop when the search has ended; Ctrl-C is for the main process."""
     global _prepared, _expired
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _prepared, _expired = Search(problem, momentum_bounds, seed), expiry(budget)
+    expired = expiry(budget)
+    _prepared, _expired = Search(problem, momentum_bounds, seed), lambda: ended.is_set() or expired()
 
 
 def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
