@@ -44,9 +44,7 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
 
 
 def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
-    """Return where the URDF of a plan is: as recorded, else beside the plan file, else as recorded from its folders.
-
-    A path is recorded from where the plan was made, such as two folders above ``runs/handstand/plan.json``.
+    """Return where the URDF of a plan is: as recorded, or beside or relative to the plan file.
 
     Raises
     ------
@@ -55,8 +53,8 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
     """
     if urdf.startswith(PREFIX) or Path(urdf).is_file() or plan_file is None:
         return urdf
-    folders = Path(plan_file).absolute().parents
-    for path in (folders[0] / Path(urdf).name, *(folder / urdf for folder in folders)):
+    for name in (Path(urdf).name, urdf):
+        path = Path(plan_file).parent / name
         if path.is_file():
             return str(path)
     raise InputError("no such file", source=plan_file, element=f"robot.urdf {urdf}", advice="--urdf says where it is")
@@ -65,7 +63,7 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
 def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
     return RobotRecord(
-        urdf=robot.source if robot.source.startswith(PREFIX) else str(robot.path or robot.name),
+        urdf=robot.source if robot.source.startswith(PREFIX) or robot.path is None else str(robot.path.resolve()),
         sha256=robot.sha256,
         joints=robot.joints,
         plane=robot.plane.name,
