@@ -9,13 +9,10 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, islice
-from multiprocessing import get_context
-from multiprocessing.synchronize import Event
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -39,6 +36,9 @@ from floatplan.planning.trajectory import (
     trajectory,
 )
 from floatplan.problem import Bar, Circle, Problem
+
+if TYPE_CHECKING:
+    from multiprocessing.synchronize import Event
 
 ATTEMPTS = 60  # starts tried before the search gives up, at each degree
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2
@@ -331,6 +331,9 @@ def _runner(prepared: Search, jobs: int, budget: float | None, expired: Callable
     if jobs == 1:
         yield run_here
         return
+    from concurrent.futures import ProcessPoolExecutor  # here, because most plans do without
+    from multiprocessing import get_context
+
     context = get_context("forkserver")
     ended = context.Event()
     ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, budget, ended)
