@@ -3,7 +3,7 @@
 The b of (12) are powers of t in seconds. Of a polynomial of degree k that stays of the order of one on [0, T] the terms
 ``b_j T^j`` grow like 6^k and cancel, so that sums of doubles would lose all digits near degree 20. Hence two rules:
 
-- b is rounded so that rounding does not add up (:func:`written_powers`);
+- b is rounded so that rounding does not add up (:func:`powers_of_seconds`);
 - b is never summed in doubles: it is turned into Chebyshev polynomials first (:func:`chebyshev_of_seconds`).
 
 The basis is made of fractions. What is done for every plan is done in fixed point: whole numbers of ``2^-FIXED_POINT``.
