@@ -1,4 +1,4 @@
-"""Sequential quadratic programming for small dense programs; it knows no robot. The QPs with inequalities are ProxSuite's.
+"""Sequential quadratic programming for small dense programs, which knows no robot; ProxSuite solves the larger QPs.
 
 minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian's Hessian (Nocedal and Wright,
 Numerical Optimization, 2nd ed., procedure 18.2), an l1 merit function with Armijo line search (section 18.3), one
