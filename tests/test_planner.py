@@ -15,7 +15,7 @@ from robot_samples import URDF_FOLDER
 from test_robot_model import GYMNAST, flipped_axes, other_plane
 
 import floatplan as fp
-from floatplan.planning.search import Search
+from floatplan.planning.attempt import Attempts
 
 PROBLEMS = sorted(path.stem for path in (URDF_FOLDER.parent / "problems").glob("*.toml"))
 PATIENT = 60  # s, where nothing but a neighbour's load could use up the default budget
@@ -336,14 +336,14 @@ class TestArguments:
         assert "starts tried" in told[-1]
 
     def test_interruption_keeps_the_best_so_far(self, impossible, monkeypatch):
-        attempt = Search.attempt
+        attempt = Attempts.attempt
 
         def interrupted(self, start, number, *rest):
             if number == 1:
                 raise KeyboardInterrupt
             return attempt(self, start, number, *rest)
 
-        monkeypatch.setattr(Search, "attempt", interrupted)
+        monkeypatch.setattr(Attempts, "attempt", interrupted)
         plan = fp.plan(impossible["h far outside (9)"][0])
         assert not plan.ok
         assert "interrupted" in plan.explanation

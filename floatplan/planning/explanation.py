@@ -5,22 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.planning.attempt import Attempts
 from floatplan.planning.constraints import Constraint, ObstacleClearance, SelfClearance
 from floatplan.planning.impossibility import impossibilities
-from floatplan.planning.search import Found, Search
+from floatplan.planning.search import Found
 from floatplan.planning.trajectory import Trajectory, sample_also, sample_nodes, trajectory
 from floatplan.problem import Problem
 
 AT_AN_END = 1e-8  # of a row's scale: what the ends of the flight may lack before they are called impossible
 
 
-def proven_impossible(problem: Problem, prepared: Search) -> list[str]:
+def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
     """Reasons, one sentence each, why no motion whatever can be a plan; empty where none is known."""
     return [*_impossible_ends(prepared), *impossibilities(problem, prepared.model)]
 
 
 def explain(
-    problem: Problem, prepared: Search, found: Found, reasons: list[str], momentum_bounds: tuple[float, float]
+    problem: Problem, prepared: Attempts, found: Found, reasons: list[str], momentum_bounds: tuple[float, float]
 ) -> str:
     """Say, in sentences for a person, what the search found and why it is no plan where it is none.
 
@@ -36,7 +37,7 @@ def explain(
     return " ".join(sentences)
 
 
-def _impossible_ends(prepared: Search) -> list[str]:
+def _impossible_ends(prepared: Attempts) -> list[str]:
     """What already fails at takeoff or landing, where positions, rates and accelerations are given.
 
     A free h could still change torques and the orientation rate there, so only clearances count then.
@@ -81,7 +82,7 @@ def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[st
     ]
 
 
-def _nearest(prepared: Search, found: Found) -> list[str]:
+def _nearest(prepared: Attempts, found: Found) -> list[str]:
     """What is least violated in the nearest motion, and what to try."""
     best = found.best
     motion = best.solution.evaluation.detail

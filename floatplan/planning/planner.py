@@ -10,8 +10,9 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.momentum_bounds import angular_momentum_interval
 from floatplan.motion_plan import Plan
+from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.explanation import explain, proven_impossible
-from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, Outcome, Search, search
+from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, search
 from floatplan.planning.starts import Start
 from floatplan.problem import Problem
 from floatplan.robot.planarity import refuse_leak
@@ -82,7 +83,7 @@ def planned(
     began = time.perf_counter()
     refuse_leak(problem.robot)
     bounds = angular_momentum_interval(problem)
-    prepared = Search(problem, bounds, seed)
+    prepared = Attempts(problem, bounds, seed)
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
     found = search(
         prepared,
@@ -124,7 +125,7 @@ def polished(found: Planned, tighter: Problem) -> Planned | None:
     The plan answers the problem that it answered before.
     """
     plan, best = found.plan, found.best
-    prepared = Search(tighter, plan.angular_momentum_bounds, plan.solver["seed"])
+    prepared = Attempts(tighter, plan.angular_momentum_bounds, plan.solver["seed"])
     outcome = prepared.attempt(Start(best.variables, best.solution.x), 0, best.degrees)
     if not outcome.holds:
         return None

@@ -1,0 +1,178 @@
+"""One start followed to its end: feasible first where need be, then to the objective, then judged.
+
+Attempts depend on the problem, the degrees, the seed and their own number alone, so that they can run in any process
+and the answer is the same for the same seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.planning.constraints import Constraint, constraints
+from floatplan.planning.decision_variables import DecisionVariables
+from floatplan.planning.feasibility import Nearest, reduce_violations
+from floatplan.planning.nonlinear_program import Solution
+from floatplan.planning.objectives import Objective
+from floatplan.planning.program import BACK_OFF, FlightProgram, decision_variables, objective
+from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
+from floatplan.planning.starts import Start, starts
+from floatplan.planning.trajectory import (
+    FlightModel,
+    Sampling,
+    Trajectory,
+    flight_model,
+    sample_nodes,
+    trajectory,
+)
+from floatplan.problem import Bar, Circle, Problem
+
+EASY_ITERATIONS = 40
+CONSTRAINED_LEVEL = 2  # index into NODE_COUNTS, at least, where constraints are watched
+SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
+WATCHED_AT_MOST = 6  # index into NODE_COUNTS
+PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
+CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
+ORIENTATION_MISSED = 1e-9  # rad, at the end: more than this is no plan
+UNRESOLVED = 1e-6  # tail of the Legendre coefficients of theta0', relative to its largest value: its square is lost
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Where an attempt ended.
+
+    ``lacking`` is the largest violation of (14), rad, or of a constraint's row; 0 where everything holds.
+    """
+
+    variables: DecisionVariables
+    solution: Solution
+    lacking: float
+    worst: Worst
+    number: int
+    degrees: tuple[int, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether (14) and every constraint hold."""
+        return self.lacking <= 0
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether it holds, and no motion beside it costs less."""
+        return self.holds and self.solution.status == "optimal"
+
+    @property
+    def came_easily(self) -> bool:
+        """Whether it is optimal, and took so few iterations that other starts promise little."""
+        return self.is_optimal and self.solution.iterations <= EASY_ITERATIONS
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Sorts outcomes: what holds before what does not, then by objective."""
+        return (self.lacking, self.solution.evaluation.objective)
+
+
+class Attempts:
+    """A problem made ready for attempts."""
+
+    def __init__(self, problem: Problem, momentum_bounds: tuple[float, float], seed: int) -> None:
+        self.problem = problem
+        self.model: FlightModel = flight_model(problem)
+        self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
+        self.momentum_bounds = momentum_bounds
+        self.seed = seed
+        self.plain_start = next(self.starts(problem.degrees))
+        self._level = self._watching_level() if self.constraints else 0
+
+    def starts(self, degrees: tuple[int, ...]) -> Iterator[Start]:
+        """Return the starts at these degrees."""
+        return starts(self.problem, self.model, self.constraints, degrees, self.momentum_bounds, self.seed)
+
+    def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
+        """Return the motion of an outcome as a start at higher degrees."""
+        lower, x = outcome.variables, outcome.solution.x
+        polynomials = replace(lower.polynomials, free=tuple(degree - CONDITIONS + 1 for degree in degrees))
+        variables = decision_variables(self.problem, polynomials, self.momentum_bounds)
+        z = lower.free_coefficients(x)
+        padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
+        return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
+
+    def _watching_level(self) -> int:
+        """Index into NODE_COUNTS for the constraints: no link may jump over an obstacle between two nodes.
+
+        The plain motion tells how far the links travel.
+        """
+        sizes = [2 * obstacle.radius for obstacle in self.problem.obstacles if isinstance(obstacle, Circle | Bar)]
+        plain = self.plain_start
+        dense = sample_nodes(NODE_COUNTS[-2], plain.variables.polynomials.width)
+        segments = trajectory(self.model, plain.variables, dense, plain.x).segments
+        travel = max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (segments.start, segments.end))
+        step = max(min(sizes, default=np.inf), SMALLEST_STEP)
+        wanted = travel / step
+        return min(
+            (level for level, count in enumerate(NODE_COUNTS) if count >= wanted and level >= CONSTRAINED_LEVEL),
+            default=WATCHED_AT_MOST,
+        )
+
+    def attempt(
+        self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool] = lambda: False
+    ) -> Outcome:
+        """Follow one start: straight to the objective, and by way of a feasible motion where that fails."""
+        settings = CAUTIOUS if self.constraints or number > 0 else FINE
+
+        def make_objective(nodes: Sampling) -> Objective:
+            return objective(self.problem, self.model, start.variables, nodes)
+
+        def follow(x: Array) -> Outcome:
+            solution = solve(
+                self.model, start.variables, make_objective, self.constraints, x, settings, stop, self._level
+            )
+            return self._judge(start.variables, solution, number, degrees)
+
+        if not self.constraints:
+            return follow(start.x)
+        outcome = follow(start.x) if number == 0 else None
+        if outcome and (outcome.holds or stop()):
+            return outcome
+        for point in self._nearly_feasible(start, make_objective, number, stop):
+            if point.squares < PROMISING or outcome is None:
+                found = follow(point.x)
+                outcome = min(outcome, found, key=lambda candidate: candidate.rank) if outcome else found
+            if outcome.holds or stop():
+                break
+        assert outcome is not None, "every start gives a point to follow"
+        return outcome
+
+    def _nearly_feasible(
+        self, start: Start, make_objective: Callable[[Sampling], Objective], number: int, stop: Callable[[], bool]
+    ) -> Iterator[Nearest]:
+        """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
+        nodes = sample_nodes(NODE_COUNTS[self._level], start.variables.polynomials.width)
+        program = FlightProgram(self.model, start.variables, nodes, make_objective(nodes), self.constraints)
+        yield reduce_violations(program, start.x, stop)
+        if number > 0:
+            return
+        free = solve(self.model, start.variables, make_objective, (), start.x, FINE, stop)
+        yield reduce_violations(program, free.x, stop)
+
+    def _judge(
+        self, variables: DecisionVariables, solution: Solution, number: int, degrees: tuple[int, ...]
+    ) -> Outcome:
+        """Check (14) and the constraints, between the instants too."""
+        used = solution.evaluation.detail
+        assert isinstance(used, Trajectory)
+        nodes = NODE_COUNTS[min(max(nodes_needed(used), self._level) + 1, len(NODE_COUNTS) - 1)]
+        motion = used
+        if nodes > used.sampling.nodes:
+            motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)
+        missed = abs(motion.final_orientation - self.model.final_orientation)
+        if motion.sampling.quadrature.tail(motion.node_rates) > UNRESOLVED * np.abs(motion.node_rates).max():
+            missed = np.inf
+        worst = local_minima(self.model, variables, self.constraints, nodes, solution.x)
+        lacking = max(missed if missed > ORIENTATION_MISSED else 0.0, -min(worst.least + BACK_OFF / 20, 0.0))
+        return Outcome(variables, solution, lacking, worst, number, degrees)
