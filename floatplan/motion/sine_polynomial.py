@@ -85,7 +85,6 @@ class JointMotion:
     positions: Array
     velocities: Array
     position_by_p: Array
-    velocity_by_p: Array
     velocity_by_rate: Array
     sine: Array
     p_rate: Array
@@ -97,6 +96,11 @@ class JointMotion:
         """Joint accelerations (N, n) rad/s^2."""
         swing = self.sine * self.p_rate
         return np.asarray(self.per_second**2 * (self.position_by_p * self.p_curvature - swing * self.p_rate))
+
+    @property
+    def velocity_by_p(self) -> Array:
+        """Factor (N, n) of B0."""
+        return np.asarray(-self.per_second * (self.sine * self.p_rate))
 
     @property
     def acceleration_by_p(self) -> Array:
@@ -167,7 +171,6 @@ class SinePolynomials:
             positions=self.centre + sine,
             velocities=velocity_by_rate * p_rate,
             position_by_p=cosine,
-            velocity_by_p=-per_second * (sine * p_rate),
             velocity_by_rate=velocity_by_rate,
             sine=sine,
             p_rate=p_rate,

@@ -171,7 +171,7 @@ class Attempts:
         if nodes > used.sampling.nodes:
             motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)
         missed = abs(motion.final_orientation - self.model.final_orientation)
-        if motion.sampling.quadrature.tail(motion.node_rates) > UNRESOLVED * np.abs(motion.node_rates).max():
+        if motion.unresolved > UNRESOLVED:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, nodes, solution.x)
         lacking = max(missed if missed > ORIENTATION_MISSED else 0.0, -min(worst.least + BACK_OFF / 20, 0.0))

@@ -50,9 +50,13 @@ class DecisionVariables:
 
     def free_coefficients(self, x: Array) -> Array:
         """Free coefficients z (n, width); zero where a joint has fewer."""
-        z = np.zeros(len(self.polynomials.free) * self.polynomials.width)
-        z[self.polynomials.free_indices] = self.offset + self.scaling @ x[: self.coefficients]
-        return z.reshape(len(self.polynomials.free), -1)
+        free = self.offset + self.scaling @ x[: self.coefficients]
+        joints, width = len(self.polynomials.free), self.polynomials.width
+        if len(free) < joints * width:
+            z = np.zeros(joints * width)
+            z[self.polynomials.free_indices] = free
+            free = z
+        return free.reshape(joints, width)
 
     def variables(self, z: Array, angular_momentum: float) -> Array:
         """Return the x of a motion: the inverse of :meth:`free_coefficients` and :meth:`angular_momentum`."""

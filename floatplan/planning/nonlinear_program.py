@@ -65,13 +65,13 @@ class Evaluation:
     @cached_property
     def worst_violation(self) -> float:
         """Largest amount by which one constraint fails."""
-        worst = float(np.abs(self.equality).max()) if self.equality.size else 0.0
+        worst = max(map(abs, self.equality.tolist()), default=0.0)
         return max(worst, -float(self.inequality.min())) if self.inequality.size else worst
 
 
 def total_violation(equality: Array, inequality: Array) -> float:
     """Sum of what equalities (e,) and inequalities (k,) lack."""
-    lacking = float(np.abs(equality).sum())
+    lacking: float = sum(map(abs, equality.tolist()))
     return lacking - float(np.minimum(inequality, 0).sum()) if inequality.size else lacking
 
 

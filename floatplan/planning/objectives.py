@@ -17,6 +17,8 @@ from floatplan.motion.sine_polynomial import powers_map
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.trajectory import Partials, Trajectory
 
+LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
+
 
 class Objective(Protocol):
     """A term to minimise."""
@@ -28,7 +30,7 @@ class Objective(Protocol):
         """Gradient (size,) by x."""
 
     def hessian(self, trajectory: Trajectory) -> Array:
-        """Positive semidefinite guess (size, size) of the second derivative by x."""
+        """Positive definite guess (size, size) of the second derivative by x."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,9 @@ def _gauss_newton(trajectory: Trajectory, scale: float, jacobian: Array) -> Arra
     weights = np.sqrt(2 * _time_weights(trajectory) / scale)
     weighted = weights[:, None, None] * jacobian[: trajectory.sampling.nodes]
     rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
-    return np.asarray(rows.T @ rows)
+    hessian: Array = rows.T @ rows
+    diagonal = hessian.diagonal()
+    return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
 
 
 def _time_weights(trajectory: Trajectory) -> Array:

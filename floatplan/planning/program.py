@@ -70,23 +70,24 @@ class FlightProgram:
     def hessian(self, evaluation: Evaluation) -> Array:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
         assert isinstance(evaluation.detail, Trajectory)
-        hessian = self.objective.hessian(evaluation.detail)
-        diagonal = np.einsum("ii->i", hessian)
-        diagonal += 1e-3 * max(float(diagonal.max(initial=0)), 1e-3)
-        return hessian
+        return self.objective.hessian(evaluation.detail)
 
     def _inequality(self, motion: Trajectory, x: Array) -> Array:
         """(9) for a free h, x's last entry within [-1, 1]; then the constraints at the instants that are watched."""
+        if not (self.variables.reach or self.constraints):
+            return np.empty(0)
         rows = [1 - x[-1:], 1 + x[-1:]] if self.variables.reach else []
         for block, watched in zip(self.constraints, self._watched, strict=True):
             rows.append((block.values(motion) - BACK_OFF)[watched].ravel())
-        return np.concatenate(rows) if rows else np.empty(0)
+        return np.concatenate(rows)
 
     def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
+        if not (self.variables.reach or self.constraints):
+            return np.empty((0, size))
         rows = [np.eye(1, size, size - 1) * sign for sign in (-1, 1)] if self.variables.reach else []
         for block, watched in zip(self.constraints, self._watched, strict=True):
             rows.append(block.jacobian(motion)[watched].reshape(-1, size))
-        return np.concatenate(rows) if rows else np.empty((0, size))
+        return np.concatenate(rows)
 
 
 def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:

@@ -227,8 +227,7 @@ def _is_resolved(start: Evaluation) -> bool:
     """Whether the nodes resolve theta0' well enough to start from."""
     motion = start.detail
     assert isinstance(motion, Trajectory)
-    rates = motion.node_rates
-    return motion.sampling.quadrature.tail(rates) < COARSELY_RESOLVED * float(np.abs(rates).max())
+    return motion.unresolved < COARSELY_RESOLVED
 
 
 def nodes_needed(motion: Trajectory) -> int:
@@ -236,12 +235,8 @@ def nodes_needed(motion: Trajectory) -> int:
 
     N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
     """
-    quadrature = motion.sampling.quadrature
-    rates = motion.node_rates
-    size = max(float(np.abs(rates).max()), 1e-300)
-    tail = min(quadrature.tail(rates) / size, 0.9)
-    decay = max(tail, 1e-16) ** (1 / len(quadrature.nodes))
+    decay = min(max(motion.unresolved, 1e-16), 0.9) ** (1 / motion.sampling.nodes)
     for candidate, count in enumerate(NODE_COUNTS):
-        if size * motion.duration * decay ** (2 * count) <= QUADRATURE_ERROR:
+        if motion.fastest * motion.duration * decay ** (2 * count) <= QUADRATURE_ERROR:
             return candidate
     return len(NODE_COUNTS) - 1

@@ -30,7 +30,6 @@ SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
 DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
-SIGNS = np.array([[-1.0], [1.0]])  # of the two parts of a BFGS update
 QP_ACCURACY = 1e-9
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
@@ -46,11 +45,43 @@ POLISHED = 1e-12  # equalities within this are about as good as rounding lets th
 
 
 @dataclass(frozen=True, eq=False)
+class _Multipliers:
+    equality: Array
+    inequality: Array
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude."""
+        largest = max(map(abs, self.equality.tolist()), default=0.0)
+        return max(largest, float(self.inequality.max())) if self.inequality.size else largest
+
+    def towards(self, wanted: _Multipliers, share: float) -> _Multipliers:
+        """Go a share of the way, as far as the step went (Nocedal and Wright, algorithm 18.3)."""
+        if share == 1:
+            return wanted
+        return _Multipliers(
+            self.equality + share * (wanted.equality - self.equality),
+            self.inequality + share * (wanted.inequality - self.inequality),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class _Step:
+    """Solution of a QP; ``left`` is the violation of the linearised constraints after it, 0 but for an elastic one."""
+
     direction: Array
-    equality_multiplier: Array
-    inequality_multiplier: Array
-    elastic: bool
+    multipliers: _Multipliers
+    left: float = 0.0
+    elastic: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Accepted:
+    """What the line search accepted after a share of the step."""
+
+    x: Array
+    evaluation: Evaluation
+    share: float
 
 
 def minimise(
@@ -73,38 +104,47 @@ def minimise(
     settings = settings or Settings()
     current = start or program.evaluate(x)
     evaluations, penalty = 1, 0.0
-    fresh = hessian.copy()
+    fresh = hessian
     active = np.empty(0, dtype=np.int64)
-    price = ELASTIC_WEIGHT * max(1.0, float(np.abs(np.diag(hessian)).max(initial=0)))
+    price = ELASTIC_WEIGHT * float(hessian.diagonal().max(initial=1.0))
     was_reset, crawling = True, 0
     optimal = False
     iteration = 0
+    multipliers = _Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
         step = _solve_qp(current, hessian, active, price)
         if current.inequality.size:
-            active = np.flatnonzero(step.inequality_multiplier)
-        if _is_optimal(current, step, settings):
-            optimal = True
+            active = np.flatnonzero(step.multipliers.inequality)
+        settled = _is_settled(current, step, settings)
+        optimal = settled and current.worst_violation <= settings.feasibility
+        if optimal:
             break
-        wanted = PENALTY_FACTOR * _largest_multiplier(step)
+        wanted = PENALTY_FACTOR * step.multipliers.largest
         penalty = max(wanted, (penalty + wanted) / 2)
-        direction = _shorten(program.metric, step.direction, settings.longest_step)
-        if not direction.any():
+        measured = program.metric @ step.direction
+        length = math.sqrt(measured @ measured)
+        if not length:
             break
-        accepted, trial, used = _line_search(program, x, current, direction, penalty)
+        share = min(1.0, settings.longest_step / length)
+        accepted, used = _line_search(program, x, current, step, share, penalty)
         evaluations += used
         crawling = crawling + 1 if used > CRAWLING_EVALUATIONS else 0
-        if accepted is None or trial is None or crawling == CRAWLING_STEPS:
+        if accepted is None or crawling == CRAWLING_STEPS:
             if was_reset:
                 break
-            hessian, was_reset, crawling = fresh.copy(), True, 0
+            hessian, was_reset, crawling = fresh, True, 0
             continue
+        previous, change = current, accepted.x - x
+        x, current = accepted.x, accepted.evaluation
+        optimal = settled and accepted.share == 1 and current.worst_violation <= settings.feasibility
+        if optimal:
+            break
         if not step.elastic:
-            hessian = _damped_bfgs(hessian, accepted - x, current, trial, step)
-            if not np.abs(hessian).max(initial=0) < LARGEST_CURVATURE * price:
-                hessian = fresh.copy()
-        x, current = accepted, trial
+            multipliers = multipliers.towards(step.multipliers, accepted.share)
+            hessian = _damped_bfgs(hessian, change, previous, current, multipliers)
+            if not hessian.trace() < LARGEST_CURVATURE * price:
+                hessian = fresh
         was_reset = was_reset and crawling > 0
     if settings.polish:
         x, current, used = _polish(program, x, current)
@@ -127,28 +167,14 @@ def _polish(program: Program, x: Array, current: Evaluation) -> tuple[Array, Eva
     return x, current, used
 
 
-def _is_optimal(current: Evaluation, step: _Step, settings: Settings) -> bool:
-    """Feasible, and what a full step and the multipliers still promise is small beside the objective."""
-    if current.worst_violation > settings.feasibility or step.elastic:
+def _is_settled(current: Evaluation, step: _Step, settings: Settings) -> bool:
+    """What a full step still promises of the Lagrangian, ``d H d`` twice over, is small beside the objective."""
+    if step.elastic:
         return False
-    promised = abs(float(current.gradient @ step.direction))
-    promised += float(np.abs(step.equality_multiplier) @ np.abs(current.equality))
+    promised = float(step.multipliers.equality @ current.equality) - float(current.gradient @ step.direction)
     if current.inequality.size:
-        promised += float(np.abs(step.inequality_multiplier) @ np.abs(current.inequality))
-    return promised <= settings.optimality * (1 + abs(current.objective))
-
-
-def _largest_multiplier(step: _Step) -> float:
-    multipliers = step.equality_multiplier
-    if step.inequality_multiplier.size:
-        multipliers = np.concatenate((multipliers, step.inequality_multiplier))
-    return float(np.abs(multipliers).max(initial=0))
-
-
-def _shorten(metric: Array, direction: Array, longest: float) -> Array:
-    measured = metric @ direction
-    length = math.sqrt(measured @ measured)
-    return direction * min(1.0, longest / length) if length else direction
+        promised -= float(step.multipliers.inequality @ current.inequality)
+    return abs(promised) <= settings.optimality * (1 + abs(current.objective))
 
 
 def _merit(evaluation: Evaluation, penalty: float) -> float:
@@ -156,32 +182,28 @@ def _merit(evaluation: Evaluation, penalty: float) -> float:
 
 
 def _line_search(
-    program: Program, x: Array, current: Evaluation, direction: Array, penalty: float
-) -> tuple[Array | None, Evaluation | None, int]:
-    """Return the accepted point, its evaluation, and the number of evaluations; None where no step was good enough."""
+    program: Program, x: Array, current: Evaluation, step: _Step, share: float, penalty: float
+) -> tuple[_Accepted | None, int]:
+    """Go ``share`` of a step or less: the point accepted, None where none was good enough; and the evaluations."""
     start = _merit(current, penalty)
-    inequality = current.inequality
-    linearised = total_violation(
-        current.equality + current.equality_jacobian @ direction,
-        inequality + current.inequality_jacobian @ direction if inequality.size else inequality,
-    )
-    slope = float(current.gradient @ direction) + penalty * (linearised - current.violation)
-    slope = min(slope, 0.0)
+    promised = float(current.gradient @ step.direction) - penalty * (current.violation - step.left)
+    slope = min(promised, 0.0)
     rounding = 1e-13 * (1 + abs(start))
-    length, used = 1.0, 0
-    while length > SHORTEST_STEP:
-        trial = program.evaluate(x + length * direction)
+    length, used = share, 0
+    while length > SHORTEST_STEP * share:
+        point = x + (step.direction if length == 1 else length * step.direction)
+        trial = program.evaluate(point)
         used += 1
         if _merit(trial, penalty) <= start + ARMIJO * length * slope + rounding:
-            return x + length * direction, trial, used
-        if length == 1.0 and current.inequality.size and trial.violation > current.violation:
-            corrected = x + direction + _second_order_correction(current, trial)
+            return _Accepted(point, trial, length), used
+        if length == share and current.inequality.size and trial.violation > current.violation:
+            corrected = point + _second_order_correction(current, trial)
             evaluation = program.evaluate(corrected)
             used += 1
-            if _merit(evaluation, penalty) <= start + ARMIJO * slope + rounding:
-                return corrected, evaluation, used
-        length *= 0.5 if length > 0.05 else 0.1
-    return None, None, used
+            if _merit(evaluation, penalty) <= start + ARMIJO * length * slope + rounding:
+                return _Accepted(corrected, evaluation, length), used
+        length *= 0.5 if length > 0.05 * share else 0.1
+    return None, used
 
 
 def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
@@ -192,14 +214,13 @@ def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
     return np.asarray(-np.linalg.lstsq(jacobian, residual, rcond=1e-10)[0])
 
 
-def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Evaluation, multiplier: _Step) -> Array:
-    gradient_change = (
-        trial.gradient
-        - current.gradient
-        + multiplier.equality_multiplier @ (trial.equality_jacobian - current.equality_jacobian)
-    )
+def _damped_bfgs(
+    hessian: Array, change: Array, previous: Evaluation, current: Evaluation, multipliers: _Multipliers
+) -> Array:
+    gradient_change = multipliers.equality @ (current.equality_jacobian - previous.equality_jacobian)
+    gradient_change += current.gradient - previous.gradient
     if current.inequality.size:
-        gradient_change -= multiplier.inequality_multiplier @ (trial.inequality_jacobian - current.inequality_jacobian)
+        gradient_change -= multipliers.inequality @ (current.inequality_jacobian - previous.inequality_jacobian)
     image = hessian @ change
     curvature = float(change @ image)
     if curvature < 1e-20:
@@ -209,8 +230,8 @@ def _damped_bfgs(hessian: Array, change: Array, current: Evaluation, trial: Eval
         share = (1 - DAMPING) * curvature / (curvature - product)
         gradient_change = share * gradient_change + (1 - share) * image
         product = float(change @ gradient_change)
-    pair = np.array((image / math.sqrt(curvature), gradient_change / math.sqrt(product)))
-    return np.asarray(hessian + pair.T @ (SIGNS * pair))
+    pair = np.array((image, gradient_change))
+    return np.asarray(hessian + pair.T @ (pair * np.array(((-1 / curvature,), (1 / product,)))))
 
 
 def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> _Step:
@@ -237,15 +258,15 @@ def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: floa
         if solved is None:
             return _elastic_qp(current, hessian, price)
         direction, equality_multiplier, row_multiplier = solved
-        inequality_multiplier = np.zeros(len(inequality))
         if not inequality.size:
-            return _Step(direction, equality_multiplier, inequality_multiplier, elastic=False)
+            return _Step(direction, _Multipliers(equality_multiplier, inequality))
         linearised = inequality + current.inequality_jacobian @ direction
         linearised[rows] = np.inf
         missing = _most_violated(linearised, -ROW_TOLERANCE)
         if not missing.size:
+            inequality_multiplier = np.zeros(len(inequality))
             inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
-            return _Step(direction, equality_multiplier, inequality_multiplier, elastic=False)
+            return _Step(direction, _Multipliers(equality_multiplier, inequality_multiplier))
         rows = _union(len(inequality), rows, missing)
     return _elastic_qp(current, hessian, price)
 
@@ -286,12 +307,9 @@ def _elastic_qp(current: Evaluation, hessian: Array, price: float) -> _Step:
         if (now == lacking).all():
             break
         lacking = now
-    return _Step(
-        direction,
-        price * (current.equality + equality @ direction),
-        price * np.maximum(-(current.inequality + rows @ direction), 0),
-        elastic=True,
-    )
+    missed, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
+    multipliers = _Multipliers(price * missed, price * np.maximum(-linearised, 0))
+    return _Step(direction, multipliers, total_violation(missed, linearised), elastic=True)
 
 
 def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:
@@ -304,8 +322,11 @@ def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) ->
     matrix[:size, :size] = hessian
     matrix[:size, size:] = rows.T
     matrix[size:, :size] = rows
+    right = np.empty(len(matrix))
+    np.negative(gradient, out=right[:size])
+    right[size:] = values
     try:
-        solution = np.asarray(np.linalg.solve(matrix, np.concatenate((-gradient, values))), dtype=np.float64)
+        solution = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
         return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
     return solution[:size], solution[size:], np.empty(0)

@@ -19,6 +19,8 @@ from floatplan.problem import Problem
 from floatplan.robot.planar_tree import PlanarTree
 from floatplan.robot.robot import Robot
 
+TINY = 1e-300  # keeps a quotient of zeros from being none
+
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
@@ -132,6 +134,16 @@ class Trajectory:
     def node_rates(self) -> Array:
         """theta0' (N,) rad/s at the quadrature nodes."""
         return self.rate[: self.sampling.nodes]
+
+    @cached_property
+    def fastest(self) -> float:
+        """Largest theta0' at the quadrature nodes, rad/s."""
+        return float(np.abs(self.node_rates).max())
+
+    @cached_property
+    def unresolved(self) -> float:
+        """Tail of the Legendre coefficients of theta0', relative to its largest value."""
+        return self.sampling.quadrature.tail(self.node_rates) / max(self.fastest, TINY)
 
     @cached_property
     def base_rate(self) -> BaseRate:
