@@ -166,7 +166,7 @@ class Attempts:
         """Check (14) and the constraints, between the instants too."""
         used = solution.evaluation.detail
         assert isinstance(used, Trajectory)
-        nodes = NODE_COUNTS[min(max(nodes_needed(used), self._level) + 1, len(NODE_COUNTS) - 1)]
+        nodes = NODE_COUNTS[max(nodes_needed(used), self._level)]
         motion = used
         if nodes > used.sampling.nodes:
             motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)

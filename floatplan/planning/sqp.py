@@ -26,7 +26,9 @@ from floatplan.planning.nonlinear_program import (
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
 PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest multiplier
+FORGOTTEN_SLOWLY = 0.25  # of a penalty larger than needed, what is kept in the next iteration
 SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
+ASTRAY = 1e4  # of the longest step: so long are those of a QP whose constraints contradict each other but for rounding
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
 DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
@@ -121,10 +123,10 @@ def minimise(
         if optimal:
             break
         wanted = PENALTY_FACTOR * step.multipliers.largest
-        penalty = max(wanted, (penalty + wanted) / 2)
+        penalty = max(wanted, wanted + FORGOTTEN_SLOWLY * (penalty - wanted))
         measured = program.metric @ step.direction
         length = math.sqrt(measured @ measured)
-        if not length:
+        if not 0 < length < ASTRAY * settings.longest_step:
             break
         share = min(1.0, settings.longest_step / length)
         accepted, used = _line_search(program, x, current, step, share, penalty)
