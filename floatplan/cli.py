@@ -36,6 +36,7 @@ PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's a
 def main() -> None:
     """Run the command line."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait for one another
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and looking for them takes time
     app(prog_name="floatplan")
 
 

@@ -28,6 +28,7 @@ ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p
 PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest multiplier
 FORGOTTEN_SLOWLY = 0.25  # of a penalty larger than needed, what is kept in the next iteration
 SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
+SHORTENING = (0.1, 0.5)  # by which the line search goes on after a failure: from most to least
 ASTRAY = 1e4  # of the longest step: so long are those of a QP whose constraints contradict each other but for rounding
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
@@ -196,15 +197,17 @@ def _line_search(
         point = x + (step.direction if length == 1 else length * step.direction)
         trial = program.evaluate(point)
         used += 1
-        if _merit(trial, penalty) <= start + ARMIJO * length * slope + rounding:
+        rise = _merit(trial, penalty) - start
+        if rise <= ARMIJO * length * slope + rounding:
             return _Accepted(point, trial, length), used
         if length == share and current.inequality.size and trial.violation > current.violation:
             corrected = point + _second_order_correction(current, trial)
             evaluation = program.evaluate(corrected)
             used += 1
-            if _merit(evaluation, penalty) <= start + ARMIJO * length * slope + rounding:
+            if _merit(evaluation, penalty) - start <= ARMIJO * length * slope + rounding:
                 return _Accepted(corrected, evaluation, length), used
-        length *= 0.5 if length > 0.05 * share else 0.1
+        lowest = -slope * length / (2 * (rise - slope * length))  # of the parabola, Nocedal and Wright (3.58)
+        length *= min(SHORTENING[1], max(SHORTENING[0], lowest))
     return None, used
 
 
@@ -232,8 +235,8 @@ def _damped_bfgs(
         share = (1 - DAMPING) * curvature / (curvature - product)
         gradient_change = share * gradient_change + (1 - share) * image
         product = float(change @ gradient_change)
-    pair = np.array((image, gradient_change))
-    return np.asarray(hessian + pair.T @ (pair * np.array(((-1 / curvature,), (1 / product,)))))
+    gained = (gradient_change / product)[:, None] * gradient_change
+    return np.asarray(hessian + gained - (image / curvature)[:, None] * image)
 
 
 def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> _Step:

@@ -31,7 +31,7 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
     grid = np.linspace(0.0, duration, FIRST_CELLS + 1)
     grid[-1] = duration
     inside = [instant for instant in instants if 0.0 < instant < duration]
-    grid = np.unique(np.concatenate([grid, inside]))
+    grid = np.array(sorted({*grid.tolist(), *inside}))
     low, high = grid[:-1], grid[1:]
     done: list[tuple[Cells, Joints]] = []
     count = 0
