@@ -280,6 +280,11 @@ class TestBadLuck:
         assert found.evaluation.worst_violation <= 1e-9
         assert found.evaluation.objective / scale < 5
 
+    def test_where_a_constraint_has_no_derivative_but_rounding_the_search_ends(self):
+        program = Textbook(lambda x: (x**2).sum(), (1e-17, 0), equality=lambda x: [(x**2).sum() - 1])
+        found = program.solve()
+        assert (found.status, found.iterations, found.evaluations) == ("infeasible", 1, 1)
+
     def test_a_program_of_no_variables_is_judged(self):
         """Degree 5 and h given: nothing to choose."""
         program = Textbook(lambda x: 0.0 * x.sum(), (), equality=lambda x: [0.25])

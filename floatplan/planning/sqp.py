@@ -29,7 +29,7 @@ PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest mult
 FORGOTTEN_SLOWLY = 0.25  # of a penalty larger than needed, what is kept in the next iteration
 SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
 SHORTENING = (0.1, 0.5)  # by which the line search goes on after a failure: from most to least
-ASTRAY = 1e4  # of the longest step: so long are those of a QP whose constraints contradict each other but for rounding
+LARGEST_MULTIPLIER = 1e12  # relative to the price of a slack; beyond it the constraints' derivatives are mere rounding
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
 DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
@@ -127,7 +127,7 @@ def minimise(
         penalty = max(wanted, wanted + FORGOTTEN_SLOWLY * (penalty - wanted))
         measured = program.metric @ step.direction
         length = math.sqrt(measured @ measured)
-        if not 0 < length < ASTRAY * settings.longest_step:
+        if not length or wanted > LARGEST_MULTIPLIER * price:
             break
         share = min(1.0, settings.longest_step / length)
         accepted, used = _line_search(program, x, current, step, share, penalty)
