@@ -196,6 +196,9 @@ def test_ends_soon_with_a_true_explanation(name: str) -> None:
     assert re.search(case.says, plan.explanation), plan.explanation
     assert not case.provable or plan.solver["starts"] <= 2
     assert np.isfinite(plan.coefficients).all()
+    fixed = not case.provable and plan.coefficients.shape[1] > 6
+    assert ('"auto"' in plan.explanation) == (fixed and not problem.raises_degree)
+    assert ('"free"' in plan.explanation) == (fixed and problem.flight.angular_momentum != "free")
     nearest = NEAREST.search(plan.explanation)
     if nearest:
         label, amount, _, instant = nearest.groups()

@@ -34,7 +34,16 @@ def explain(
         sentences.append("The search was interrupted.")
     elif found.ran_out_of_time:
         sentences.append("The search ran out of time; a larger budget may help.")
+    freedom = _more_freedom(problem)
+    if freedom and not reasons and found.best.variables.coefficients:
+        sentences.append(f"More freedom may help: {' or '.join(freedom)}.")
     return " ".join(sentences)
+
+
+def _more_freedom(problem: Problem) -> list[str]:
+    """What the problem fixes of the motion without need."""
+    freedom = [] if problem.raises_degree else ['motion.degree = "auto"']
+    return freedom if problem.flight.angular_momentum == "free" else [*freedom, 'flight.angular_momentum = "free"']
 
 
 def _impossible_ends(prepared: Attempts) -> list[str]:
