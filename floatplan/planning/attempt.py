@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from floatplan.problem import Bar, Circle, Problem
 EASY_ITERATIONS = 40
 CONSTRAINED_LEVEL = 2  # index into NODE_COUNTS, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
+CLOSER = 2  # levels of NODE_COUNTS, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # index into NODE_COUNTS
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
@@ -86,12 +88,18 @@ class Attempts:
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum_bounds = momentum_bounds
         self.seed = seed
-        self.plain_start = next(self.starts(problem.degrees))
+        self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
+        (self.plain_start,) = self.first_starts(problem.degrees, 1)
         self._level = self._watching_level() if self.constraints else 0
 
-    def starts(self, degrees: tuple[int, ...]) -> Iterator[Start]:
-        """Return the starts at these degrees."""
-        return starts(self.problem, self.model, self.constraints, degrees, self.momentum_bounds, self.seed)
+    def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
+        """Return the first starts at these degrees: so many, or all where there are not so many."""
+        if degrees not in self._drawn:
+            drawing = starts(self.problem, self.model, self.constraints, degrees, self.momentum_bounds, self.seed)
+            self._drawn[degrees] = ([], drawing)
+        known, more = self._drawn[degrees]
+        known.extend(islice(more, max(count - len(known), 0)))
+        return known[:count]
 
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
@@ -124,14 +132,12 @@ class Attempts:
     ) -> Outcome:
         """Follow one start: straight to the objective, and by way of a feasible motion where that fails."""
         settings = CAUTIOUS if self.constraints or number > 0 else FINE
+        level = min(self._level + CLOSER, WATCHED_AT_MOST) if self.constraints and number > 0 else self._level
 
-        def make_objective(nodes: Sampling) -> Objective:
-            return objective(self.problem, self.model, start.variables, nodes)
+        make_objective = self._objective(start)
 
         def follow(x: Array) -> Outcome:
-            solution = solve(
-                self.model, start.variables, make_objective, self.constraints, x, settings, stop, self._level
-            )
+            solution = solve(self.model, start.variables, make_objective, self.constraints, x, settings, stop, level)
             return self._judge(start.variables, solution, number, degrees)
 
         if not self.constraints:
@@ -139,25 +145,32 @@ class Attempts:
         outcome = follow(start.x) if number == 0 else None
         if outcome and (outcome.holds or stop()):
             return outcome
-        for point in self._nearly_feasible(start, make_objective, number, stop):
-            if point.squares < PROMISING or outcome is None:
-                found = follow(point.x)
-                outcome = min(outcome, found, key=lambda candidate: candidate.rank) if outcome else found
+        nodes = sample_nodes(NODE_COUNTS[level], start.variables.polynomials.width)
+        program = FlightProgram(self.model, start.variables, nodes, make_objective(nodes), self.constraints)
+        for nearest in self._nearly_feasible(start, program, number, stop):
+            if nearest.squares < PROMISING:
+                found = follow(nearest.x)
+            else:
+                unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations, np.empty(0))
+                found = self._judge(start.variables, unsolved, number, degrees)
+            outcome = min(outcome, found, key=lambda candidate: candidate.rank) if outcome else found
             if outcome.holds or stop():
                 break
         assert outcome is not None, "every start gives a point to follow"
         return outcome
 
+    def _objective(self, start: Start) -> Callable[[Sampling], Objective]:
+        """What makes the objective for a sampling."""
+        return lambda nodes: objective(self.problem, self.model, start.variables, nodes)
+
     def _nearly_feasible(
-        self, start: Start, make_objective: Callable[[Sampling], Objective], number: int, stop: Callable[[], bool]
+        self, start: Start, program: FlightProgram, number: int, stop: Callable[[], bool]
     ) -> Iterator[Nearest]:
         """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
-        nodes = sample_nodes(NODE_COUNTS[self._level], start.variables.polynomials.width)
-        program = FlightProgram(self.model, start.variables, nodes, make_objective(nodes), self.constraints)
         yield reduce_violations(program, start.x, stop)
         if number > 0:
             return
-        free = solve(self.model, start.variables, make_objective, (), start.x, FINE, stop)
+        free = solve(self.model, start.variables, self._objective(start), (), start.x, FINE, stop)
         yield reduce_violations(program, free.x, stop)
 
     def _judge(

@@ -19,15 +19,17 @@ ENOUGH = 1e-11  # root of the sum of squares below which the search for the obje
 PATIENCE = 6  # iterations over which the violations must fall to STALLED of what they were
 STALLED = 0.8
 FIRST_DAMPING = 1e-2
+SMALLEST_DAMPING = 1e-8
 LARGEST_DAMPING = 1e8
 PASSES = 4  # times that rows a step would violate join it
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The least violating motion found: x, the sum of squared violations, and the evaluations it took."""
+    """The least violating motion found: x, the program there, the sum of squared violations, how many evaluations."""
 
     x: Array
+    evaluation: Evaluation
     squares: float
     evaluations: int
 
@@ -53,12 +55,12 @@ def reduce_violations(
             trial = program.evaluate(x + step)
             evaluations += 1
             if _squares(trial) < squares:
-                x, damping = x + step, damping / 5
+                x, damping = x + step, max(damping / 5, SMALLEST_DAMPING)
                 evaluation, squares = trial, _squares(trial)
                 break
             damping *= 4
         history.append(squares)
-    return Nearest(x, squares, evaluations)
+    return Nearest(x, evaluation, squares, evaluations)
 
 
 def _squares(evaluation: Evaluation) -> float:

@@ -37,7 +37,7 @@ def plan(
     starts : int
         Solved starts to choose the best from; 1 is the quick way.
     budget : float, optional
-        Seconds, by the clock, after which the search ends with the best motion so far; left out, 6 s of work,
+        Seconds, by the clock, after which the search ends with the best motion so far; left out, 7 s of work,
         or 9 s where the degree may be raised.
     jobs : int
         Processes among which the starts are shared.

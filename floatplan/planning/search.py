@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import islice
 from typing import TYPE_CHECKING, TypeAlias
 
 from floatplan.planning.attempt import Attempts, Outcome
@@ -19,13 +19,13 @@ from floatplan.problem import Problem
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
 
-ATTEMPTS = 60  # starts tried before the search gives up, at each degree
+ATTEMPTS = 300  # starts tried before the search gives up, at each degree
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2
 ATTEMPTS_BEFORE_RAISING = 4  # the same where the degree may be raised
 RAISED = 2  # nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2
 HIGHEST_AUTOMATIC_DEGREE = 13
-BUDGET = 6.0  # s of work, where none is given
+BUDGET = 7.0  # s of work, where none is given
 BUDGET_FOR_RAISING = 9.0  # the same where the degree may be raised
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
 WANTED_AFTER_FAILURE = 4  # solutions to choose from where the plain start did not come easily
@@ -160,8 +160,11 @@ def _runner(prepared: Attempts, jobs: int, budget: float | None, expired: Callab
     """What follows starts at some degrees: the given ones, then random ones, so many in all."""
 
     def run_here(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
-        for number, start in enumerate(islice(chain(given, prepared.starts(degrees)), attempts)):
-            yield prepared.attempt(start, number, degrees, expired)
+        for number in range(attempts):
+            outcome = _follow(prepared, given, number, degrees, expired)
+            if outcome is None:
+                return
+            yield outcome
 
     if jobs == 1:
         yield run_here
@@ -185,6 +188,16 @@ def _runner(prepared: Attempts, jobs: int, budget: float | None, expired: Callab
             pool.shutdown(cancel_futures=True)
 
 
+def _follow(
+    prepared: Attempts, given: list[Start], number: int, degrees: tuple[int, ...], expired: Callable[[], bool]
+) -> Outcome | None:
+    """Follow a start by its number: the given ones come first; None where there are not so many."""
+    if number < len(given):
+        return prepared.attempt(given[number], number, degrees, expired)
+    drawn = prepared.first_starts(degrees, number + 1 - len(given))
+    return prepared.attempt(drawn[-1], number, degrees, expired) if len(drawn) == number + 1 - len(given) else None
+
+
 _prepared: Attempts
 _expired: Callable[[], bool]
 
@@ -200,10 +213,8 @@ def _prepare(
 
 
 def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-    start = next(islice(chain(given, _prepared.starts(degrees)), number, None), None)
-    if start is None:
-        return None
-    return _portable(_prepared.attempt(start, number, degrees, _expired))
+    outcome = _follow(_prepared, given, number, degrees, _expired)
+    return _portable(outcome) if outcome else None
 
 
 def _portable(outcome: Outcome) -> Outcome:

@@ -38,7 +38,8 @@ HOLDS = (
 )  # of the backed-off rows: nothing worse than this between the nodes; the constraint itself holds
 WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
 BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
-MOST_ROUNDS = 12
+MOST_ROUNDS = 24
+MOST_ITERATIONS = 240  # in all rounds together
 COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
 ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
@@ -178,6 +179,8 @@ def solve(
         finished = current == settings and needed == level
         if solution.status == "infeasible" and (current == settings or solution.evaluation.worst_violation > HOPELESS):
             break
+        if iterations > MOST_ITERATIONS:
+            break
         if constraints:
             worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
             inside = (worst.s > 0) & (worst.s < 1)
@@ -197,12 +200,11 @@ def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[]
     nearest = reduce_violations(program, solution.x, stop)
     if nearest.squares > solution.evaluation.worst_violation**2:
         return solution
-    evaluation = program.evaluate(nearest.x)
-    status = "feasible" if evaluation.worst_violation <= BACK_OFF / 4 else "infeasible"
+    status = "feasible" if nearest.evaluation.worst_violation <= BACK_OFF / 4 else "infeasible"
     return replace(
         solution,
         x=nearest.x,
-        evaluation=evaluation,
+        evaluation=nearest.evaluation,
         status=status,
         evaluations=solution.evaluations + nearest.evaluations,
     )

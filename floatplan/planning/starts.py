@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import count
 
 import numpy as np
 
@@ -20,7 +21,8 @@ from floatplan.planning.program import decision_variables, sine_polynomials
 from floatplan.planning.trajectory import FlightModel, Trajectory, crowd
 from floatplan.problem import Problem
 
-CROWD = 160
+CROWD = 160  # motions
+LARGEST_CROWD = 640  # where there are constraints: each crowd is twice as large as the one before
 CROWD_NODES = 32
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 SECANT_STEPS = 4
@@ -50,11 +52,13 @@ def starts(
     yield start
     n = len(problem.robot.joints)
     rng = np.random.default_rng(seed)
-    branches = np.zeros((2, n), dtype=np.int64)
-    while plain.size:
-        yield from _crossings(model, constraints, plain, rng)
-        branches[1] = rng.choice([-1, 0, 0, 1], size=n)
-        yield from _crossings(model, constraints, _variables(problem, degrees, momentum_bounds, branches), rng)
+    for number in count() if plain.size else ():
+        variables = plain
+        if number % 2:
+            branches = np.array([np.zeros(n, dtype=np.int64), rng.choice([-1, 0, 0, 1], size=n)])
+            variables = _variables(problem, degrees, momentum_bounds, branches)
+        size = min(CROWD * 2**number, LARGEST_CROWD) if constraints else CROWD
+        yield from _crossings(model, constraints, variables, _random_motions(variables, size, rng))
 
 
 @lru_cache(maxsize=8)
@@ -71,14 +75,14 @@ def _variables(
 
 
 def _crossings(
-    model: FlightModel, constraints: tuple[Constraint, ...], variables: DecisionVariables, rng: np.random.Generator
+    model: FlightModel, constraints: tuple[Constraint, ...], variables: DecisionVariables, motions: Array
 ) -> Iterator[Start]:
     """Starts where (14) holds, between pairs of random motions, least violating or smallest first.
 
     Where all motions turn too much, or all too little, the one nearest to the goal is the only start.
     """
     change = model.final_orientation - model.initial_orientation
-    drawn = np.concatenate((variables.plain_motion()[None, :], _random_motions(variables, rng)))
+    drawn = np.concatenate((variables.plain_motion()[None, :], motions))
     residual = _turned(crowd(model, variables, CROWD_NODES, drawn)) - change
     size = np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (residual > 0, residual < 0))
@@ -127,10 +131,10 @@ def _violations(together: Trajectory, constraints: tuple[Constraint, ...], motio
     return total
 
 
-def _random_motions(variables: DecisionVariables, rng: np.random.Generator) -> Array:
-    """Random motions x (CROWD, size), from gentle to wild: half of them cheap for the objective, half drawn in z."""
-    half, size = CROWD // 2, variables.coefficients
+def _random_motions(variables: DecisionVariables, motions: int, rng: np.random.Generator) -> Array:
+    """Random motions x (motions, size), from gentle to wild: half of them cheap for the objective, half drawn in z."""
+    half, size = motions // 2, variables.coefficients
     smooth = np.resize(SPREADS, half)[:, None] * rng.normal(size=(half, size))
-    z = np.resize(SPREADS, CROWD - half)[:, None] * rng.normal(size=(CROWD - half, size))
+    z = np.resize(SPREADS, motions - half)[:, None] * rng.normal(size=(motions - half, size))
     x = np.concatenate((smooth, np.linalg.solve(variables.scaling, (z - variables.offset).T).T))
-    return np.asarray(np.concatenate((x, rng.uniform(-1, 1, (CROWD, 1))), axis=1) if variables.reach else x)
+    return np.asarray(np.concatenate((x, rng.uniform(-1, 1, (motions, 1))), axis=1) if variables.reach else x)
