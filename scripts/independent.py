@@ -23,6 +23,7 @@ import floatplan as fp
 
 INSTANTS = 20_000
 TOLERANCE = 1e-12  # of the integration
+STEPS = 150  # at least, of the integration: its own estimate of the error can be off by 10^4
 POSE, TWIST = 7, 6  # coordinates and velocities of a free-flyer
 
 
@@ -193,6 +194,7 @@ class Look:
             t_eval=self.times,
             rtol=TOLERANCE,
             atol=TOLERANCE,
+            max_step=self.plan.duration / STEPS,
         )
         return solved.y[0]
 
