@@ -107,6 +107,18 @@ def test_distance_of_a_pair_is_that_of_the_nearest_points(any_robot):
     assert difference.max() < np.abs(first.end - first.start).max() / 50
 
 
+def test_links_in_one_line_are_as_far_apart_as_their_ends(gymnast):
+    """Rounding puts the ends of either on both sides of the other; they do not cross for that."""
+    case = placed(gymnast, 1)
+    turned = np.random.default_rng(0).uniform(-np.pi, np.pi, (2000, 1))
+    com = np.random.default_rng(1).uniform(-2, 2, (2000, 2)) @ (1, 1j)
+    segments = case.shapes.place(com, np.repeat(turned, 3, axis=1))
+    gap = np.abs(segments.end[0, 0] - segments.start[0, 2])
+    found = pair_distances(segments.of(np.array([0])), segments.of(np.array([2]))).values
+    assert gap > 0.1
+    assert found == pytest.approx(gap - segments.radius[0] - segments.radius[2], abs=1e-12)
+
+
 class TestOverlap:
     """A link of radius 0 from (-1, 0) to (1, 0)."""
 

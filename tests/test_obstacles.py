@@ -44,6 +44,15 @@ def peak(values: np.ndarray) -> np.ndarray:
     return np.maximum(top, size.max(axis=0))
 
 
+def least_clearance(look: Look) -> float:
+    """Least clearance: the samples, and a closer look about the lowest of them, which a fast link sweeps by."""
+    values, times = clearance(look), look.times
+    at = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1
+    lowest = at[np.argsort(values[at])[:4]]
+    closer = (Look(look.plan, np.linspace(times[index - 1], times[index + 1], 1001)) for index in lowest)
+    return min([float(values.min()), *(float(clearance(look).min()) for look in closer)])
+
+
 def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
     """Everything holds, and what the plan file says of it is so."""
     assert plan.ok, plan.explanation
@@ -54,7 +63,7 @@ def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
     np.testing.assert_allclose(record["torque_peak"], peak(look.torques), rtol=1e-6, atol=HOLDS)
     np.testing.assert_allclose(record["velocity_peak"], peak(look.joints[1]), rtol=1e-6, atol=HOLDS)
     if plan.problem.obstacles:
-        assert abs(record["clearance_min"] - clearance(look).min()) < HOLDS
+        assert abs(record["clearance_min"] - least_clearance(look)) < HOLDS
     else:
         assert record["clearance_min"] is None
 

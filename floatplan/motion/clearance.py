@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.problem import Bar, Circle, HalfPlane, Obstacle
 from floatplan.robot.planar_tree import PlanarTree
 from floatplan.robot.robot import Capsule
+
+IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,11 +174,13 @@ def _between(
     return sign * distance, sign * direction, share, other_share
 
 
-def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> Array:
+def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> BoolArray:
     def side(a: ComplexArray, b: ComplexArray, c: ComplexArray) -> Array:
         return np.asarray(((b - a).conj() * (c - a)).imag)
 
-    apart = (side(start, end, other_start) * side(start, end, other_end) < 0) & (
-        side(other_start, other_end, start) * side(other_start, other_end, end) < 0
-    )
-    return np.asarray(apart)
+    of_other = side(start, end, other_start), side(start, end, other_end)
+    own = side(other_start, other_end, start), side(other_start, other_end, end)
+    crossing = np.asarray((of_other[0] * of_other[1] < 0) & (own[0] * own[1] < 0))
+    if not crossing.any():
+        return crossing
+    return np.asarray(crossing & (np.min(np.abs((*of_other, *own)), axis=0) > IN_LINE))
