@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import islice
@@ -33,24 +34,24 @@ def plan_of(name: str) -> fp.Plan:
     return fp.plan(problem_of(name), budget=BUDGET)
 
 
-def peak(values: np.ndarray) -> np.ndarray:
-    """Largest magnitude (n,) of sampled values (K, n): a parabola through the highest sample and its neighbours."""
-    size = np.abs(values)
-    at = np.clip(size.argmax(axis=0), 1, len(size) - 2)
-    before, middle, after = (size[at + step, np.arange(size.shape[1])] for step in (-1, 0, 1))
-    bend = before - 2 * middle + after
-    shift = np.where(bend < 0, (before - after) / np.where(bend < 0, 2 * bend, 1.0), 0.0)
-    top = middle - (before - after) * np.clip(shift, -1, 1) / 4
-    return np.maximum(top, size.max(axis=0))
+def closer(look: Look, index: int) -> Look:
+    """Look between the neighbours of a sample, where a fast motion leaves much to see."""
+    last = len(look.times) - 1
+    return Look(look.plan, np.linspace(look.times[max(index - 1, 0)], look.times[min(index + 1, last)], 501))
+
+
+def peak(look: Look, quantity: Callable[[Look], np.ndarray]) -> np.ndarray:
+    """Largest magnitude (n,) of a quantity (K, n): of the highest sample, and of a closer look about it."""
+    sampled = np.abs(quantity(look))
+    return np.array([np.abs(quantity(closer(look, at)))[:, j].max() for j, at in enumerate(sampled.argmax(axis=0))])
 
 
 def least_clearance(look: Look) -> float:
     """Least clearance: the samples, and a closer look about the lowest of them, which a fast link sweeps by."""
-    values, times = clearance(look), look.times
+    values = clearance(look)
     at = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1
     lowest = at[np.argsort(values[at])[:4]]
-    closer = (Look(look.plan, np.linspace(times[index - 1], times[index + 1], 1001)) for index in lowest)
-    return min([float(values.min()), *(float(clearance(look).min()) for look in closer)])
+    return min([float(values.min()), *(float(clearance(closer(look, index)).min()) for index in lowest)])
 
 
 def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
@@ -60,8 +61,8 @@ def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
     for worst in violations_seen(look):
         assert worst.amount < HOLDS, worst
     record = json.loads(plan.save(folder / "plan.json").read_text())
-    np.testing.assert_allclose(record["torque_peak"], peak(look.torques), rtol=1e-6, atol=HOLDS)
-    np.testing.assert_allclose(record["velocity_peak"], peak(look.joints[1]), rtol=1e-6, atol=HOLDS)
+    np.testing.assert_allclose(record["torque_peak"], peak(look, lambda at: at.torques), rtol=1e-6, atol=HOLDS)
+    np.testing.assert_allclose(record["velocity_peak"], peak(look, lambda at: at.joints[1]), rtol=1e-6, atol=HOLDS)
     if plan.problem.obstacles:
         assert abs(record["clearance_min"] - least_clearance(look)) < HOLDS
     else:
