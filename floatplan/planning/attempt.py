@@ -133,7 +133,6 @@ class Attempts:
         """Follow one start: straight to the objective, and by way of a feasible motion where that fails."""
         settings = CAUTIOUS if self.constraints or number > 0 else FINE
         level = min(self._level + CLOSER, WATCHED_AT_MOST) if self.constraints and number > 0 else self._level
-
         make_objective = self._objective(start)
 
         def follow(x: Array) -> Outcome:

@@ -113,6 +113,7 @@ def _gradient(trajectory: Trajectory, scale: float, values: Array, jacobian: Arr
 
 
 def _gauss_newton(trajectory: Trajectory, scale: float, jacobian: Array) -> Array:
+    """Gauss-Newton approximation of :func:`_integral_of_squares`, with the least curvature added."""
     weights = np.sqrt(2 * _time_weights(trajectory) / scale)
     weighted = weights[:, None, None] * jacobian[: trajectory.sampling.nodes]
     rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])

@@ -37,8 +37,7 @@ def plan(
     starts : int
         Solved starts to choose the best from; 1 is the quick way.
     budget : float, optional
-        Seconds, by the clock, after which the search ends with the best motion so far; left out, 7 s of work,
-        or 9 s where the degree may be raised.
+        Seconds, by the clock, after which the search ends with the best motion so far; left out, 7 s of work.
     jobs : int
         Processes among which the starts are shared.
     progress : callable, optional

@@ -26,7 +26,6 @@ RAISED = 2  # nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2
 HIGHEST_AUTOMATIC_DEGREE = 13
 BUDGET = 7.0  # s of work, where none is given
-BUDGET_FOR_RAISING = 9.0  # the same where the degree may be raised
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
 WANTED_AFTER_FAILURE = 4  # solutions to choose from where the plain start did not come easily
 STARTS_AFTER_THE_FIRST = 1  # with constraints: tried after one that is solved but not optimal
@@ -59,9 +58,8 @@ def search(
     ``attempts`` limits the starts, where the problem is known to have no solution and only a near miss is wanted.
     Ctrl-C ends the search with the best motion so far.
     """
-    usual = BUDGET_FOR_RAISING if prepared.problem.raises_degree else BUDGET
-    budget = usual if budget is None and jobs > 1 else budget  # several processes have no common work to count
-    expired = expiry(budget, usual)
+    budget = BUDGET if budget is None and jobs > 1 else budget  # several processes have no common work to count
+    expired = expiry(budget)
     outcomes: list[Outcome] = []
     constrained = bool(prepared.constraints)
     interrupted = False
@@ -91,14 +89,14 @@ def search(
     )
 
 
-def expiry(budget: float | None, usual: float = BUDGET) -> Callable[[], bool]:
+def expiry(budget: float | None) -> Callable[[], bool]:
     """Return what says when a budget (s), counted from now, is used up.
 
     A budget that was asked for is by the clock. The usual one is of this thread's own work: a busy machine takes
     longer, but finds what a quiet one finds.
     """
     clock = time.thread_time if budget is None else time.monotonic
-    end = clock() + (usual if budget is None else budget)
+    end = clock() + (BUDGET if budget is None else budget)
     return lambda: clock() > end
 
 

@@ -26,7 +26,7 @@ from floatplan.planning.nonlinear_program import (
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
 PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest multiplier
-FORGOTTEN_SLOWLY = 0.25  # of a penalty larger than needed, what is kept in the next iteration
+PENALTY_KEPT = 0.25  # of what a penalty is larger than needed, in the next iteration
 SHORTEST_STEP = 1e-6  # of the QP's step; below it the line search has failed
 SHORTENING = (0.1, 0.5)  # by which the line search goes on after a failure: from most to least
 LARGEST_MULTIPLIER = 1e12  # relative to the price of a slack; beyond it the constraints' derivatives are mere rounding
@@ -124,7 +124,7 @@ def minimise(
         if optimal:
             break
         wanted = PENALTY_FACTOR * step.multipliers.largest
-        penalty = max(wanted, wanted + FORGOTTEN_SLOWLY * (penalty - wanted))
+        penalty = max(wanted, wanted + PENALTY_KEPT * (penalty - wanted))
         measured = program.metric @ step.direction
         length = math.sqrt(measured @ measured)
         if not length or wanted > LARGEST_MULTIPLIER * price:
