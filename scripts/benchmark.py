@@ -36,7 +36,7 @@ from peers import NODES, Answer, Ipopt, Slsqp
 import floatplan as fp
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
-from floatplan.planning import sqp
+from floatplan.planning import quadratic_program
 from floatplan.planning.semi_infinite import nodes_needed
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -238,7 +238,7 @@ def _shares(problem: fp.Problem, turns: int) -> list[str]:
         urdf = Path(folder) / "robot.urdf"
         urdf.write_text(problem.robot.xml, encoding="utf-8")
         return [
-            share(lambda: fp.plan(problem), sqp, ["_proxqp"]),
+            share(lambda: fp.plan(problem), quadratic_program, ["_proxqp"]),
             share(lambda: fp.plan(problem), pin, PIN_CALLS),
             share(lambda: fp.Robot.from_urdf(urdf), pin, PIN_CALLS),
             share(lambda: plans.pop().record, pin, PIN_CALLS),

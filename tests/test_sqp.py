@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from floatplan.planning import sqp
+from floatplan.planning import quadratic_program
 from floatplan.planning.nonlinear_program import Derivatives, Evaluation, Settings
 from floatplan.planning.sqp import minimise
 
@@ -268,7 +268,7 @@ class TestSteps:
 
 class TestBadLuck:
     def test_qp_that_fails_ends_the_search_where_it_is(self, monkeypatch):
-        monkeypatch.setattr(sqp, "_proxqp", lambda *arguments: None)
+        monkeypatch.setattr(quadratic_program, "_proxqp", lambda *arguments: None)
         found = HS71.solve()
         assert found.status == "infeasible"
         assert np.isfinite(found.x).all()

@@ -1,9 +1,9 @@
-"""Sequential quadratic programming for small dense programs, which knows no robot; ProxSuite solves the larger QPs.
+"""Sequential quadratic programming for small dense programs, which knows no robot.
 
 minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian's Hessian (Nocedal and Wright,
-Numerical Optimization, 2nd ed., procedure 18.2), an l1 merit function with Armijo line search (section 18.3), one
-second-order correction per iteration where there are inequalities (section 18.3, (18.42)), and an elastic QP where the
-linearised constraints contradict each other (section 18.3, p. 536).
+Numerical Optimization, 2nd ed., procedure 18.2), multipliers that follow the step (algorithm 18.3), an l1 merit function
+with Armijo line search (section 18.3), one second-order correction per iteration where there are inequalities (section
+18.3, (18.42)), and an elastic QP where the linearised constraints contradict each other (section 18.3, p. 536).
 """
 
 from __future__ import annotations
@@ -13,16 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from proxsuite import proxqp
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array
 from floatplan.planning.nonlinear_program import (
     Evaluation,
     Program,
     Settings,
     Solution,
-    total_violation,
 )
+from floatplan.planning.quadratic_program import Multipliers, Step, solve_qp
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
 PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest multiplier
@@ -33,49 +32,10 @@ LARGEST_MULTIPLIER = 1e12  # relative to the price of a slack; beyond it the con
 CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
 DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
-QP_ACCURACY = 1e-9
-QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
-QP_INNER_ITERATIONS = 30
 ELASTIC_WEIGHT = 1e3  # price of a slack, relative to the Hessian's largest diagonal entry
-ELASTIC_ITERATIONS = 20
-REGULARISATION = 1e-12  # of the elastic system, relative to the price
 LARGEST_CURVATURE = 1e10  # of the Hessian's guess, relative to the first one; beyond it the guess is worthless
-ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
-GENERATIONS = 12
-ROW_TOLERANCE = 1e-8  # by which a row left out of a QP may be violated by its solution
 POLISHING_STEPS = 2
 POLISHED = 1e-12  # equalities within this are about as good as rounding lets them be
-
-
-@dataclass(frozen=True, eq=False)
-class _Multipliers:
-    equality: Array
-    inequality: Array
-
-    @property
-    def largest(self) -> float:
-        """The largest magnitude."""
-        largest = max(map(abs, self.equality.tolist()), default=0.0)
-        return max(largest, float(self.inequality.max())) if self.inequality.size else largest
-
-    def towards(self, wanted: _Multipliers, share: float) -> _Multipliers:
-        """Go a share of the way, as far as the step went (Nocedal and Wright, algorithm 18.3)."""
-        if share == 1:
-            return wanted
-        return _Multipliers(
-            self.equality + share * (wanted.equality - self.equality),
-            self.inequality + share * (wanted.inequality - self.inequality),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """Solution of a QP; ``left`` is the violation of the linearised constraints after it, 0 but for an elastic one."""
-
-    direction: Array
-    multipliers: _Multipliers
-    left: float = 0.0
-    elastic: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +73,10 @@ def minimise(
     was_reset, crawling = True, 0
     optimal = False
     iteration = 0
-    multipliers = _Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
+    multipliers = Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
-        step = _solve_qp(current, hessian, active, price)
+        step = solve_qp(current, hessian, active, price)
         if current.inequality.size:
             active = np.flatnonzero(step.multipliers.inequality)
         settled = _is_settled(current, step, settings)
@@ -170,7 +130,7 @@ def _polish(program: Program, x: Array, current: Evaluation) -> tuple[Array, Eva
     return x, current, used
 
 
-def _is_settled(current: Evaluation, step: _Step, settings: Settings) -> bool:
+def _is_settled(current: Evaluation, step: Step, settings: Settings) -> bool:
     """What a full step still promises of the Lagrangian, ``d H d`` twice over, is small beside the objective."""
     if step.elastic:
         return False
@@ -185,7 +145,7 @@ def _merit(evaluation: Evaluation, penalty: float) -> float:
 
 
 def _line_search(
-    program: Program, x: Array, current: Evaluation, step: _Step, share: float, penalty: float
+    program: Program, x: Array, current: Evaluation, step: Step, share: float, penalty: float
 ) -> tuple[_Accepted | None, int]:
     """Go ``share`` of a step or less: the point accepted, None where none was good enough; and the evaluations."""
     start = _merit(current, penalty)
@@ -220,7 +180,7 @@ def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
 
 
 def _damped_bfgs(
-    hessian: Array, change: Array, previous: Evaluation, current: Evaluation, multipliers: _Multipliers
+    hessian: Array, change: Array, previous: Evaluation, current: Evaluation, multipliers: Multipliers
 ) -> Array:
     gradient_change = multipliers.equality @ (current.equality_jacobian - previous.equality_jacobian)
     gradient_change += current.gradient - previous.gradient
@@ -237,134 +197,3 @@ def _damped_bfgs(
         product = float(change @ gradient_change)
     gained = (gradient_change / product)[:, None] * gradient_change
     return np.asarray(hessian + gained - (image / curvature)[:, None] * image)
-
-
-def _solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> _Step:
-    """Solve the QP of the linearised program by constraint generation.
-
-    Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
-    until none is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
-    """
-    equality, inequality, rows = current.equality_jacobian, current.inequality, active
-    if active.size:
-        rows = _union(len(inequality), active, _most_violated(inequality, np.inf))
-    for _ in range(GENERATIONS):
-        if rows.size:
-            solved = _proxqp(
-                hessian,
-                current.gradient,
-                equality,
-                -current.equality,
-                current.inequality_jacobian[rows],
-                -inequality[rows],
-            )
-        else:
-            solved = _equality_qp(hessian, current.gradient, equality, -current.equality)
-        if solved is None:
-            return _elastic_qp(current, hessian, price)
-        direction, equality_multiplier, row_multiplier = solved
-        if not inequality.size:
-            return _Step(direction, _Multipliers(equality_multiplier, inequality))
-        linearised = inequality + current.inequality_jacobian @ direction
-        linearised[rows] = np.inf
-        missing = _most_violated(linearised, -ROW_TOLERANCE)
-        if not missing.size:
-            inequality_multiplier = np.zeros(len(inequality))
-            inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
-            return _Step(direction, _Multipliers(equality_multiplier, inequality_multiplier))
-        rows = _union(len(inequality), rows, missing)
-    return _elastic_qp(current, hessian, price)
-
-
-def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
-    """Indices below ``count`` that are in either, rising."""
-    chosen = np.zeros(count, dtype=bool)
-    chosen[first] = chosen[second] = True
-    return np.flatnonzero(chosen)
-
-
-def _most_violated(values: Array, threshold: float) -> IntArray:
-    """Indices of the lowest values below a threshold, ``ROWS_AT_ONCE`` at most."""
-    if len(values) > ROWS_AT_ONCE:
-        lowest = np.argpartition(values, ROWS_AT_ONCE)[:ROWS_AT_ONCE]
-    else:
-        lowest = np.arange(len(values))
-    return lowest[values[lowest] < threshold]
-
-
-def _elastic_qp(current: Evaluation, hessian: Array, price: float) -> _Step:
-    """The QP with slack in every constraint, at a quadratic price: it always has a solution.
-
-    With the slacks eliminated it is a piecewise quadratic function, minimised by Newton's method on its active rows.
-    """
-    equality, rows = current.equality_jacobian, current.inequality_jacobian
-    fixed_hessian = hessian + price * equality.T @ equality
-    fixed_gradient = current.gradient + price * equality.T @ current.equality
-    direction: Array = np.zeros(len(hessian))
-    lacking = current.inequality < 0
-    for _ in range(ELASTIC_ITERATIONS):
-        violated = rows[lacking]
-        matrix = fixed_hessian + price * violated.T @ violated + REGULARISATION * price * np.eye(len(hessian))
-        direction = np.asarray(
-            -np.linalg.solve(matrix, fixed_gradient + price * violated.T @ current.inequality[lacking])
-        )
-        now = current.inequality + rows @ direction < 0
-        if (now == lacking).all():
-            break
-        lacking = now
-    missed, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
-    multipliers = _Multipliers(price * missed, price * np.maximum(-linearised, 0))
-    return _Step(direction, multipliers, total_violation(missed, linearised), elastic=True)
-
-
-def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:
-    """Minimise ``x H x / 2 + g x`` with ``A x = b`` by the linear system of its optimality, see :func:`_proxqp`.
-
-    ProxQP takes those whose rows depend on each other.
-    """
-    size = len(gradient)
-    matrix = np.zeros((size + len(values), size + len(values)))
-    matrix[:size, :size] = hessian
-    matrix[:size, size:] = rows.T
-    matrix[size:, :size] = rows
-    right = np.empty(len(matrix))
-    np.negative(gradient, out=right[:size])
-    right[size:] = values
-    try:
-        solution = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
-    return solution[:size], solution[size:], np.empty(0)
-
-
-def _proxqp(
-    hessian: Array,
-    gradient: Array,
-    equality_rows: Array,
-    equality_values: Array,
-    inequality_rows: Array,
-    inequality_bounds: Array,
-) -> tuple[Array, Array, Array] | None:
-    """Minimise ``x H x / 2 + g x`` with ``A x = b``, ``C x >= l``: x, and multipliers y, z >= 0; None if it fails.
-
-    At the solution ``H x + g + A^T y - C^T z = 0``.
-    """
-    equalities, inequalities = len(equality_values), len(inequality_bounds)
-    qp = proxqp.dense.QP(len(gradient), equalities, inequalities)
-    qp.settings.eps_abs = QP_ACCURACY
-    qp.settings.max_iter = QP_ITERATIONS
-    qp.settings.max_iter_in = QP_INNER_ITERATIONS
-    qp.init(
-        hessian,
-        gradient,
-        equality_rows if equalities else None,
-        equality_values if equalities else None,
-        inequality_rows if inequalities else None,
-        inequality_bounds if inequalities else None,
-        None,
-    )
-    qp.solve()
-    results = qp.results
-    if results.info.status != proxqp.PROXQP_SOLVED or not np.isfinite(results.x).all():
-        return None
-    return np.array(results.x), np.array(results.y), -np.array(results.z)
