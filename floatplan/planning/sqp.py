@@ -1,9 +1,10 @@
 """Sequential quadratic programming for small dense programs, which knows no robot.
 
 minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian's Hessian (Nocedal and Wright,
-Numerical Optimization, 2nd ed., procedure 18.2), multipliers that follow the step (algorithm 18.3), an l1 merit function
-with Armijo line search (section 18.3), one second-order correction per iteration where there are inequalities (section
-18.3, (18.42)), and an elastic QP where the linearised constraints contradict each other (section 18.3, p. 536).
+Numerical Optimization, 2nd ed., procedure 18.2), multipliers that follow the step (algorithm 18.3), an l1 merit
+function with Armijo line search (section 18.3), one second-order correction per iteration where there are inequalities
+(section 18.3, (18.42)), and an elastic QP where the linearised constraints contradict each other (section 18.3,
+p. 536).
 """
 
 from __future__ import annotations
