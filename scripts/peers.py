@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 import floatplan as fp
-from floatplan.motion.dynamics import centroidal_coupling
 from floatplan.motion.momentum_bounds import angular_momentum_interval
+from floatplan.motion.momentum_map import centroidal_coupling
 from floatplan.planning.constraints import constraints
 from floatplan.planning.nonlinear_program import Evaluation
 from floatplan.planning.program import FlightProgram, decision_variables, objective, sine_polynomials

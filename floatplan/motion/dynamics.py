@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.motion.momentum_map import centroidal_coupling, momentum_mapping
 from floatplan.robot.planar_tree import PlanarTree
 
 
@@ -58,12 +59,6 @@ class Torques:
     by_momentum: Array
 
 
-def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
-    """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
-    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    return np.asarray(weights.conj().T @ (tree.mass[:, None] * weights))
-
-
 class Dynamics:
     """A tree's dynamics, vectorised over instants."""
 
@@ -73,20 +68,15 @@ class Dynamics:
         self._turns = np.array(tree.turns)
         self._inertia = np.array(tree.inertia)
         self._coupling = centroidal_coupling(tree)
-        self._rates = np.concatenate((np.ones((len(tree.mass), 1)), tree.turns), axis=1)
+        self._momentum_mapping = momentum_mapping(tree)
 
     def _rotations(self, positions: Array) -> ComplexArray:
         """E (N, m) at orientation 0, which is as good as any."""
-        angles = positions @ self._turns.T + self._tree.offsets
-        rotations = np.empty(angles.shape, dtype=np.complex128)
-        np.cos(angles, out=rotations.real)  # much cheaper than the complex exponential
-        np.multiply(self._turn, np.sin(angles), out=rotations.imag)
-        return rotations
+        return self._tree.rotations(positions @ self._turns.T + self._tree.offsets)
 
     def momentum_map(self, positions: Array) -> Array:
         """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
-        rotations = self._rotations(positions)
-        return np.asarray((((rotations.conj() @ self._coupling) * rotations).real + self._inertia) @ self._rates)
+        return self._momentum_mapping(positions).rows
 
     def base_rate(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> Array:
         """theta0' (N,) rad/s of (4), corrected (15), at positions and velocities (N, n)."""
@@ -97,21 +87,17 @@ class Dynamics:
 
         With h held, ``d theta0' = -(dh/dq) / D_0``: dh/dq at the full velocity, which contains theta0'.
         """
-        rotations = self._rotations(positions)
-        back = rotations.conj()
-        gathered = (back @ self._coupling) * rotations
-        momentum_map = (gathered.real + self._inertia) @ self._rates
-        by_momentum = 1 / momentum_map[:, 0]
-        by_velocity = momentum_map[:, 1:] * -by_momentum[:, None]
+        momentum_map = self._momentum_mapping(positions)
+        by_momentum = 1 / momentum_map.rows[:, 0]
+        per_momentum = -by_momentum[:, None]
+        by_velocity = momentum_map.rows[:, 1:] * per_momentum
         rate = angular_momentum * by_momentum + (by_velocity * velocities).sum(axis=1)
-
-        def by_position() -> Array:
-            body_rates = velocities @ self._turns.T + rate[:, None]
-            moving = back * ((rotations * body_rates) @ self._coupling.T)
-            turning = (moving.imag - body_rates * gathered.imag) @ self._turns
-            return np.asarray(turning * (-self._turn * by_momentum[:, None]))
-
-        return BaseRate(rate, by_velocity, by_momentum, by_position)
+        return BaseRate(
+            rate,
+            by_velocity,
+            by_momentum,
+            lambda: momentum_map.momentum_by_position(rate, velocities) * per_momentum,
+        )
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Joint torques (N, n) N m."""

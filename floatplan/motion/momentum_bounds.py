@@ -1,7 +1,6 @@
 """Extremes of D over the joint ranges, and the angular momentum that suits a flight: (7)-(10).
 
-In absolute angles the momentum is ``h = sum_ij [Re(C_ij exp(i sigma (phi_j - phi_i))) + delta_ij I_j] phi_j'``, see
-:mod:`floatplan.motion.dynamics`. Every D_i is thus a trigonometric polynomial of the planned positions; its extremes
+Every D_i is a trigonometric polynomial of the planned positions, see :mod:`floatplan.motion.momentum_map`; its extremes
 are enclosed by branch and bound, never by sampling.
 """
 
@@ -13,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.motion.dynamics import centroidal_coupling
+from floatplan.motion.momentum_map import PairCosines
 from floatplan.problem import Problem
 from floatplan.robot.robot import Robot
 
@@ -103,49 +102,33 @@ def _cosine_minimum(argument: Array, reach: Array) -> Array:
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
     """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
-    tree = robot.tree
-    coupling = centroidal_coupling(tree)
-    bodies = len(tree.mass)
-    rates = np.concatenate((np.ones((bodies, 1)), tree.turns), axis=1)
-    polynomials = []
-    for column in rates.T:
-        constant = float(column @ (tree.inertia + np.diag(coupling).real))
-        terms: dict[tuple[float, ...], complex] = {}
-        for i in range(bodies):
-            for j in range(bodies):
-                if i != j and column[j]:
-                    constant += _collect(
-                        terms, tree.turns[j] - tree.turns[i], column[j] * _phasor(robot, coupling, i, j)
-                    )
-        kept = [(f, c) for f, c in terms.items() if abs(c) > 0]
-        polynomials.append(
-            TrigonometricPolynomial(
-                constant,
-                read_only([abs(c) for _, c in kept]),
-                read_only(np.array([f for f, _ in kept]).reshape(len(kept), len(robot.joints))),
-                read_only([np.angle(c) for _, c in kept]),
-            )
-        )
-    return tuple(polynomials)
+    pairs = PairCosines(robot.tree)
+    phasors = pairs.amplitude * np.exp(1j * pairs.phase)[:, None]
+    return tuple(
+        _polynomial(constant, pairs.frequency, column)
+        for constant, column in zip(pairs.constant, phasors.T, strict=True)
+    )
 
 
-def _phasor(robot: Robot, coupling: ComplexArray, i: int, j: int) -> complex:
-    """C_ij exp(i sigma (offset_j - offset_i)), conjugated where sigma is -1: its cosine argument then runs with +q."""
-    tree = robot.tree
-    phasor = coupling[i, j] * np.exp(1j * tree.turn * (tree.offsets[j] - tree.offsets[i]))
-    return complex(phasor if tree.turn > 0 else np.conj(phasor))
-
-
-def _collect(terms: dict[tuple[float, ...], complex], frequency: Array, phasor: complex) -> float:
-    """Add ``Re(phasor exp(i frequency . q))`` to the terms, one per +-frequency; return what is constant of it."""
-    leading = frequency[np.flatnonzero(frequency)[:1]]
-    if not leading.size:
-        return phasor.real
-    if leading[0] < 0:
-        frequency, phasor = -frequency, phasor.conjugate()
-    key = tuple((frequency + 0.0).tolist())
-    terms[key] = terms.get(key, 0j) + phasor
-    return 0.0
+def _polynomial(constant: float, frequencies: Array, phasors: ComplexArray) -> TrigonometricPolynomial:
+    """``constant + Re(sum_l phasor_l exp(i frequency_l . q))``, with one term for each +-frequency."""
+    terms: dict[tuple[float, ...], complex] = {}
+    for frequency, phasor in zip(map(tuple, (frequencies + 0.0).tolist()), phasors.tolist(), strict=True):
+        leading = next(filter(None, frequency), 0.0)
+        if not leading:
+            constant += phasor.real
+            continue
+        if leading < 0:
+            frequency, phasor = tuple(0.0 - part for part in frequency), phasor.conjugate()
+        terms[frequency] = terms.get(frequency, 0j) + phasor
+    kept = {frequency: phasor for frequency, phasor in terms.items() if phasor}
+    values = np.array(list(kept.values()), dtype=np.complex128)
+    return TrigonometricPolynomial(
+        constant,
+        read_only(np.abs(values)),
+        read_only(np.array(list(kept)).reshape(len(kept), frequencies.shape[1])),
+        read_only(np.angle(values)),
+    )
 
 
 def inertia_extremes(robot: Robot, position_limits: Array) -> tuple[Array, Array]:
