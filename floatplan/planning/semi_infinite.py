@@ -5,7 +5,8 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -45,6 +46,7 @@ ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
 COARSELY_RESOLVED = 0.02  # tail of the Legendre coefficients of theta0', relative to its largest value
 CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
+NEARLY_RESOLVED = 1e-6  # rad, error of theta0(T) that nodes may leave before the last stage
 HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
 
 
@@ -156,28 +158,28 @@ def solve(
         return FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
 
     extra = np.empty(0)
-    cheap = _cheap_level(len(model.tree.mass))
-    for level in range(max(first_level, cheap, 0), len(NODE_COUNTS)):
+    for level in range(max(first_level, _cheap_level(len(model.tree.mass))), len(NODE_COUNTS)):
         program = program_at(level, extra)
         start = program.evaluate(x)
         if _is_resolved(start):
             break
     hessian = program.hessian(start)
-    first = COARSE if constraints else settings if level <= cheap else ROUGH
-    current = replace(first, longest_step=settings.longest_step)
+    stages = _stages(settings, start, level, bool(constraints))
+    stage = next(stages)
     iterations = evaluations = 0
     for _ in range(MOST_ROUNDS):
-        solution = minimise(program, x, hessian, current, stop, start)
+        solution = minimise(program, x, hessian, stage.settings, stop, start)
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
             solution = _made_feasible(program, solution, stop)
-        x, hessian = solution.x, solution.hessian
-        motion = solution.evaluation.detail
+        x, hessian, start = solution.x, solution.hessian, solution.evaluation
+        motion = start.detail
         assert isinstance(motion, Trajectory)
-        needed = max(level, nodes_needed(motion))
-        finished = current == settings and needed == level
-        if solution.status == "infeasible" and (current == settings or solution.evaluation.worst_violation > HOPELESS):
+        was_last, stage = stage.settings == settings, next(stages, stage)
+        needed = max(level, nodes_needed(motion, stage.quadrature_error))
+        finished = was_last and needed == level
+        if solution.status == "infeasible" and (was_last or start.worst_violation > HOPELESS):
             break
         if iterations > MOST_ITERATIONS:
             break
@@ -189,10 +191,34 @@ def solve(
             extra = _still_near(worst, extra, inside)
         elif finished:
             break
-        level, current = needed, settings
-        program = program_at(level, extra)
-        start = program.evaluate(x)
+        if needed > level or constraints:
+            level, program = needed, program_at(needed, extra)
+            start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations, hessian)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A part of the way: when it ends, and the error of theta0(T), rad, that its nodes may leave."""
+
+    settings: Settings
+    quadrature_error: float
+
+
+def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool) -> Iterator[_Stage]:
+    """The way to a solution, from nodes at ``level``: the fewer nodes, the cheaper the iterations.
+
+    Where the nodes are enough from the beginning, there is but the last stage.
+    """
+    motion = start.detail
+    assert isinstance(motion, Trajectory)
+    if constrained:
+        yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
+    elif nodes_needed(motion, NEARLY_RESOLVED) > level:
+        yield _Stage(replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
+    if not constrained and nodes_needed(motion) > level:
+        yield _Stage(replace(settings, feasibility=NEARLY_RESOLVED, polish=False), NEARLY_RESOLVED)
+    yield _Stage(settings, QUADRATURE_ERROR)
 
 
 def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[], bool]) -> Solution:
@@ -232,13 +258,11 @@ def _is_resolved(start: Evaluation) -> bool:
     return motion.unresolved < COARSELY_RESOLVED
 
 
-def nodes_needed(motion: Trajectory) -> int:
-    """Index into NODE_COUNTS at which theta0(T) is exact to QUADRATURE_ERROR, by extrapolating the Legendre tail.
+def nodes_needed(motion: Trajectory, error: float = QUADRATURE_ERROR) -> int:
+    """Index into NODE_COUNTS at which theta0(T) is exact to ``error``, rad, by extrapolating the Legendre tail.
 
     N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
     """
-    decay = min(max(motion.unresolved, 1e-16), 0.9) ** (1 / motion.sampling.nodes)
-    for candidate, count in enumerate(NODE_COUNTS):
-        if motion.fastest * motion.duration * decay ** (2 * count) <= QUADRATURE_ERROR:
-            return candidate
-    return len(NODE_COUNTS) - 1
+    decay = math.log(min(max(motion.unresolved, 1e-16), 0.9)) / motion.sampling.nodes
+    count = math.log(error / max(motion.fastest * motion.duration, error)) / (2 * decay)
+    return next((level for level, nodes in enumerate(NODE_COUNTS) if nodes >= count), len(NODE_COUNTS) - 1)

@@ -66,7 +66,7 @@ def minimise(
         The program at x, where that is known.
     """
     settings = settings or Settings()
-    current = start or program.evaluate(x)
+    current = linearised = start or program.evaluate(x)
     evaluations, penalty = 1, 0.0
     fresh = hessian
     active = np.empty(0, dtype=np.int64)
@@ -77,6 +77,7 @@ def minimise(
     multipliers = Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
+        linearised = current
         step = solve_qp(current, hessian, active, price)
         if current.inequality.size:
             active = np.flatnonzero(step.multipliers.inequality)
@@ -111,18 +112,18 @@ def minimise(
                 hessian = fresh
         was_reset = was_reset and crawling > 0
     if settings.polish:
-        x, current, used = _polish(program, x, current)
+        x, current, used = _polish(program, x, current, linearised)
         evaluations += used
     feasible = current.worst_violation <= settings.feasibility
     status = ("optimal" if optimal else "feasible") if feasible else "infeasible"
     return Solution(x, current, status, iteration, evaluations, hessian)
 
 
-def _polish(program: Program, x: Array, current: Evaluation) -> tuple[Array, Evaluation, int]:
-    """Newton's method on the equalities alone, by shortest steps, as long as it gains."""
+def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluation) -> tuple[Array, Evaluation, int]:
+    """Shortest steps on to the equalities alone, with the derivatives of a point nearby, as long as they gain."""
     used = 0
     while used < POLISHING_STEPS and np.abs(current.equality).max(initial=0) > POLISHED:
-        closer = x - np.linalg.lstsq(current.equality_jacobian, current.equality, rcond=1e-12)[0]
+        closer = x - np.linalg.lstsq(linearised.equality_jacobian, current.equality, rcond=1e-12)[0]
         trial = program.evaluate(closer)
         used += 1
         if not trial.worst_violation < current.worst_violation:
