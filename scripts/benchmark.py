@@ -3,8 +3,8 @@
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality random forward obstacle growth
 startup; all of them where none is named. Needs the extra ``bench``.
 
-Times are medians of runs that take turns, so that what disturbs the machine disturbs all alike; ratios are medians of
-the ratios within each turn.
+Times are medians of runs that take turns, each turn begun by another, so that what disturbs the machine disturbs all
+alike; ratios are medians of the ratios within each turn.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ from floatplan.planning.semi_infinite import nodes_needed
 ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = ROOT / "problems"
 CHAINS = (5, 8, 12, 20)
+CALLS = 5  # of a function in its turn
+LONG = 0.1  # s, after which there are no more of them
 HOLDS = 1e-6  # of the natural unit: a constraint violated by no more holds
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 
@@ -110,15 +112,25 @@ class Timed:
 
 
 def in_turns(runs: dict[str, Callable[[], object]], turns: int) -> Timed:
-    """Time functions by turns, each after a run that does not count: caches are full of what another left."""
+    """Time functions by turns, each turn begun by another: what runs after a big one finds the caches full of that.
+
+    In its turn a function runs once without counting, then up to ``CALLS`` times; their median counts.
+    """
     results: dict[str, object] = {}
     seconds: dict[str, list[float]] = {name: [] for name in runs}
+    order = list(runs)
     for _ in range(turns):
-        for name, run in runs.items():
-            run()
-            began = time.perf_counter()
-            results[name] = run()
-            seconds[name].append(time.perf_counter() - began)
+        for name in order:
+            runs[name]()
+            calls = []
+            for _ in range(CALLS):
+                began = time.perf_counter()
+                results[name] = runs[name]()
+                calls.append(time.perf_counter() - began)
+                if sum(calls) > LONG:
+                    break
+            seconds[name].append(statistics.median(calls))
+        order.append(order.pop(0))
     return Timed(seconds, results)
 
 
@@ -161,9 +173,9 @@ def stopwatch(holder: object, names: Sequence[str]) -> Iterator[dict[str, float]
 def planner(problem: fp.Problem, turns: int) -> Callable[[], fp.Plan]:
     """Return a function that plans a copy of the problem at each call, so that nothing is remembered of an earlier one.
 
-    For ``turns`` calls, each after one that does not count.
+    For so many turns.
     """
-    copies = iter([replace(problem) for _ in range(2 * turns)])
+    copies = iter([replace(problem) for _ in range((CALLS + 1) * turns)])
     return lambda: fp.plan(next(copies))
 
 

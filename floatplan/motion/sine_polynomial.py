@@ -11,6 +11,7 @@ unit change of z is a root-mean-square change of p by one radian.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -71,7 +72,7 @@ def basis(free: int) -> Basis:
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Joint motion at N instants and how it changes with p; accelerations are computed when asked for.
+    """Joint motion at N instants and how it changes with p; what accelerations need is computed when asked for.
 
     ``positions, velocities, accelerations`` are (N, n) in rad and s; ``p_rate, p_curvature`` are the derivatives of p
     by s, ``sine, position_by_p`` are ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis
@@ -88,8 +89,13 @@ class JointMotion:
     velocity_by_rate: Array
     sine: Array
     p_rate: Array
-    p_curvature: Array
+    curvature: Callable[[], Array]
     per_second: float
+
+    @cached_property
+    def p_curvature(self) -> Array:
+        """Second derivative (N, n) of p by s."""
+        return self.curvature()
 
     @cached_property
     def accelerations(self) -> Array:
@@ -153,16 +159,13 @@ class SinePolynomials:
         """Free coefficients (n, width) of the plain Hermite motion: zeros."""
         return np.zeros((len(self.free), self.width))
 
-    def arguments(self, z: Array, values: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        """Return p and its derivatives by s, each (N, n), from free coefficients z (n, width) and basis values."""
-        coefficients = np.concatenate((self.boundary, z), axis=1).T
-        return values[0] @ coefficients, values[1] @ coefficients, values[2] @ coefficients
-
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
-        """Joint motion at the instants of the basis values, with its derivatives."""
-        return self.motion_of_arguments(*self.arguments(z, values))
+        """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
+        coefficients = np.concatenate((self.boundary, z), axis=1).T
+        value, first, second = values
+        return self.motion_of_arguments(value @ coefficients, first @ coefficients, lambda: second @ coefficients)
 
-    def motion_of_arguments(self, p: Array, p_rate: Array, p_curvature: Array) -> JointMotion:
+    def motion_of_arguments(self, p: Array, p_rate: Array, curvature: Callable[[], Array]) -> JointMotion:
         """Joint motion (12), with its derivatives, from p and its derivatives by s, each (N, n)."""
         sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
         per_second = 1 / self.duration
@@ -174,7 +177,7 @@ class SinePolynomials:
             velocity_by_rate=velocity_by_rate,
             sine=sine,
             p_rate=p_rate,
-            p_curvature=p_curvature,
+            curvature=curvature,
             per_second=per_second,
         )
 

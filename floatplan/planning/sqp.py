@@ -34,16 +34,17 @@ CRAWLING_EVALUATIONS = 5  # of one line search: more than these is crawling
 CRAWLING_STEPS = 5  # in a row, after which the Hessian starts afresh, and the second time the search ends
 DAMPING = 0.2  # of Powell's damped BFGS, Nocedal and Wright (18.14)
 ELASTIC_WEIGHT = 1e3  # price of a slack, relative to the Hessian's largest diagonal entry
-LARGEST_CURVATURE = 1e10  # of the Hessian's guess, relative to the first one; beyond it the guess is worthless
+LARGEST_CURVATURE = 1e10  # found by BFGS, relative to the price of a slack; beyond it the guess is worthless
 POLISHING_STEPS = 2
 POLISHED = 1e-12  # equalities within this are about as good as rounding lets them be
 
 
 @dataclass(frozen=True, eq=False)
 class _Accepted:
-    """What the line search accepted after a share of the step."""
+    """What the line search accepted after a share of the step: x moved by ``change``."""
 
     x: Array
+    change: Array
     evaluation: Evaluation
     share: float
 
@@ -100,16 +101,14 @@ def minimise(
                 break
             hessian, was_reset, crawling = fresh, True, 0
             continue
-        previous, change = current, accepted.x - x
-        x, current = accepted.x, accepted.evaluation
+        previous, x, current = current, accepted.x, accepted.evaluation
         optimal = settled and accepted.share == 1 and current.worst_violation <= settings.feasibility
         if optimal:
             break
         if not step.elastic:
             multipliers = multipliers.towards(step.multipliers, accepted.share)
-            hessian = _damped_bfgs(hessian, change, previous, current, multipliers)
-            if not hessian.trace() < LARGEST_CURVATURE * price:
-                hessian = fresh
+            updated = _damped_bfgs(hessian, accepted.change, previous, current, multipliers, LARGEST_CURVATURE * price)
+            hessian = fresh if updated is None else updated
         was_reset = was_reset and crawling > 0
     if settings.polish:
         x, current, used = _polish(program, x, current, linearised)
@@ -156,18 +155,19 @@ def _line_search(
     rounding = 1e-13 * (1 + abs(start))
     length, used = share, 0
     while length > SHORTEST_STEP * share:
-        point = x + (step.direction if length == 1 else length * step.direction)
+        change = step.direction if length == 1 else length * step.direction
+        point = x + change
         trial = program.evaluate(point)
         used += 1
         rise = _merit(trial, penalty) - start
         if rise <= ARMIJO * length * slope + rounding:
-            return _Accepted(point, trial, length), used
+            return _Accepted(point, change, trial, length), used
         if length == share and current.inequality.size and trial.violation > current.violation:
             corrected = point + _second_order_correction(current, trial)
             evaluation = program.evaluate(corrected)
             used += 1
             if _merit(evaluation, penalty) - start <= ARMIJO * length * slope + rounding:
-                return _Accepted(corrected, evaluation, length), used
+                return _Accepted(corrected, corrected - x, evaluation, length), used
         lowest = -slope * length / (2 * (rise - slope * length))  # of the parabola, Nocedal and Wright (3.58)
         length *= min(SHORTENING[1], max(SHORTENING[0], lowest))
     return None, used
@@ -182,8 +182,14 @@ def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
 
 
 def _damped_bfgs(
-    hessian: Array, change: Array, previous: Evaluation, current: Evaluation, multipliers: Multipliers
-) -> Array:
+    hessian: Array,
+    change: Array,
+    previous: Evaluation,
+    current: Evaluation,
+    multipliers: Multipliers,
+    largest_curvature: float,
+) -> Array | None:
+    """Update the Hessian's guess; None where the curvature found is larger than any to be believed."""
     gradient_change = multipliers.equality @ (current.equality_jacobian - previous.equality_jacobian)
     gradient_change += current.gradient - previous.gradient
     if current.inequality.size:
@@ -197,5 +203,7 @@ def _damped_bfgs(
         share = (1 - DAMPING) * curvature / (curvature - product)
         gradient_change = share * gradient_change + (1 - share) * image
         product = float(change @ gradient_change)
+    if not float(gradient_change @ gradient_change) < largest_curvature * product:
+        return None
     gained = (gradient_change / product)[:, None] * gradient_change
     return np.asarray(hessian + gained - (image / curvature)[:, None] * image)

@@ -19,6 +19,7 @@ from floatplan.problem import Problem
 from floatplan.robot.planar_tree import PlanarTree
 from floatplan.robot.robot import Robot
 
+NO_CHANGE = np.zeros(())
 TINY = 1e-300  # keeps a quotient of zeros from being none
 
 
@@ -248,7 +249,9 @@ class Trajectory:
         weighted, weighted_derivative = self.sampling.weighted
         by_z = by_p[:nodes].T @ weighted
         by_z += by_rate[:nodes].T @ weighted_derivative
-        by_momentum = self.sampling.quadrature.weights @ self.base_rate.by_momentum[:nodes]
+        by_momentum = NO_CHANGE
+        if self.variables.reach:
+            by_momentum = self.sampling.quadrature.weights @ self.base_rate.by_momentum[:nodes]
         return self.duration * self.variables.gradient(by_z, by_momentum)
 
     @cached_property
@@ -310,11 +313,14 @@ def crowd(model: FlightModel, variables: DecisionVariables, nodes: int, x: Array
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
     boundary = np.broadcast_to(polynomials.boundary, (len(x), *polynomials.boundary.shape))
     coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
-    p, rate, curvature = ((values @ coefficients).reshape(-1, len(polynomials.free)) for values in one.values)
+
+    def flat(values: Array) -> Array:
+        return np.asarray((values @ coefficients).reshape(-1, len(polynomials.free)))
+
+    value, first, second = one.values
+    motion = polynomials.motion_of_arguments(flat(value), flat(first), lambda: flat(second))
     momentum = variables.middle + (variables.reach * x[:, -1] if variables.reach else np.zeros(len(x)))
     tiled = Sampling(one.quadrature, np.tile(one.s, len(x)), one.values, one.integrals)
-    together = Trajectory(
-        model, variables, tiled, polynomials.motion_of_arguments(p, rate, curvature), np.repeat(momentum, nodes)
-    )
+    together = Trajectory(model, variables, tiled, motion, np.repeat(momentum, nodes))
     integrals = together.rate.reshape(len(x), nodes) @ one.integrals.T
     return together.with_orientation((model.initial_orientation + polynomials.duration * integrals).ravel())
