@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from floatplan.planning import quadratic_program
+from floatplan.planning.curvature import curvature
 from floatplan.planning.nonlinear_program import Derivatives, Evaluation, Settings
 from floatplan.planning.sqp import minimise
 
@@ -46,9 +47,8 @@ class Textbook:
         return Evaluation(float(values[0][0]), values[1], values[2], lambda: derivatives)
 
     def solve(self, settings=None, **options):
-        return minimise(
-            self, np.array(self.start), np.eye(len(self.start)), settings or Settings(iterations=300), **options
-        )
+        guess = curvature(np.eye(len(self.start)), inequalities=self.inequality is not none)
+        return minimise(self, np.array(self.start), guess, settings or Settings(iterations=300), **options)
 
 
 def rosenbrock(x):
@@ -166,6 +166,14 @@ class TestTextbook:
         assert found.x == pytest.approx(np.array(program.solution), abs=2e-4)
         assert found.evaluation.objective == program.objective(found.x)
 
+    @pytest.mark.parametrize("name", [name for name, program in TEXTBOOK.items() if program.inequality is none])
+    def test_the_hessian_itself_leads_there_too(self, name):
+        program = TEXTBOOK[name]
+        guess = curvature(np.eye(len(program.start)), inequalities=True)
+        found = minimise(program, np.array(program.start), guess, Settings(iterations=300))
+        assert found.status == "optimal"
+        assert found.x == pytest.approx(np.array(program.solution), abs=2e-4)
+
     def test_multipliers_of_the_wrong_sign_are_let_go(self):
         """A constraint that is active at the start, and not at the solution."""
         program = Textbook(lambda x: (x[0] - 2) ** 2 + x[1] ** 2, (0, 0), inequality=lambda x: [x[0], 5 - x[0]])
@@ -263,7 +271,7 @@ class TestSteps:
 
     def test_last_hessian_approaches_the_lagrangian_s(self):
         found = TEXTBOOK["quadratic"].solve(Settings(optimality=1e-14))
-        assert found.hessian == pytest.approx(np.diag([2.0, 8.0]), rel=0.2, abs=0.2)
+        assert found.curvature.hessian == pytest.approx(np.diag([2.0, 8.0]), rel=0.2, abs=0.2)
 
 
 class TestBadLuck:

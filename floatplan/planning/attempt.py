@@ -150,7 +150,7 @@ class Attempts:
             if nearest.squares < PROMISING:
                 found = follow(nearest.x)
             else:
-                unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations, np.empty(0))
+                unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
                 found = self._judge(start.variables, unsolved, number, degrees)
             outcome = min(outcome, found, key=lambda candidate: candidate.rank) if outcome else found
             if outcome.holds or stop():

@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array
+
+if TYPE_CHECKING:
+    from floatplan.planning.curvature import Curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,8 @@ class Settings:
 class Solution:
     """Where the search ended.
 
-    ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible".
+    ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible"; ``curvature``
+    is the last guess of the Lagrangian's Hessian.
     """
 
     x: Array
@@ -126,4 +130,4 @@ class Solution:
     status: str
     iterations: int
     evaluations: int
-    hessian: Array
+    curvature: Curvature | None = None

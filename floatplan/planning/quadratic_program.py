@@ -48,12 +48,16 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Solution of a QP; ``left`` is the violation of the linearised constraints after it, 0 but for an elastic one."""
+    """Solution of a QP; ``left`` is the violation of the linearised constraints after it, 0 but for an elastic one.
+
+    ``pull`` (m,) is the Lagrangian's gradient before the step, for programs without inequalities.
+    """
 
     direction: Array
     multipliers: Multipliers
     left: float = 0.0
     elastic: bool = False
+    pull: Array | None = None
 
 
 def solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> Step:
@@ -78,7 +82,7 @@ def solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float
         else:
             solved = _equality_qp(hessian, current.gradient, equality, -current.equality)
         if solved is None:
-            return _elastic_qp(current, hessian, price)
+            return elastic_qp(current, hessian, price)
         direction, equality_multiplier, row_multiplier = solved
         if not inequality.size:
             return Step(direction, Multipliers(equality_multiplier, inequality))
@@ -90,7 +94,7 @@ def solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float
             inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
             return Step(direction, Multipliers(equality_multiplier, inequality_multiplier))
         rows = _union(len(inequality), rows, missing)
-    return _elastic_qp(current, hessian, price)
+    return elastic_qp(current, hessian, price)
 
 
 def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
@@ -109,7 +113,7 @@ def _most_violated(values: Array, threshold: float) -> IntArray:
     return lowest[values[lowest] < threshold]
 
 
-def _elastic_qp(current: Evaluation, hessian: Array, price: float) -> Step:
+def elastic_qp(current: Evaluation, hessian: Array, price: float) -> Step:
     """The QP with slack in every constraint, at a quadratic price: it always has a solution.
 
     With the slacks eliminated it is a piecewise quadratic function, minimised by Newton's method on its active rows.

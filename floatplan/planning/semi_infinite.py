@@ -15,6 +15,7 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.constraints import Constraint
+from floatplan.planning.curvature import curvature
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import reduce_violations
 from floatplan.planning.nonlinear_program import Evaluation, Settings, Solution
@@ -163,17 +164,17 @@ def solve(
         start = program.evaluate(x)
         if _is_resolved(start):
             break
-    hessian = program.hessian(start)
+    guess = curvature(program.hessian(start), inequalities=bool(constraints) or variables.reach > 0)
     stages = _stages(settings, start, level, bool(constraints))
     stage = next(stages)
     iterations = evaluations = 0
     for _ in range(MOST_ROUNDS):
-        solution = minimise(program, x, hessian, stage.settings, stop, start)
+        solution = minimise(program, x, guess, stage.settings, stop, start)
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
             solution = _made_feasible(program, solution, stop)
-        x, hessian, start = solution.x, solution.hessian, solution.evaluation
+        x, start, guess = solution.x, solution.evaluation, solution.curvature or guess
         motion = start.detail
         assert isinstance(motion, Trajectory)
         was_last, stage = stage.settings == settings, next(stages, stage)
@@ -194,7 +195,7 @@ def solve(
         if needed > level or constraints:
             level, program = needed, program_at(needed, extra)
             start = program.evaluate(x)
-    return Solution(x, solution.evaluation, solution.status, iterations, evaluations, hessian)
+    return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
 @dataclass(frozen=True)

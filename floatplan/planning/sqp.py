@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.planning.curvature import Curvature
 from floatplan.planning.nonlinear_program import (
     Evaluation,
     Program,
     Settings,
     Solution,
 )
-from floatplan.planning.quadratic_program import Multipliers, Step, solve_qp
+from floatplan.planning.quadratic_program import Multipliers, Step
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
 PENALTY_FACTOR = 1.2  # of the l1 merit function's penalty over the largest multiplier
@@ -52,12 +53,12 @@ class _Accepted:
 def minimise(
     program: Program,
     x: Array,
-    hessian: Array,
+    guess: Curvature,
     settings: Settings | None = None,
     stop: Callable[[], bool] = lambda: False,
     start: Evaluation | None = None,
 ) -> Solution:
-    """Minimise a program from x (m,), with ``hessian`` (m, m) as the first guess of the Lagrangian's.
+    """Minimise a program from x (m,), with a first guess of the Lagrangian's Hessian.
 
     Parameters
     ----------
@@ -69,9 +70,9 @@ def minimise(
     settings = settings or Settings()
     current = linearised = start or program.evaluate(x)
     evaluations, penalty = 1, 0.0
-    fresh = hessian
+    fresh = guess
     active = np.empty(0, dtype=np.int64)
-    price = ELASTIC_WEIGHT * float(hessian.diagonal().max(initial=1.0))
+    price = ELASTIC_WEIGHT * guess.largest
     was_reset, crawling = True, 0
     optimal = False
     iteration = 0
@@ -79,7 +80,7 @@ def minimise(
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1
         linearised = current
-        step = solve_qp(current, hessian, active, price)
+        step = guess.step(current, active, price)
         if current.inequality.size:
             active = np.flatnonzero(step.multipliers.inequality)
         settled = _is_settled(current, step, settings)
@@ -99,7 +100,7 @@ def minimise(
         if accepted is None or crawling == CRAWLING_STEPS:
             if was_reset:
                 break
-            hessian, was_reset, crawling = fresh, True, 0
+            guess, was_reset, crawling = fresh, True, 0
             continue
         previous, x, current = current, accepted.x, accepted.evaluation
         optimal = settled and accepted.share == 1 and current.worst_violation <= settings.feasibility
@@ -107,15 +108,15 @@ def minimise(
             break
         if not step.elastic:
             multipliers = multipliers.towards(step.multipliers, accepted.share)
-            updated = _damped_bfgs(hessian, accepted.change, previous, current, multipliers, LARGEST_CURVATURE * price)
-            hessian = fresh if updated is None else updated
+            updated = _damped_bfgs(guess, step, accepted, previous, multipliers, LARGEST_CURVATURE * price)
+            guess = fresh if updated is None else updated
         was_reset = was_reset and crawling > 0
     if settings.polish:
         x, current, used = _polish(program, x, current, linearised)
         evaluations += used
     feasible = current.worst_violation <= settings.feasibility
     status = ("optimal" if optimal else "feasible") if feasible else "infeasible"
-    return Solution(x, current, status, iteration, evaluations, hessian)
+    return Solution(x, current, status, iteration, evaluations, guess)
 
 
 def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluation) -> tuple[Array, Evaluation, int]:
@@ -182,28 +183,28 @@ def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
 
 
 def _damped_bfgs(
-    hessian: Array,
-    change: Array,
+    guess: Curvature,
+    step: Step,
+    accepted: _Accepted,
     previous: Evaluation,
-    current: Evaluation,
     multipliers: Multipliers,
     largest_curvature: float,
-) -> Array | None:
-    """Update the Hessian's guess; None where the curvature found is larger than any to be believed."""
+) -> Curvature | None:
+    """Update the guess by what was met on the way; None where the curvature there is larger than any to be believed."""
+    change, current = accepted.change, accepted.evaluation
     gradient_change = multipliers.equality @ (current.equality_jacobian - previous.equality_jacobian)
     gradient_change += current.gradient - previous.gradient
     if current.inequality.size:
         gradient_change -= multipliers.inequality @ (current.inequality_jacobian - previous.inequality_jacobian)
-    image = hessian @ change
-    curvature = float(change @ image)
-    if curvature < 1e-20:
-        return hessian
+    image = guess.image(change, step, accepted.share)
+    known = float(change @ image)
+    if known < 1e-20:
+        return guess
     product = float(change @ gradient_change)
-    if product < DAMPING * curvature:
-        share = (1 - DAMPING) * curvature / (curvature - product)
+    if product < DAMPING * known:
+        share = (1 - DAMPING) * known / (known - product)
         gradient_change = share * gradient_change + (1 - share) * image
         product = float(change @ gradient_change)
     if not float(gradient_change @ gradient_change) < largest_curvature * product:
         return None
-    gained = (gradient_change / product)[:, None] * gradient_change
-    return np.asarray(hessian + gained - (image / curvature)[:, None] * image)
+    return guess.updated(change, image, gradient_change)
