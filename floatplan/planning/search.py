@@ -95,9 +95,11 @@ def expiry(budget: float | None) -> Callable[[], bool]:
     A budget that was asked for is by the clock. The usual one is of this thread's own work: a busy machine takes
     longer, but finds what a quiet one finds.
     """
-    clock = time.thread_time if budget is None else time.monotonic
-    end = clock() + (BUDGET if budget is None else budget)
-    return lambda: clock() > end
+    end = time.monotonic() + (BUDGET if budget is None else budget)
+    if budget is not None:
+        return lambda: time.monotonic() > end
+    end_of_work = time.thread_time() + BUDGET
+    return lambda: time.monotonic() > end and time.thread_time() > end_of_work  # the first is cheap, and never later
 
 
 def _are_enough(outcomes: list[Outcome], wanted: int, constrained: bool) -> bool:
