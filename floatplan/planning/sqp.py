@@ -83,7 +83,8 @@ def minimise(
         step = guess.step(current, active, price)
         if current.inequality.size:
             active = np.flatnonzero(step.multipliers.inequality)
-        settled = _is_settled(current, step, settings)
+        slope = float(current.gradient @ step.direction)
+        settled = _is_settled(current, step, slope, settings)
         optimal = settled and current.worst_violation <= settings.feasibility
         if optimal:
             break
@@ -94,7 +95,7 @@ def minimise(
         if not length or wanted > LARGEST_MULTIPLIER * price:
             break
         share = min(1.0, settings.longest_step / length)
-        accepted, used = _line_search(program, x, current, step, share, penalty)
+        accepted, used = _line_search(program, x, current, step, slope, share, penalty)
         evaluations += used
         crawling = crawling + 1 if used > CRAWLING_EVALUATIONS else 0
         if accepted is None or crawling == CRAWLING_STEPS:
@@ -122,7 +123,7 @@ def minimise(
 def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluation) -> tuple[Array, Evaluation, int]:
     """Shortest steps on to the equalities alone, with the derivatives of a point nearby, as long as they gain."""
     used = 0
-    while used < POLISHING_STEPS and np.abs(current.equality).max(initial=0) > POLISHED:
+    while used < POLISHING_STEPS and max(map(abs, current.equality.tolist()), default=0.0) > POLISHED:
         closer = x - np.linalg.lstsq(linearised.equality_jacobian, current.equality, rcond=1e-12)[0]
         trial = program.evaluate(closer)
         used += 1
@@ -132,11 +133,14 @@ def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluat
     return x, current, used
 
 
-def _is_settled(current: Evaluation, step: Step, settings: Settings) -> bool:
-    """What a full step still promises of the Lagrangian, ``d H d`` twice over, is small beside the objective."""
+def _is_settled(current: Evaluation, step: Step, slope: float, settings: Settings) -> bool:
+    """What a full step still promises of the Lagrangian, ``d H d`` twice over, is small beside the objective.
+
+    ``slope`` is the objective's along the step.
+    """
     if step.elastic:
         return False
-    promised = float(step.multipliers.equality @ current.equality) - float(current.gradient @ step.direction)
+    promised = float(step.multipliers.equality @ current.equality) - slope
     if current.inequality.size:
         promised -= float(step.multipliers.inequality @ current.inequality)
     return abs(promised) <= settings.optimality * (1 + abs(current.objective))
@@ -147,12 +151,11 @@ def _merit(evaluation: Evaluation, penalty: float) -> float:
 
 
 def _line_search(
-    program: Program, x: Array, current: Evaluation, step: Step, share: float, penalty: float
+    program: Program, x: Array, current: Evaluation, step: Step, slope: float, share: float, penalty: float
 ) -> tuple[_Accepted | None, int]:
     """Go ``share`` of a step or less: the point accepted, None where none was good enough; and the evaluations."""
     start = _merit(current, penalty)
-    promised = float(current.gradient @ step.direction) - penalty * (current.violation - step.left)
-    slope = min(promised, 0.0)
+    slope = min(slope - penalty * (current.violation - step.left), 0.0)
     rounding = 1e-13 * (1 + abs(start))
     length, used = share, 0
     while length > SHORTEST_STEP * share:
