@@ -11,7 +11,6 @@ unit change of z is a root-mean-square change of p by one radian.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -75,8 +74,9 @@ class JointMotion:
     """Joint motion at N instants and how it changes with p; what accelerations need is computed when asked for.
 
     ``positions, velocities, accelerations`` are (N, n) in rad and s; ``p_rate, p_curvature`` are the derivatives of p
-    by s, ``sine, position_by_p`` are ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis
-    and its derivatives by s, the derivative of the motion by a coefficient of the basis is
+    by s, from ``coefficients`` of the basis and its ``second`` derivatives; ``sine, position_by_p`` are
+    ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis and its derivatives by s, the
+    derivative of the motion by a coefficient of the basis is
 
         d positions     = position_by_p B0
         d velocities    = velocity_by_p B0 + velocity_by_rate B1
@@ -89,13 +89,14 @@ class JointMotion:
     velocity_by_rate: Array
     sine: Array
     p_rate: Array
-    curvature: Callable[[], Array]
+    second: Array
+    coefficients: Array
     per_second: float
 
     @cached_property
     def p_curvature(self) -> Array:
         """Second derivative (N, n) of p by s."""
-        return self.curvature()
+        return _one_after_the_other(self.second, self.coefficients)
 
     @cached_property
     def accelerations(self) -> Array:
@@ -122,6 +123,11 @@ class JointMotion:
     def acceleration_by_curvature(self) -> Array:
         """Factor (N, n) of B2."""
         return self.per_second * self.velocity_by_rate
+
+
+def _one_after_the_other(values: Array, coefficients: Array) -> Array:
+    """Polynomials (N, n), or (S N, n) of S motions, from their coefficients (..., 6+width, n) and the basis' values."""
+    return np.asarray((values @ coefficients).reshape(-1, coefficients.shape[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,12 +167,15 @@ class SinePolynomials:
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
-        coefficients = np.concatenate((self.boundary, z), axis=1).T
-        value, first, second = values
-        return self.motion_of_arguments(value @ coefficients, first @ coefficients, lambda: second @ coefficients)
+        return self.motion_of_coefficients(np.concatenate((self.boundary, z), axis=1).T, values)
 
-    def motion_of_arguments(self, p: Array, p_rate: Array, curvature: Callable[[], Array]) -> JointMotion:
-        """Joint motion (12), with its derivatives, from p and its derivatives by s, each (N, n)."""
+    def motion_of_coefficients(self, coefficients: Array, values: tuple[Array, Array, Array]) -> JointMotion:
+        """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values.
+
+        Of several motions (S, 6+width, n) one after the other.
+        """
+        value, first, second = values
+        p, p_rate = _one_after_the_other(value, coefficients), _one_after_the_other(first, coefficients)
         sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
         per_second = 1 / self.duration
         velocity_by_rate = per_second * cosine
@@ -177,7 +186,8 @@ class SinePolynomials:
             velocity_by_rate=velocity_by_rate,
             sine=sine,
             p_rate=p_rate,
-            curvature=curvature,
+            second=second,
+            coefficients=coefficients,
             per_second=per_second,
         )
 

@@ -313,12 +313,7 @@ def crowd(model: FlightModel, variables: DecisionVariables, nodes: int, x: Array
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
     boundary = np.broadcast_to(polynomials.boundary, (len(x), *polynomials.boundary.shape))
     coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
-
-    def flat(values: Array) -> Array:
-        return np.asarray((values @ coefficients).reshape(-1, len(polynomials.free)))
-
-    value, first, second = one.values
-    motion = polynomials.motion_of_arguments(flat(value), flat(first), lambda: flat(second))
+    motion = polynomials.motion_of_coefficients(coefficients, one.values)
     momentum = variables.middle + (variables.reach * x[:, -1] if variables.reach else np.zeros(len(x)))
     tiled = Sampling(one.quadrature, np.tile(one.s, len(x)), one.values, one.integrals)
     together = Trajectory(model, variables, tiled, motion, np.repeat(momentum, nodes))
