@@ -18,10 +18,10 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import Nearest, reduce_violations
-from floatplan.planning.nonlinear_program import Solution
 from floatplan.planning.objectives import Objective
 from floatplan.planning.program import BACK_OFF, FlightProgram, decision_variables, objective
 from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
+from floatplan.planning.sqp import Solution
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.trajectory import (
     FlightModel,

@@ -1,4 +1,4 @@
-"""What a nonlinear program is, and what its solution says; it knows no robot.
+"""What a nonlinear program is, and when a search for its solution ends; it knows no robot.
 
 minimise f(x) subject to c(x) = 0 and g(x) >= 0.
 """
@@ -8,14 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array
-
-if TYPE_CHECKING:
-    from floatplan.planning.curvature import Curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,19 +112,3 @@ class Settings:
     iterations: int = 100
     longest_step: float = 0.5
     polish: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Where the search ended.
-
-    ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible"; ``curvature``
-    is the last guess of the Lagrangian's Hessian.
-    """
-
-    x: Array
-    evaluation: Evaluation
-    status: str
-    iterations: int
-    evaluations: int
-    curvature: Curvature | None = None

@@ -18,10 +18,10 @@ from floatplan.planning.constraints import Constraint
 from floatplan.planning.curvature import curvature
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import reduce_violations
-from floatplan.planning.nonlinear_program import Evaluation, Settings, Solution
+from floatplan.planning.nonlinear_program import Evaluation, Settings
 from floatplan.planning.objectives import Objective
 from floatplan.planning.program import BACK_OFF, FlightProgram
-from floatplan.planning.sqp import minimise
+from floatplan.planning.sqp import Solution, minimise
 from floatplan.planning.trajectory import (
     FlightModel,
     Sampling,

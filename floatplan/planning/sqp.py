@@ -17,12 +17,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.planning.curvature import Curvature
-from floatplan.planning.nonlinear_program import (
-    Evaluation,
-    Program,
-    Settings,
-    Solution,
-)
+from floatplan.planning.nonlinear_program import Evaluation, Program, Settings
 from floatplan.planning.quadratic_program import Multipliers, Step
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
@@ -38,6 +33,22 @@ ELASTIC_WEIGHT = 1e3  # price of a slack, relative to the Hessian's largest diag
 LARGEST_CURVATURE = 1e10  # found by BFGS, relative to the price of a slack; beyond it the guess is worthless
 POLISHING_STEPS = 2
 POLISHED = 1e-12  # equalities within this are about as good as rounding lets them be
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the search ended.
+
+    ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible"; ``curvature``
+    is the last guess of the Lagrangian's Hessian.
+    """
+
+    x: Array
+    evaluation: Evaluation
+    status: str
+    iterations: int
+    evaluations: int
+    curvature: Curvature | None = None
 
 
 @dataclass(frozen=True, eq=False)
