@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from floatplan.errors import InputError
 if TYPE_CHECKING:
     from floatplan.motion_plan import Plan
 
+GARBAGE_THRESHOLD = 100_000  # objects: what a command imports stays, and looking through it again takes time
 COMPARISON_BUDGET = 2.0  # s, for the plan that the figures are compared with
 
 app = typer.Typer(
@@ -37,6 +39,7 @@ def main() -> None:
     """Run the command line."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait for one another
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and looking for them takes time
+    gc.set_threshold(GARBAGE_THRESHOLD)
     app(prog_name="floatplan")
 
 

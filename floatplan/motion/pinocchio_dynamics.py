@@ -60,14 +60,13 @@ class PinocchioDynamics:
         model, data = self._model, self._data
         full, full_velocities = self._full_state(positions, velocities, base_rate)
         joint_accelerations = accelerations @ self._selection.T
-        rows = [*self._linear, self._row]
-        maps, drifts = np.empty((len(full), BASE, BASE)), np.empty((len(full), BASE))
+        maps, map_rates = np.empty((2, len(full), 6, full.shape[1]))
         for k, q in enumerate(full):
-            map_rate = pin.computeCentroidalMapTimeVariation(model, data, q, full_velocities[k])
-            centroidal_map = data.Ag[rows]
-            drifts[k] = map_rate[rows] @ full_velocities[k] + centroidal_map @ joint_accelerations[k]
-            maps[k] = centroidal_map[:, :BASE]
-        return np.asarray(np.linalg.solve(maps, -drifts[:, :, None])[:, :, 0])
+            map_rates[k] = pin.computeCentroidalMapTimeVariation(model, data, q, full_velocities[k])
+            maps[k] = data.Ag
+        rows = [*self._linear, self._row]
+        drifts = map_rates[:, rows] @ full_velocities[:, :, None] + maps[:, rows] @ joint_accelerations[:, :, None]
+        return np.asarray(np.linalg.solve(maps[:, rows, :BASE], -drifts)[:, :, 0])
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Joint torques (N, n) N m: S^T RNEA at the base acceleration that makes the base wrench vanish."""
