@@ -50,8 +50,8 @@ class TrigonometricPolynomial:
         reach = half_widths @ np.abs(self.frequency).T
         value = self.constant + np.cos(argument) @ self.amplitude
         termwise = self.constant + _cosine_minimum(argument, reach) @ self.amplitude
-        gradient = -(np.sin(argument) * self.amplitude) @ self.frequency
-        taylor = value - np.einsum("ki,ki->k", np.abs(gradient), half_widths) - reach**2 @ self.amplitude / 2
+        gradient = (np.sin(argument) * self.amplitude) @ self.frequency
+        taylor = value - (np.abs(gradient) * half_widths).sum(axis=1) - reach**2 @ (self.amplitude / 2)
         return np.maximum(termwise, taylor), value
 
     def minimum(self, ranges: Array) -> float:
@@ -59,45 +59,41 @@ class TrigonometricPolynomial:
 
         Tight to ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
         """
-        centres = ranges.mean(axis=1)[None, :]
-        half_widths = (ranges[:, 1] - ranges[:, 0])[None, :] / 2
-        gap = RELATIVE_GAP * float(self.amplitude.sum())
-        if not len(self.amplitude):
-            return self.constant
-        lower, best = self.lower_bounds(centres, half_widths)
-        work = 0
-        while work < MOST_WORK and lower.min() < best.min() - gap:
-            chosen = np.argsort(lower)[:BOXES_AT_ONCE]
-            rest = np.ones(len(lower), dtype=bool)
-            rest[chosen] = False
-            new_centres, new_half_widths = self._split(centres[chosen], half_widths[chosen])
-            new_lower, value = self.lower_bounds(new_centres, new_half_widths)
-            new_lower = np.maximum(new_lower, np.tile(lower[chosen], 2))
-            work += new_lower.size * self.amplitude.size
-            best = np.minimum(best.min(), value.min(keepdims=True))
-            centres = np.concatenate((centres[rest], new_centres))
-            half_widths = np.concatenate((half_widths[rest], new_half_widths))
-            lower = np.concatenate((lower[rest], new_lower))
-            keep = lower < best - gap
-            keep[np.argmin(lower)] = True
-            centres, half_widths, lower = centres[keep], half_widths[keep], lower[keep]
-        return float(min(lower.min(), best.min()))
+        n, gap = len(ranges), RELATIVE_GAP * float(self.amplitude.sum())
+        centre, half_width = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
+        boxes = np.concatenate((centre, half_width, [-np.inf]))[None, :]  # rows: centre, half-widths, lower bound
+        untried, tried, best, work = boxes, boxes[:0], np.inf, 0
+        while True:
+            lower, value = self.lower_bounds(untried[:, :n], untried[:, n:-1])
+            np.maximum(lower, untried[:, -1], out=untried[:, -1])
+            best = min(best, float(value.min()))
+            boxes = np.concatenate((tried, untried))
+            least = float(boxes[:, -1].min())
+            work += lower.size * self.amplitude.size
+            if work >= MOST_WORK or least >= best - gap:
+                return min(least, best)
+            boxes = boxes[boxes[:, -1] < best - gap]
+            if len(boxes) > BOXES_AT_ONCE:
+                boxes = boxes[np.argpartition(boxes[:, -1], BOXES_AT_ONCE)]
+            untried, tried = self._halved(boxes[:BOXES_AT_ONCE]), boxes[BOXES_AT_ONCE:]
 
-    def _split(self, centres: Array, half_widths: Array) -> tuple[Array, Array]:
-        """Halve every box along the joint that moves the polynomial most."""
-        influence = half_widths * (self.amplitude @ np.abs(self.frequency))
-        rows, axis = np.arange(len(centres)), np.argmax(influence, axis=1)
-        halved = half_widths.copy()
-        halved[rows, axis] /= 2
-        shift = np.zeros_like(centres)
-        shift[rows, axis] = halved[rows, axis]
-        return np.concatenate((centres - shift, centres + shift)), np.concatenate((halved, halved))
+    def _halved(self, boxes: Array) -> Array:
+        """Both halves of every box, cut across the joint that moves the polynomial most."""
+        count, n = len(boxes), self.frequency.shape[1]
+        influence = boxes[:, n : 2 * n] * (self.amplitude @ np.abs(self.frequency))
+        rows, axis = np.arange(count), np.argmax(influence, axis=1)
+        half_width = boxes[rows, n + axis] / 2
+        halves = np.concatenate((boxes, boxes))
+        halves[rows, axis] -= half_width
+        halves[count + rows, axis] += half_width
+        halves[rows, n + axis] = halves[count + rows, n + axis] = half_width
+        return halves
 
 
 def _cosine_minimum(argument: Array, reach: Array) -> Array:
     """Minimum of the cosine over [argument - reach, argument + reach]."""
     distance_to_pi = np.abs(np.mod(argument, 2 * np.pi) - np.pi)
-    return np.where(distance_to_pi <= reach, -1.0, -np.cos(np.clip(distance_to_pi - reach, 0, np.pi)))
+    return np.asarray(-np.cos(np.maximum(distance_to_pi - reach, 0)))
 
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
