@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from random import Random  # NumPy's takes longer to import than all postures to draw
 from typing import Any
 
 import numpy as np
@@ -36,13 +37,13 @@ def check_model(model: Any, reference: Array, selection: Array, joints: tuple[st
     moving[:BASE_COORDINATES, :BASE_COORDINATES] = np.eye(BASE_COORDINATES)
     moving[:, BASE_COORDINATES:] = selection
     data = model.createData()
-    for positions in sample_postures(limits, POSTURES, np.random.default_rng(0)):
+    for positions in sample_postures(limits, POSTURES, Random(0)):
         upper = np.triu(pin.crba(model, data, reference + selection @ positions))
         mass_matrix = moving.T @ (upper + np.triu(upper, 1).T) @ moving
         _check_mass_matrix(mass_matrix, joints)
 
 
-def sample_postures(limits: Array, count: int, generator: np.random.Generator) -> Array:
+def sample_postures(limits: Array, count: int, generator: Random) -> Array:
     """Return postures (count, n) within ``limits`` (n, 2); joints without limits turn within [-pi, pi].
 
     The first is the one nearest to zero.
@@ -50,7 +51,8 @@ def sample_postures(limits: Array, count: int, generator: np.random.Generator) -
     lower, upper = np.clip(limits[:, 0], -np.pi, None), np.clip(limits[:, 1], None, np.pi)
     beyond = lower > upper  # limits that leave [-pi, pi] out altogether
     lower[beyond], upper[beyond] = limits[beyond, 0], limits[beyond, 1]
-    postures = generator.uniform(lower, upper, (count, len(limits)))
+    shares = [[generator.random() for _ in limits] for _ in range(count)]
+    postures: Array = lower + (upper - lower) * np.array(shares).reshape(count, len(limits))
     postures[0] = np.clip(0.0, lower, upper)
     return postures
 

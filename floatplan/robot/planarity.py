@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from random import Random
 
 import numpy as np
 import pinocchio as pin
@@ -44,7 +45,7 @@ def out_of_plane_leak(robot: Robot, *, postures: int = POSTURES, seed: int = 0) 
     """
     data = robot.model.createData()
     in_plane = out_of_plane = 0.0
-    for positions in sample_postures(robot.position_limits, postures, np.random.default_rng(seed)):
+    for positions in sample_postures(robot.position_limits, postures, Random(seed)):
         full = robot.reference + robot.selection @ positions
         momenta = pin.computeCentroidalMap(robot.model, data, full)[3:] @ robot.selection
         in_plane += float(((robot.plane.normal @ momenta) ** 2).sum())
