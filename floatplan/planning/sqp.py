@@ -124,7 +124,7 @@ def minimise(
             guess = fresh if updated is None else updated
         was_reset = was_reset and crawling > 0
     if settings.polish:
-        x, current, used = _polish(program, x, current, linearised)
+        x, current, used = _polish(program, x, current, linearised if optimal else current)
         evaluations += used
     feasible = current.worst_violation <= settings.feasibility
     status = ("optimal" if optimal else "feasible") if feasible else "infeasible"
