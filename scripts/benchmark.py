@@ -52,7 +52,7 @@ PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea"
 class Counts:
     """How much is measured."""
 
-    turns: int = 15
+    turns: int = 31
     slow_turns: int = 5
     generated: int = 300
     compared: int = 50

@@ -82,7 +82,7 @@ class InverseHessian:
         """``-H^-1 (g + A^T y)``, with the multipliers y that take it on to the linearised equalities."""
         rows, gradient = current.equality_jacobian, current.gradient
         unconstrained, per_multiplier = self.inverse @ gradient, self.inverse @ rows.T
-        multipliers = _solved(rows @ per_multiplier, current.equality - rows @ unconstrained)
+        multipliers = solve_small(rows @ per_multiplier, current.equality - rows @ unconstrained)
         if multipliers is None:
             return elastic_qp(current, self.hessian, price)
         direction = -(unconstrained + per_multiplier @ multipliers)
@@ -111,8 +111,8 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
-def _solved(matrix: Array, right: Array) -> Array | None:
-    """Solution of a small system, the shortest of many; None where there is none."""
+def solve_small(matrix: Array, right: Array) -> Array | None:
+    """Solution of a small symmetric system, positive semidefinite, the shortest of many; None where there is none."""
     if len(right) == 1:
         return np.asarray(right / matrix[0, 0]) if matrix[0, 0] > 0 else None
     solution = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-12)[0], dtype=np.float64)

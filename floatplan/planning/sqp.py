@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.planning.curvature import Curvature
+from floatplan.planning.curvature import Curvature, solve_small
 from floatplan.planning.nonlinear_program import Evaluation, Program, Settings
 from floatplan.planning.quadratic_program import Multipliers, Step
 
@@ -84,6 +84,7 @@ def minimise(
     fresh = guess
     active = np.empty(0, dtype=np.int64)
     price = ELASTIC_WEIGHT * guess.largest
+    metric_norm = float(np.linalg.norm(program.metric))
     was_reset, crawling = True, 0
     optimal = False
     iteration = 0
@@ -101,11 +102,12 @@ def minimise(
             break
         wanted = PENALTY_FACTOR * step.multipliers.largest
         penalty = max(wanted, wanted + PENALTY_KEPT * (penalty - wanted))
-        measured = program.metric @ step.direction
-        length = math.sqrt(measured @ measured)
-        if not length or wanted > LARGEST_MULTIPLIER * price:
+        squared = float(step.direction @ step.direction)
+        if not squared or wanted > LARGEST_MULTIPLIER * price:
             break
-        share = min(1.0, settings.longest_step / length)
+        share = 1.0
+        if metric_norm * math.sqrt(squared) > settings.longest_step:
+            share = min(1.0, settings.longest_step / float(np.linalg.norm(program.metric @ step.direction)))
         accepted, used = _line_search(program, x, current, step, slope, share, penalty)
         evaluations += used
         crawling = crawling + 1 if used > CRAWLING_EVALUATIONS else 0
@@ -135,7 +137,11 @@ def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluat
     """Shortest steps on to the equalities alone, with the derivatives of a point nearby, as long as they gain."""
     used = 0
     while used < POLISHING_STEPS and max(map(abs, current.equality.tolist()), default=0.0) > POLISHED:
-        closer = x - np.linalg.lstsq(linearised.equality_jacobian, current.equality, rcond=1e-12)[0]
+        rows = linearised.equality_jacobian
+        multipliers = solve_small(rows @ rows.T, current.equality)
+        if multipliers is None:
+            break
+        closer = x - multipliers @ rows
         trial = program.evaluate(closer)
         used += 1
         if not trial.worst_violation < current.worst_violation:
