@@ -173,7 +173,7 @@ def stopwatch(holder: object, names: Sequence[str]) -> Iterator[dict[str, float]
 def planner(problem: fp.Problem, turns: int) -> Callable[[], fp.Plan]:
     """Return a function that plans a copy of the problem at each call, so that nothing is remembered of an earlier one.
 
-    For so many turns.
+    For so many turns of :func:`in_turns`.
     """
     copies = iter([replace(problem) for _ in range((CALLS + 1) * turns)])
     return lambda: fp.plan(next(copies))

@@ -74,9 +74,9 @@ class JointMotion:
     """Joint motion at N instants and how it changes with p; what accelerations need is computed when asked for.
 
     ``positions, velocities, accelerations`` are (N, n) in rad and s; ``p_rate, p_curvature`` are the derivatives of p
-    by s, from ``coefficients`` of the basis and its ``second`` derivatives; ``sine, position_by_p`` are
-    ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis and its derivatives by s, the
-    derivative of the motion by a coefficient of the basis is
+    by s, from ``coefficients`` (6+width, n) of the basis and its ``second`` derivatives (N, 6+width); ``sine,
+    position_by_p`` are ``amplitude sin p, amplitude cos p``. With ``B0, B1, B2`` the values of the basis and its
+    derivatives by s, the derivative of the motion by a coefficient of the basis is
 
         d positions     = position_by_p B0
         d velocities    = velocity_by_p B0 + velocity_by_rate B1

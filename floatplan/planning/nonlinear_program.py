@@ -104,7 +104,7 @@ class Settings:
     longest_step : float
         Of ``|metric @ step|``.
     polish : bool
-        Whether to end with Newton's method on the equalities alone.
+        Whether to end with steps on to the equalities alone.
     """
 
     feasibility: float = 1e-9

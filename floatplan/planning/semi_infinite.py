@@ -248,8 +248,8 @@ def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
 
 @lru_cache(maxsize=32)
 def _cheap_level(bodies: int) -> int:
-    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster; -1 where there is none."""
-    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=-1)
+    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster."""
+    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
 
 
 def _is_resolved(start: Evaluation) -> bool:

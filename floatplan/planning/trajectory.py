@@ -19,7 +19,7 @@ from floatplan.problem import Problem
 from floatplan.robot.planar_tree import PlanarTree
 from floatplan.robot.robot import Robot
 
-NO_CHANGE = np.zeros(())
+NO_CHANGE = np.zeros(())  # by h, where h is given
 TINY = 1e-300  # keeps a quotient of zeros from being none
 
 
