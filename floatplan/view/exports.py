@@ -15,7 +15,6 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion_plan import Plan
 from floatplan.plan_record import write_whole
-from floatplan.view.full_motion import full_motion
 from floatplan.view.trajectory import sample_times, write_trajectory
 
 Writer: TypeAlias = Callable[[Plan, Path, float], Path]
@@ -71,7 +70,7 @@ def write_npz(plan: Plan, path: Path, rate: float) -> Path:
 def write_ros(plan: Plan, path: Path, rate: float) -> Path:
     """Write a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds."""
     nanoseconds = np.floor(sample_times(plan.duration, rate) * 1e9 + 1e-3).astype(np.int64)
-    motion = full_motion(plan, nanoseconds / 1e9)
+    motion = plan.full_motion(nanoseconds / 1e9)
     names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
     for index, instant in enumerate(nanoseconds.tolist()):
@@ -90,10 +89,10 @@ def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
     angular velocity in the body, joints; ``ctrl`` (N, J): torques; ``joint_names`` (J). The order of a model's joints
     may be another: go by the names.
     """
-    motion = full_motion(plan, sample_times(plan.duration, rate))
+    motion = plan.full_motion(sample_times(plan.duration, rate))
     quaternion = np.roll(motion.base_quaternion, 1, axis=1)
     arrays = {
-        "time": motion.times,
+        "time": motion.state.times,
         "qpos": np.concatenate((motion.base_position, quaternion, motion.positions), axis=1),
         "qvel": np.concatenate((motion.base_velocity, motion.base_angular_velocity, motion.velocities), axis=1),
         "ctrl": motion.torques,
@@ -109,7 +108,7 @@ def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
     The first line is a comment that names the columns. Where the flight is no whole number of steps, the last row is
     the landing, less than a step early.
     """
-    motion = full_motion(plan, sample_times(plan.duration, rate))
+    motion = plan.full_motion(sample_times(plan.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
     lines = ["# " + ",".join(name.replace("\n", " ") for name in names)]
