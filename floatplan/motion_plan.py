@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
@@ -19,6 +19,8 @@ from floatplan.motion.ballistics import Ballistics
 from floatplan.motion.clearance import LinkShapes, Segments, obstacle_distances
 from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
 from floatplan.motion.flight_state import FlightState, Peaks
+from floatplan.motion.free_flyer import free_flyer
+from floatplan.motion.full_motion import FullMotion
 from floatplan.motion.pinocchio_dynamics import PinocchioDynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import WrittenMotion
@@ -96,7 +98,10 @@ class Plan:
         InputError
             A time is not a number or lies outside the flight.
         """
-        instants = np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
+        try:
+            instants = np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
+        except (TypeError, ValueError):
+            raise InputError("a time is not a number", element="times") from None
         slack = 1e-12 * self.duration
         if not ((instants >= -slack) & (instants <= self.duration + slack)).all():
             raise InputError(f"a time lies outside the flight, [0, {self.duration}] s", element="times")
@@ -123,6 +128,46 @@ class Plan:
             base_position=read_only(com + np.stack((base.real, base.imag), axis=1)),
             angular_momentum=read_only(momentum_map[:, 0] * rate + joint_part),
         )
+
+    def full_motion(self, times: npt.ArrayLike) -> FullMotion:
+        """Motion of every joint that the URDF has, and of the base in space, at times (N,); errors as of :meth:`at`."""
+        return FullMotion(self.dynamics, self.at(times), self.ballistics.gravity)
+
+    def q(self, times: npt.ArrayLike) -> Array:
+        """Configuration (nq,) or (N, nq), m and rad, in the order of the free-flyer model of the file itself.
+
+        That is ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``: place of the root link, quaternion x y z w,
+        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.free_flyer` for the world's axes, for
+        what that model makes of q, v, a and tau, and for joints that floatplan had to turn into the plane.
+
+        Parameters
+        ----------
+        times : number or (N,)
+            s, within the flight.
+
+        Raises
+        ------
+        InputError
+            As of :meth:`at`; or a joint is called ``root_joint``, as Pinocchio calls the free flyer.
+        """
+        return self._in_file(times, free_flyer(self.robot).configurations)
+
+    def v(self, times: npt.ArrayLike) -> Array:
+        """Velocity (nv,) or (N, nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
+        return self._in_file(times, free_flyer(self.robot).velocities)
+
+    def a(self, times: npt.ArrayLike) -> Array:
+        """Acceleration (nv,) or (N, nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
+        return self._in_file(times, free_flyer(self.robot).accelerations)
+
+    def tau(self, times: npt.ArrayLike) -> Array:
+        """Torques (nv,) or (N, nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
+        return self._in_file(times, free_flyer(self.robot).torques)
+
+    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[FullMotion], Array]) -> Array:
+        """A quantity (N, size) at times of any shape, in that shape."""
+        values = quantity(self.full_motion(times))
+        return values.reshape(*np.shape(times), values.shape[1])
 
     @cached_property
     def _resolved(self) -> FlightState:
@@ -302,9 +347,13 @@ class Plan:
     def with_record(self, record: PlanRecord) -> Plan:
         """Return the same motion with what its checks found, and with the status that the record gives it."""
         plan = replace(self, status=record.status, ok=record.ok, explanation=record.explanation)
-        known = {name: value for name, value in vars(self).items() if name not in vars(plan)}
+        known = {name: value for name, value in dict(vars(self)).items() if name not in vars(plan)}
         vars(plan).update(known, record=record)
         return plan
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy, so that other threads may go on computing while one pickles."""
+        return dict(vars(self))
 
     def save(self, path: str | Path) -> Path:
         """Write the plan file, whole or not at all."""

@@ -66,6 +66,7 @@ class Utilisation:
     velocity_peak, velocity_limit, velocity_utilisation, velocity_instant : the same of its rate, rad/s
     position_low, position_high : rad, between which the joint moves
     range_used : share of the joint's range between them
+    instant : s, of the peak that uses more of its limit; of the torque's without limits
     """
 
     joint: str
@@ -80,6 +81,7 @@ class Utilisation:
     position_low: float
     position_high: float
     range_used: float
+    instant: float
 
     @property
     def worst(self) -> float:
@@ -107,20 +109,24 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
         )
         low, high = sorted(ratio * peaks.position[leader] + offset)
         limits = sorted(ratio * problem.position_limits[leader] + offset)
+        torque_use = None if torque_limit is None else torque / torque_limit
+        velocity_use = None if velocity_limit is None else velocity / velocity_limit
+        instants = float(peaks.motor_torque_instant[index]), float(peaks.velocity_instant[leader])
         rows.append(
             Utilisation(
                 joint=joint,
                 torque_peak=torque,
                 torque_limit=torque_limit,
-                torque_utilisation=None if torque_limit is None else torque / torque_limit,
-                torque_instant=float(peaks.motor_torque_instant[index]),
+                torque_utilisation=torque_use,
+                torque_instant=instants[0],
                 velocity_peak=velocity,
                 velocity_limit=velocity_limit,
-                velocity_utilisation=None if velocity_limit is None else velocity / velocity_limit,
-                velocity_instant=float(peaks.velocity_instant[leader]),
+                velocity_utilisation=velocity_use,
+                velocity_instant=instants[1],
                 position_low=float(low),
                 position_high=float(high),
                 range_used=float((high - low) / (limits[1] - limits[0])),
+                instant=instants[1] if (velocity_use or 0.0) > (torque_use or 0.0) else instants[0],
             )
         )
     return tuple(sorted(rows, key=lambda row: -row.worst))

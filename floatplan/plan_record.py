@@ -219,8 +219,8 @@ def record_from_dict(content: Any) -> PlanRecord:
         peaks = _table(content["motor_torque_peak"], "motor_torque_peak")
         values["motor_torque_peak"] = {name: _number(peak, f"motor_torque_peak.{name}") for name, peak in peaks.items()}
     for name in ("warnings", "utilisation"):
-        for row in content.get(name) or []:
-            _table(row, name)
+        if content.get(name) is not None:
+            _rows(content[name], name)
     _check_verdict(content)
     _check_tables(content)
     return PlanRecord(**values)
@@ -276,6 +276,11 @@ def _table(value: Any, element: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InputError("is no table", element=element)
     return value
+
+
+def _rows(value: Any, element: str) -> None:
+    if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
+        raise InputError("is not a list of tables", element=element)
 
 
 def _text(value: Any, element: str) -> None:

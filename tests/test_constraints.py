@@ -38,15 +38,17 @@ GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
 BAR = fp.Bar(start=(0.2, 0.5), end=(0.4, 1.4), radius=0.03, velocity=(0.1, 0.3), window=(0.2, 0.8))
 LINKS = ("shank", "thigh", "trunk", "arms")
 JOINTS, LIMITS = (0, 2), read_only([30.0, 12.0])
+GROUPS = read_only([[1.0, 0.0, 0.0], [0.0, -0.5, 2.0]])
+RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 
 CONSTRAINTS = {
     "circle": ObstacleClearance(CIRCLE, "circle", LINKS),
     "half-plane": ObstacleClearance(GROUND, "ground", LINKS),
     "bar": ObstacleClearance(BAR, "bar", LINKS),
     "self": SelfClearance((0,), (2, 3), ("shank", "arms"), 0.05),
-    "torque": TorqueLimit(JOINTS, ("q1", "q3"), LIMITS),
+    "torque": TorqueLimit(("torque of q1", "generalized torque of q3"), GROUPS, LIMITS),
     "velocity": VelocityLimit(JOINTS, ("q1", "q3"), LIMITS),
-    "motor": MotorLimit(JOINTS, ("q1", "q3"), LIMITS, read_only([2.0, 0.3])),
+    "motor": MotorLimit(JOINTS, ("q1", "q3"), RATIOS, LIMITS, read_only([2.0, 0.3])),
     "orientation rate": OrientationRateLimit(4.0),
 }
 OBJECTIVES = {
@@ -196,7 +198,7 @@ class TestConstraints:
 
     def test_limits(self, flight, x):
         motion = trajectory(*flight, x)
-        torque, velocity = motion.torques[:, JOINTS], motion.motion.velocities[:, JOINTS]
+        torque, velocity = motion.motor_torques @ GROUPS.T, motion.motion.velocities[:, JOINTS]
         for name, state in (("torque", torque), ("velocity", velocity)):
             slack = (CONSTRAINTS[name].values(motion) * CONSTRAINTS[name].scale).reshape(-1, 2, 2)
             assert slack.min(axis=1) == pytest.approx(LIMITS - np.abs(state), abs=1e-11)

@@ -92,11 +92,14 @@ def test_csv(plan: fp.Plan, tmp_path: Path) -> None:
     state = plan.at(times)
     wanted = {"time": times, "orientation": state.orientation, "orientation_rate": state.orientation_rate}
     wanted |= {"com_x": state.com_position[:, 0], "com_y": state.com_position[:, 1]}
-    for index, joint in enumerate(plan.robot.joints):
-        wanted[f"{joint}_position"] = state.positions[:, index]
-        wanted[f"{joint}_velocity"] = state.velocities[:, index]
-        wanted[f"{joint}_acceleration"] = state.accelerations[:, index]
-        wanted[f"{joint}_torque"] = state.torques[:, index]
+    for quantity, key in (("positions", "position"), ("velocities", "velocity"), ("accelerations", "acceleration")):
+        for joint, column in every_joint(plan, getattr(state, quantity)).items():
+            wanted[f"{joint}_{key}"] = column
+    for index, joint in enumerate(plan.robot.motors):
+        wanted[f"{joint}_torque"] = state.motor_torques[:, index]
+    if plan.robot.coupled:
+        for index, joint in enumerate(plan.robot.joints):
+            wanted[f"{joint}_generalized_torque"] = state.torques[:, index]
     assert set(rows[0]) == set(wanted)
     for name, column in wanted.items():
         near([float(row[name]) for row in rows], column)
@@ -105,8 +108,9 @@ def test_csv(plan: fp.Plan, tmp_path: Path) -> None:
 def test_npz(plan: fp.Plan, tmp_path: Path) -> None:
     with np.load(export(plan, "npz", tmp_path / "file", rate=200)) as archive:
         assert archive["joints"].tolist() == list(plan.robot.joints)
+        assert archive["motors"].tolist() == list(plan.robot.motors)
         state = plan.at(archive["times"])
-        for name in set(archive.files) - {"joints"}:
+        for name in set(archive.files) - {"joints", "motors"}:
             near(archive[name], getattr(state, name))
         assert archive["times"][-1] == plan.duration
 
@@ -121,8 +125,7 @@ def test_ros(plan: fp.Plan, tmp_path: Path) -> None:
         for name, column in every_joint(plan, getattr(state, quantity)).items():
             near([point[key][names.index(name)] for point in points], column)
     effort = np.array([point["effort"] for point in points])
-    for index, joint in enumerate(plan.robot.joints):
-        near(effort[:, [names.index(name) for name in group_of(plan, joint)]].sum(axis=1), state.torques[:, index])
+    near(effort[:, [names.index(name) for name in plan.robot.motors]], state.motor_torques)
 
 
 def test_yaml_takes_small_numbers_for_numbers(handstand: fp.Plan, tmp_path: Path) -> None:

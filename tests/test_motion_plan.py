@@ -118,7 +118,7 @@ class TestTimes:
     def test_states_are_read_only(self, gymnast):
         plan = drawn(gymnast)
         arrays = [value for value in vars(plan.at(TIMES)).values() if isinstance(value, np.ndarray)]
-        assert len(arrays) == 11
+        assert len(arrays) == 12
         assert not any(array.flags.writeable for array in (*arrays, plan.peaks.torque, plan.peaks.velocity))
         with pytest.raises(FrozenInstanceError):
             plan.ok = False

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from floatplan.motion.extrema import chebyshev_nodes, largest_magnitudes, local_minima, resolution
+from floatplan.motion.extrema import (
+    chebyshev_nodes,
+    extremes,
+    largest_magnitudes,
+    least_by_grids,
+    local_minima,
+    resolution,
+)
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 
 INSTANTS = np.linspace(0, 1, 33)
@@ -85,7 +92,29 @@ class TestExtrema:
     def test_largest_magnitudes_have_no_sign(self):
         s = chebyshev_nodes(65)
         values = np.stack((3 * np.sin(9 * s), -5 * s, 2 * s * (1 - s), np.full(65, -0.7)), axis=1)
-        assert largest_magnitudes(values) == pytest.approx([3.0, 5.0, 0.5, 0.7], abs=1e-12)
+        largest, where = largest_magnitudes(values)
+        assert largest == pytest.approx([3.0, 5.0, 0.5, 0.7], abs=1e-12)
+        assert np.abs(np.sin(9 * where[0])) == pytest.approx(1.0, abs=1e-12)
+        assert where[1:3] == pytest.approx([1.0, 0.5], abs=1e-7)
+
+    def test_extremes_have_a_sign_and_a_place(self):
+        s = chebyshev_nodes(65)
+        least, at_least, largest, at_largest = extremes(np.stack((np.cos(np.pi * s), s - 2), axis=1))
+        assert least == pytest.approx([-1.0, -2.0], abs=1e-12)
+        assert largest == pytest.approx([1.0, -1.0], abs=1e-12)
+        assert at_least == pytest.approx([1.0, 0.0], abs=1e-7)
+        assert at_largest == pytest.approx([0.0, 1.0], abs=1e-7)
+
+    def test_least_value_of_a_function_with_kinks_and_jumps(self):
+        def values(times):
+            return np.where(times < 0.7371, np.abs(times - 0.3123), np.abs(times - 0.7371) - 0.5)
+
+        least, where = least_by_grids(values, 1.3, [0.7371])
+        assert (least, where) == (-0.5, 0.7371)
+        least, where = least_by_grids(lambda times: np.abs(times - 0.3123), 1.3, ())
+        assert least == pytest.approx(0.0, abs=1e-6)
+        assert where == pytest.approx(0.3123, abs=1e-6)
+        assert least_by_grids(lambda times: np.full(times.shape, np.inf), 1.3, ())[0] == np.inf
 
     def test_resolution_tells_whether_the_nodes_are_enough(self):
         def of(count):

@@ -69,6 +69,7 @@ def test_to_dict_holds_the_documented_keys(plan_b):
         "clearance_min",
         "torque_peak",
         "velocity_peak",
+        "motor_torque_peak",
         "findings",
         "subintervals",
         "seconds",

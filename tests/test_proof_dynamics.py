@@ -84,7 +84,7 @@ def assert_agrees(robot, record, instants):
         cells = Cells.between(np.array([t]), np.array([t + 1e-7]))
         joints = joint_models(proof_robot(record), record, cells)
         torques, rate = pinocchio_flight(robot, record, t)
-        start = joints.torques.at_end(-1.0)
+        start = joints.motor_torques.at_end(-1.0)
         scale = max(1.0, np.abs(torques).max())
         assert np.abs(start.mid[0] - torques).max() <= 1e-12 * scale + start.rad.max()
         assert start.rad.max() <= 1e-9 * scale
@@ -184,7 +184,7 @@ def test_models_contain_values_of_fifty_digits():
                     t = (first + last) / 2 + (last - first) / 2 * arb(u)
                     rate, torques = gymnast_series(record, d, t, 4)
                     truths = [(flight.joints.rate, 0, rate[0])]
-                    truths += [(flight.joints.torques, k, torques[k][0]) for k in (0, 1)]
+                    truths += [(flight.joints.motor_torques, k, torques[k][0]) for k in (0, 1)]
                     for model, item, truth in truths:
                         value = flint.arb_poly([float(x) for x in model.c[:, cell, item]])(arb(u))
                         assert abs(value - truth) <= arb(float(model.e[cell, item]))
@@ -231,7 +231,7 @@ def test_wide_enclosures_contain_the_motion(seed):
     place = np.searchsorted(instants, times)
     pairs = [
         (flight.joints.rate, dense.rate[:, None]),
-        (flight.joints.torques, dense.torques),
+        (flight.joints.motor_torques, dense.torques),
         (flight.joints.velocities, dense.velocities),
         (flight.orientation, dense.orientation[:, None]),
     ]

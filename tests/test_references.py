@@ -9,8 +9,9 @@ from references import REFERENCES, answer, problem_names
 
 from floatplan.robot.example_robots import robots_folder
 
-SAME = 1e-6  # relative; where the search ended at an optimum
-ALIKE = 1e-2  # relative; where it ended at some feasible motion, which rounding decides
+SAME = 1e-6  # relative, of objectives and h; where the search ended at an optimum
+ALIKE = 1e-2  # relative, of all; where it ended at some feasible motion, which rounding decides
+FLAT = 1e-3  # relative, of peaks: near an optimum they change far more than the objective does
 
 expected = json.loads(REFERENCES.read_text(encoding="utf-8"))
 
@@ -26,7 +27,9 @@ def test_answer_is_the_reference(name):
     found, wanted = answer(name), expected[name]
     words = ("status", "verdict")
     assert {key: found[key] for key in words} == {key: wanted[key] for key in words}
-    tolerance = SAME if wanted["status"] == "optimal" else ALIKE
-    for key in ("angular_momentum", "objective", "torque_peak", "velocity_peak"):
-        assert found[key] == pytest.approx(wanted[key], rel=tolerance), key
+    optimal = wanted["status"] == "optimal"
+    for key in ("angular_momentum", "objective"):
+        assert found[key] == pytest.approx(wanted[key], rel=SAME if optimal else ALIKE), key
+    for key in ("torque_peak", "velocity_peak"):
+        assert found[key] == pytest.approx(wanted[key], rel=FLAT if optimal else ALIKE), key
     assert found["clearance_min"] == pytest.approx(wanted["clearance_min"], abs=1e-6)

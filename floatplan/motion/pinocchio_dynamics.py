@@ -34,7 +34,7 @@ class PinocchioDynamics:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+        self.robot = robot
         self._model = robot.model
         self._workspace = Workspace(robot.model)
         axis = int(np.argmax(np.abs(robot.plane.normal)))
@@ -48,7 +48,7 @@ class PinocchioDynamics:
         self.mass = float(robot.tree.mass.sum())
 
     def __reduce__(self) -> tuple[type[PinocchioDynamics], tuple[Robot]]:
-        return PinocchioDynamics, (self._robot,)
+        return PinocchioDynamics, (self.robot,)
 
     def full_positions(self, positions: Array) -> Array:
         """Configurations (N, nv) of the model, base at the origin, from planned positions (N, n)."""
@@ -101,12 +101,17 @@ class PinocchioDynamics:
         """
         model, data = self._model, self._workspace.data
         full, full_velocities = self._full_state(positions, velocities, base_rate)
-        full_accelerations = accelerations @ self._selection.T
-        full_accelerations[:, :BASE] = self.base_acceleration(positions, velocities, accelerations, base_rate)
+        full_accelerations = self.full_accelerations(positions, velocities, accelerations, base_rate)
         forces = np.empty_like(full)
         for k, q in enumerate(full):
             forces[k] = pin.rnea(model, data, q, full_velocities[k], full_accelerations[k])
         return forces
+
+    def full_accelerations(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Accelerations (N, nv) of all coordinates in free flight, but for gravity, at orientation 0."""
+        full_accelerations = accelerations @ self._selection.T
+        full_accelerations[:, :BASE] = self.base_acceleration(positions, velocities, accelerations, base_rate)
+        return full_accelerations
 
     def _full_state(self, positions: Array, velocities: Array, base_rate: Array) -> tuple[Array, Array]:
         full_velocities = velocities @ self._selection.T

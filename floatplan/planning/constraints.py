@@ -293,11 +293,12 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
             tuple(index for index, link in enumerate(model.shapes.links) if link == name) for name in pair.links
         )
         blocks.append(SelfClearance(first, second, pair.links, pair.margin))
-    blocks += [*_torque_limits(problem), *_motor_limits(problem)]
+    blocks += _torque_limits(problem)
     limited = np.flatnonzero(np.isfinite(problem.velocity_limits))
     if limited.size:
         limits = problem.velocity_limits[limited]
         blocks.append(VelocityLimit(tuple(limited.tolist()), tuple(names[i] for i in limited), limits))
+    blocks += _motor_limits(problem)
     if problem.limits.orientation_rate is not None:
         blocks.append(OrientationRateLimit(problem.limits.orientation_rate))
     return tuple(blocks)

@@ -225,7 +225,8 @@ class Robot:
     def __getstate__(self) -> dict[str, Any]:
         """Everything as it is, but for read-only mappings, which cannot be pickled."""
         return {
-            name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in self.__dict__.items()
+            name: dict(value) if isinstance(value, MappingProxyType) else value
+            for name, value in dict(self.__dict__).items()  # a copy, as another thread may be adding the shapes
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:

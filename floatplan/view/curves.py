@@ -16,6 +16,7 @@ from floatplan.arrays import Array
 from floatplan.motion.flight_state import FlightState
 from floatplan.motion_plan import Plan
 from floatplan.problem import Obstacle
+from floatplan.view.motors import motor_colours, shown_motors, torque_limits
 from floatplan.view.postures import clearances_to, robot_size
 from floatplan.view.style import (
     ALARM,
@@ -88,7 +89,8 @@ def rates(flown: Flown, other: Flown | None = None) -> Figure:
     limits = _draw_limits(joints, flown, problem.velocity_limits, peak)
     base_peak = _draw_columns(base, flown, other, _orientation_rate)
     limits = _draw_limits(base, flown, _orientation_rate_limit(flown), base_peak) or limits
-    limits = [*limits, *_draw_proved_peaks(joints, flown, "velocity_peak")]
+    peaks = (flown.plan.certificate or {}).get("velocity_peak") or []
+    limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(flown.plan.robot.joints) + 1)[1:])]
     joints.set_ylabel("joints (rad/s)")
     base.set_ylabel("orientation (rad/s)")
     for axes in (joints, base):
@@ -99,22 +101,42 @@ def rates(flown: Flown, other: Flown | None = None) -> Figure:
 
 
 def torques(flown: Flown, other: Flown | None = None) -> Figure:
-    """Draw the joints' torques over time, N m, with their proved peaks and the limits that are near."""
+    """Draw the motors' own torques over time, N m, with their proved peaks and the limits that are near.
+
+    Followers that do as their leaders do are not drawn; others are dotted, in their leaders' colours.
+    """
     figure, (axes,) = _time_figure(flown.plan, 1)
     limits = draw_torques(axes, flown, other)
-    _curve_legend(figure, flown, other, extra=limits, first=1)
+    plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
+    entries = [
+        (Line2D([], [], color=colour, **_stroke(plan, motor)), plan.robot.motors[motor])
+        for motor, colour in zip(motors, motor_colours(plan, motors), strict=True)
+    ]
+    legend_above(figure, [*entries, *limits, *_plan_marks(flown, other)])
     return figure
 
 
 def draw_torques(axes: Axes, flown: Flown, other: Flown | None = None) -> list[tuple[Any, str]]:
     """Draw the curves of :func:`torques` onto axes; return what the legend says of limits and proved peaks."""
-    peak = _draw_columns(axes, flown, other, _torques, first=1)
+    plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
+    colours = motor_colours(plan, motors)
+    peak = 0.0
+    for each, style, strength in _layers(flown, other):
+        torques = each.state.motor_torques
+        peak = max(peak, float(np.abs(torques).max()))
+        for motor, colour in zip(motors, colours, strict=True):
+            column = torques[:, each.plan.robot.motors.index(plan.robot.motors[motor])]
+            axes.plot(each.times, column, color=faded(colour, strength), **(_stroke(plan, motor) | style))
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     axes.set_ylabel("torque (N m)")
-    return [
-        *_draw_limits(axes, flown, _torque_limits(flown), peak),
-        *_draw_proved_peaks(axes, flown, "torque_peak"),
-    ]
+    limits = torque_limits(plan, flown.state.velocities)[:, motors]
+    proved = (plan.certificate or {}).get("motor_torque_peak") or {}
+    peaks = [proved.get(plan.robot.motors[motor]) for motor in motors]
+    return [*_draw_limits(axes, flown, limits, peak, colours), *_draw_proved_peaks(axes, peaks, colours)]
+
+
+def _stroke(plan: Plan, motor: int) -> dict[str, Any]:
+    return {"linestyle": ":"} if motor >= len(plan.robot.joints) else {}
 
 
 def clearance(flown: Flown, other: Flown | None = None) -> Figure:
@@ -178,10 +200,6 @@ def _orientation_rate(state: FlightState) -> Array:
     return state.orientation_rate[:, None]
 
 
-def _torques(state: FlightState) -> Array:
-    return state.torques
-
-
 def _time_figure(plan: Plan, rows: int) -> tuple[Figure, list[Axes]]:
     """Return a figure of axes over the flight, one below the other, the first the tallest."""
     figure = new_figure(COLUMN, HEIGHT + SECOND_HEIGHT * (rows - 1))
@@ -210,15 +228,17 @@ def _draw_columns(axes: Axes, flown: Flown, other: Flown | None, values: Any, fi
     return peak
 
 
-def _draw_limits(axes: Axes, flown: Flown, limits: Array, peak: float) -> list[tuple[Any, str]]:
-    """Draw limits (n,), or (N, n) over time, on both sides, unless so far away that they would flatten the curves.
+def _draw_limits(
+    axes: Axes, flown: Flown, limits: Array, peak: float, colours: Sequence[Any] | None = None
+) -> list[tuple[Any, str]]:
+    """Draw limits (r,), or (N, r) over time, on both sides, unless so far away that they would flatten the curves.
 
     Returns what the legend says of them.
     """
     mark: list[tuple[Any, str]] = []
-    over_time = np.broadcast_to(limits, (len(flown.times), len(flown.plan.robot.joints)))
+    over_time = np.broadcast_to(limits, (len(flown.times), limits.shape[-1]))
     same = bool(np.all(over_time == over_time[:1, :1]))
-    colours = palette(over_time.shape[1] + 1)[1:]
+    colours = palette(over_time.shape[1] + 1)[1:] if colours is None else colours
     for column, colour in zip(over_time.T[:1] if same else over_time.T, [INK] if same else colours, strict=False):
         if float(column.min()) <= NEAR * peak:
             for sign in (1, -1):
@@ -227,10 +247,8 @@ def _draw_limits(axes: Axes, flown: Flown, limits: Array, peak: float) -> list[t
     return mark
 
 
-def _draw_proved_peaks(axes: Axes, flown: Flown, name: str) -> list[tuple[Any, str]]:
+def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Sequence[Any]) -> list[tuple[Any, str]]:
     """Draw, on both sides, what no magnitude of a joint exceeds by the certificate; return the legend's word."""
-    peaks = (flown.plan.certificate or {}).get(name) or []
-    colours = palette(len(flown.plan.robot.joints) + 1)[1:]
     known = [(peak, colour) for peak, colour in zip(peaks, colours, strict=False) if peak is not None]
     for peak, colour in known:
         for sign in (1, -1):
@@ -249,13 +267,6 @@ def _draw_proved_clearances(axes: Axes, flown: Flown, colours: Sequence[str]) ->
             axes.axhline(least, color=colour, zorder=1.6, **PROVED)
             drawn = True
     return [(Line2D([], [], color=INK, **PROVED), "proved minimum")] if drawn else []
-
-
-def _torque_limits(flown: Flown) -> Array:
-    """Return what each joint may do (N, n) over time, N m: its limit, or what its motor leaves at its speed."""
-    problem = flown.plan.problem
-    motor = problem.motor_stall - problem.motor_slope * np.abs(flown.state.velocities)
-    return np.minimum(problem.torque_limits, motor)
 
 
 def _orientation_rate_limit(flown: Flown) -> Array:

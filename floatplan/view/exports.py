@@ -15,12 +15,11 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion_plan import Plan
 from floatplan.plan_record import write_whole
-from floatplan.view.full_motion import full_motion
 from floatplan.view.trajectory import sample_times, write_trajectory
 
 Writer: TypeAlias = Callable[[Plan, Path, float], Path]
 
-STATES = ("orientation", "orientation_rate", "positions", "velocities", "accelerations", "torques")
+STATES = ("orientation", "orientation_rate", "positions", "velocities", "accelerations", "torques", "motor_torques")
 PLACES = ("com_position", "com_velocity", "base_position", "angular_momentum")
 
 
@@ -62,23 +61,27 @@ def format_of(name: str) -> Format:
 
 
 def write_npz(plan: Plan, path: Path, rate: float) -> Path:
-    """Write NumPy's archive: ``times``, ``joints`` (names), and the arrays of :class:`FlightState` by their names."""
+    """Write NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
     state = plan.at(sample_times(plan.duration, rate))
     arrays = {name: getattr(state, name) for name in (*STATES, *PLACES)}
-    return _write_archive(path, {"times": state.times, "joints": np.array(plan.robot.joints), **arrays})
+    names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
+    return _write_archive(path, {"times": state.times, **names, **arrays})
 
 
 def write_ros(plan: Plan, path: Path, rate: float) -> Path:
-    """Write a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds."""
+    """Write a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds.
+
+    Efforts are the motors' own torques.
+    """
     nanoseconds = np.floor(sample_times(plan.duration, rate) * 1e9 + 1e-3).astype(np.int64)
-    motion = full_motion(plan, nanoseconds / 1e9)
+    motion = plan.full_motion(nanoseconds / 1e9)
     names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
     for index, instant in enumerate(nanoseconds.tolist()):
         lines.append(f"- positions: {_yaml(motion.positions[index])}")
         lines.append(f"  velocities: {_yaml(motion.velocities[index])}")
         lines.append(f"  accelerations: {_yaml(motion.accelerations[index])}")
-        lines.append(f"  effort: {_yaml(motion.torques[index])}")
+        lines.append(f"  effort: {_yaml(motion.motor_torques[index])}")
         lines.append(f"  time_from_start: {{sec: {instant // 10**9}, nanosec: {instant % 10**9}}}")
     return write_whole(path, "\n".join(lines) + "\n")
 
@@ -87,16 +90,16 @@ def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
     """Write NumPy's archive for MuJoCo: a free joint at the root link, then one hinge (or slide) per joint.
 
     ``time`` (N,), ``qpos`` (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world,
-    angular velocity in the body, joints; ``ctrl`` (N, J): torques; ``joint_names`` (J). The order of a model's joints
-    may be another: go by the names.
+    angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J). The order of a
+    model's joints may be another: go by the names.
     """
-    motion = full_motion(plan, sample_times(plan.duration, rate))
+    motion = plan.full_motion(sample_times(plan.duration, rate))
     quaternion = np.roll(motion.base_quaternion, 1, axis=1)
     arrays = {
-        "time": motion.times,
+        "time": motion.state.times,
         "qpos": np.concatenate((motion.base_position, quaternion, motion.positions), axis=1),
         "qvel": np.concatenate((motion.base_velocity, motion.base_angular_velocity, motion.velocities), axis=1),
-        "ctrl": motion.torques,
+        "ctrl": motion.motor_torques,
         "joint_names": np.array(motion.joints),
         "gravity": -plan.ballistics.gravity * plan.robot.plane.vertical,
     }
@@ -109,7 +112,7 @@ def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
     The first line is a comment that names the columns. Where the flight is no whole number of steps, the last row is
     the landing, less than a step early.
     """
-    motion = full_motion(plan, sample_times(plan.duration, rate))
+    motion = plan.full_motion(sample_times(plan.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
     lines = ["# " + ",".join(name.replace("\n", " ") for name in names)]

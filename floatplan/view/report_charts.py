@@ -10,8 +10,9 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion_plan import Plan
 from floatplan.view.curves import NEAR, obstacle_names
+from floatplan.view.motors import motor_colours, shown_motors, torque_limits
 from floatplan.view.postures import robot_size
-from floatplan.view.report_data import hex_colour, rounded
+from floatplan.view.report_data import hex_colour, rounded, sample_grid
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, palette
 
 DEGREES = 180 / np.pi
@@ -36,18 +37,25 @@ def _angles(plan: Plan) -> dict[str, Any]:
 def _rates(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
     keys = ["orientation_rate", *_of_joints(plan, "velocities")]
     base = plan.problem.limits.orientation_rate
-    of_joints = _limits(plan, keys[1:], plan.problem.velocity_limits, columns)
-    of_base = _limits(plan, keys[:1], [np.inf if base is None else base], columns, first=0)
+    colours = palette(len(plan.robot.joints) + 1)
+    of_joints = _limits(keys[1:], plan.problem.velocity_limits, columns, colours[1:])
+    of_base = _limits(keys[:1], [np.inf if base is None else base], columns, colours[:1])
     limits = {"lines": of_joints["lines"] + of_base["lines"], "beyond": of_joints["beyond"]}
     return _chart("Rates", "rad/s", _series(plan, keys), **limits)
 
 
 def _torques(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
-    keys, problem = _of_joints(plan, "torques"), plan.problem
-    speeds = np.abs([columns[key] for key in _of_joints(plan, "velocities")])
-    motor = problem.motor_stall[:, None] - problem.motor_slope[:, None] * speeds
-    limits = np.minimum(problem.torque_limits[:, None], motor)
-    return _chart("Torques", "N m", _series(plan, keys), **_limits(plan, keys, limits, columns))
+    """The motors' own; followers that do as their leaders do are left out."""
+    motors = shown_motors(plan, plan.at(sample_grid(plan.duration)))
+    colours = motor_colours(plan, motors)
+    keys = [f"motor_torques.{motor}" for motor in motors]
+    velocities = np.array([columns[key] for key in _of_joints(plan, "velocities")]).T
+    limits = torque_limits(plan, velocities)[:, motors].T
+    series = [
+        {"name": plan.robot.motors[motor], "colour": hex_colour(colour), "key": key}
+        for motor, colour, key in zip(motors, colours, keys, strict=True)
+    ]
+    return _chart("Torques", "N m", series, **_limits(keys, limits, columns, colours))
 
 
 def _momentum(plan: Plan) -> dict[str, Any]:
@@ -95,14 +103,14 @@ def _series(plan: Plan, keys: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _limits(
-    plan: Plan, keys: Sequence[str], limits: Sequence[float] | Array, columns: Mapping[str, Array], first: int = 1
+    keys: Sequence[str], limits: Sequence[float] | Array, columns: Mapping[str, Array], of_keys: Sequence[Array]
 ) -> dict[str, Any]:
     """Limits on both sides, one value or (N,) each; told in words if so far away that they would flatten the curves.
 
-    ``first`` is the part that the first key belongs to: 0 for the base. One limit for several joints is one line.
+    ``of_keys`` are the colours of the keys' curves. One limit for several joints is one line.
     """
     peak = max(float(np.abs(columns[key]).max()) for key in keys)
-    colours = [hex_colour(colour) for colour in palette(len(plan.robot.joints) + 1)[first : first + len(keys)]]
+    colours = [hex_colour(colour) for colour in of_keys]
     over_time = np.asarray(limits, dtype=np.float64).reshape(len(keys), -1)
     if len(keys) > 1 and (over_time == over_time[0, 0]).all():
         over_time, colours = over_time[:1], [INK]

@@ -62,7 +62,7 @@ def columns(plan: Plan, times: Array) -> dict[str, Array]:
         "momentum_joints": state.angular_momentum - base,
         "angular_momentum": state.angular_momentum,
     }
-    for name in ("positions", "velocities", "accelerations", "torques"):
+    for name in ("positions", "velocities", "accelerations", "motor_torques"):
         found |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
     for index, obstacle in enumerate(plan.problem.obstacles):
         found[f"clearance.{index}"] = clearances_to(plan, obstacle, times)

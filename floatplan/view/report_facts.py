@@ -20,11 +20,16 @@ LONGEST_LIST = 12  # joints listed one by one
 def sections(plan: Plan) -> list[dict[str, Any]]:
     """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
     proved, tone = _proved(plan)
-    return [
+    found: list[dict[str, Any]] = [
         {"title": "Asked", "rows": _asked(plan.problem)},
         {"title": "Found", "rows": _found(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
         {"title": "Proved", "rows": proved, "tone": tone, "findings": _findings(plan)},
+        {"title": "Used of each motor", "rows": [], "motors": _motors(plan)},
     ]
+    if plan.warnings:
+        warned = [(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+        found.append({"title": "Warnings", "rows": warned, "tone": "open"})
+    return found
 
 
 def verdict(plan: Plan) -> tuple[str, str]:
@@ -35,6 +40,8 @@ def verdict(plan: Plan) -> tuple[str, str]:
     if certificate is None:
         return "planned, not proved yet", "open"
     words = {"proved": ("proved", "good"), "refuted": ("refuted", "bad")}
+    if plan.warnings and certificate.get("verdict") == "proved":
+        return "proved, with warnings", "open"
     return words.get(str(certificate.get("verdict")), ("planned, proof undecided", "open"))
 
 
@@ -52,9 +59,8 @@ def _asked(problem: Problem) -> list[Row]:
         ("momentum", asked if isinstance(asked, str) else f"{asked:g} kg m²/s"),
         ("motion", f"sine polynomials of degree {_degrees(problem)}, least {problem.motion.objective}"),
     ]
-    for name, values, unit in (("torque", problem.torque_limits, "N m"), ("rate", problem.velocity_limits, "rad/s")):
-        if np.isfinite(values).any():
-            rows.append((f"{name} limits", f"{_listed(values)} {unit}"))
+    if problem.ground:
+        rows.append(("ground", "no link below the line on which it took off"))
     return rows + [("obstacle", _obstacle(obstacle)) for obstacle in problem.obstacles]
 
 
@@ -68,13 +74,29 @@ def _found(plan: Plan) -> list[Row]:
         ("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end"),
         ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {inside} [{low:.5g}, {high:.5g}], eq. (9)"),
         ("objective", f"{record.objective['name']}: {float(record.objective['value']):.6g}"),
-        ("peak torques", f"{_listed(record.torque_peak)} N m"),
-        ("peak rates", f"{_listed(record.velocity_peak)} rad/s"),
     ]
     if record.clearance_min is not None:
         rows.append(("least clearance", f"{record.clearance_min:.5g} m"))
     seconds = record.solver.get("seconds")
     return rows if seconds is None else [*rows, ("found in", f"{float(seconds):.3g} s")]
+
+
+def _motors(plan: Plan) -> list[list[str]]:
+    """Peaks, limits and shares of each motor, worst first: the cells of a table."""
+    return [
+        [
+            use.joint,
+            _number(use.torque_peak),
+            _number(use.torque_limit),
+            _percent(use.torque_utilisation),
+            _number(use.velocity_peak),
+            _number(use.velocity_limit),
+            _percent(use.velocity_utilisation),
+            _percent(use.range_used),
+            f"{use.instant:.3f}",
+        ]
+        for use in plan.utilisation
+    ]
 
 
 def _proved(plan: Plan) -> tuple[list[Row], str]:
@@ -101,9 +123,6 @@ def _certificate_rows(certificate: Mapping[str, Any]) -> list[Row]:
     rows = [
         ("certificate", f"{certificate.get('verdict')}: {many} of {len(findings)} constraints hold at every instant")
     ]
-    for key, name, unit in (("torque_peak", "torques below", "N m"), ("velocity_peak", "rates below", "rad/s")):
-        if certificate.get(key):
-            rows.append((name, f"{_listed(certificate[key])} {unit}"))
     if certificate.get("clearance_min") is not None:
         rows.append(("clearance above", f"{_number(certificate['clearance_min'])} m"))
     return rows
@@ -163,6 +182,10 @@ def _pair(values: Iterable[float]) -> str:
 def _listed(values: Sequence[Any] | Array) -> str:
     shown = [_number(value) for value in values[:LONGEST_LIST]]
     return ", ".join(shown) + (f", … ({len(values)} in all)" if len(values) > LONGEST_LIST else "")
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f} %"
 
 
 def _number(value: Any) -> str:

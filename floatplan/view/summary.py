@@ -18,6 +18,7 @@ from floatplan.problem import Problem
 from floatplan.robot.planarity import WORTH_A_WARNING
 
 MOST_JOINTS_SHOWN = 6
+MOST_WARNINGS_SHOWN = 3
 MOST_FINDINGS_SHOWN = 20
 
 
@@ -30,8 +31,6 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
     table.add_row("goal", _posture(problem.final.orientation, problem.final.positions))
     table.add_row("found" if plan.ok else "nearest", _answer(plan))
     table.add_row("momentum", _momentum(record.angular_momentum, record.angular_momentum_bounds))
-    table.add_row("torque", f"peak {_listed(record.torque_peak)} N m")
-    table.add_row("rate", f"peak {_listed(record.velocity_peak)} rad/s")
     if record.clearance_min is not None:
         table.add_row("clearance", f"{record.clearance_min:.4g} m at least")
     if record.out_of_plane_leak is not None and record.out_of_plane_leak > WORTH_A_WARNING:
@@ -43,10 +42,36 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
         table.add_row(name, Text(str(path), overflow="fold"))
     if "plan" in places and "report" not in places:
         table.add_row("next", Text(f"floatplan show {shlex.quote(str(places['plan']))}", overflow="fold"))
-    parts: list[RenderableType] = [_verdict(plan), table]
+    parts: list[RenderableType] = [_verdict(plan), table, _utilisation(plan)]
     if record.explanation:
         parts.append(Text(_shortened(record.explanation), style="" if plan.ok else "yellow"))
+    parts += [Text(f"warning: {warning.message}", "yellow") for warning in plan.warnings[:MOST_WARNINGS_SHOWN]]
+    if len(plan.warnings) > MOST_WARNINGS_SHOWN:
+        parts.append(Text(f"and {len(plan.warnings) - MOST_WARNINGS_SHOWN} more warnings; --json has all", "dim"))
     return Group(*parts)
+
+
+def _utilisation(plan: Plan) -> RenderableType:
+    """How much of its limits each motor uses, worst first."""
+    titles = ("joint", "N m", "limit", "%", "rad/s", "limit", "%", "range, deg", "% of it", "at, s")
+    table = Table(*titles, box=None, header_style="dim", pad_edge=False)
+    rows = plan.utilisation
+    for row in rows[:MOST_JOINTS_SHOWN]:
+        table.add_row(
+            escape(row.joint),
+            _number(row.torque_peak),
+            _number(row.torque_limit),
+            _percent(row.torque_utilisation),
+            _number(row.velocity_peak),
+            _number(row.velocity_limit),
+            _percent(row.velocity_utilisation),
+            f"{math.degrees(row.position_low):.4g} to {math.degrees(row.position_high):.4g}",
+            _percent(row.range_used),
+            f"{row.instant:.3g}",
+        )
+    if len(rows) > MOST_JOINTS_SHOWN:
+        return Group(table, Text(f"and {len(rows) - MOST_JOINTS_SHOWN} more; --json has all", "dim"))
+    return table
 
 
 def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
@@ -135,7 +160,12 @@ def _verdict(plan: Plan) -> Text:
     seconds = plan.record.solver.get("seconds")
     took = "" if seconds is None else f" in {float(seconds):.3g} s"
     if plan.ok:
-        return Text(f"{plan.problem.name}: planned{took} ({plan.status})", style="bold green")
+        proved = (plan.certificate or {}).get("verdict") == "proved"
+        word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
+        said = ", ".join(filter(None, (plan.status, word)))
+        return Text(
+            f"{plan.problem.name}: planned{took} ({said})", style="bold yellow" if plan.warnings else "bold green"
+        )
     return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
 
 
@@ -167,7 +197,8 @@ def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
     if unproved:
         return Text(f"not proved: {_shortened(', '.join(unproved), 200)} ({took})", style="yellow")
     parts = [] if low is None else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
-    parts.append(f"torque at most {_listed(certificate['torque_peak'])} N m")
+    torques = certificate.get("motor_torque_peak") or {}
+    parts.append(f"torque at most {max(torques.values(), default=0.0):.4g} N m")
     if certificate["clearance_min"] is not None:
         parts.append(f"clearance at least {certificate['clearance_min']:.4g} m")
     return Text(f"for all times, {', '.join(parts)} ({took})")
@@ -213,6 +244,10 @@ def _listed(values: Any, digits: int = 4) -> str:
     if len(shown) > MOST_JOINTS_SHOWN:
         shown = [*shown[:MOST_JOINTS_SHOWN], f"... ({len(shown)} in all)"]
     return ", ".join(shown)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.0f}"
 
 
 def _number(value: float | None) -> str:

@@ -36,8 +36,9 @@ def sample_times(duration: float, rate: float) -> Array:
 def write_trajectory(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
     """Write the plan as CSV: one row per instant, numbers that read back bit for bit.
 
-    Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical), then per joint its position,
-    velocity, acceleration and torque; SI units and radians.
+    Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical), then per motor its joint's
+    position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also has
+    ``generalized_torque``: the sum over its motors, by their ratios.
 
     Parameters
     ----------
@@ -50,15 +51,20 @@ def write_trajectory(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path
     state = plan.at(times)
     header = ["time", "orientation", "orientation_rate", "com_x", "com_y"]
     columns = [times, state.orientation, state.orientation_rate, *state.com_position.T]
-    of_joints = {
-        "position": state.positions,
-        "velocity": state.velocities,
-        "acceleration": state.accelerations,
-        "torque": state.torques,
+    ratios = plan.robot.motor_ratios
+    offsets = [plan.robot.coupled[name].offset if name in plan.robot.coupled else 0.0 for name in plan.robot.motors]
+    of_motors = {
+        "position": state.positions @ ratios.T + offsets,
+        "velocity": state.velocities @ ratios.T,
+        "acceleration": state.accelerations @ ratios.T,
+        "torque": state.motor_torques,
     }
-    for index, joint in enumerate(plan.robot.joints):
-        header += [f"{joint}_{quantity}" for quantity in of_joints]
-        columns += [values[:, index] for values in of_joints.values()]
+    for index, joint in enumerate(plan.robot.motors):
+        header += [f"{joint}_{quantity}" for quantity in of_motors]
+        columns += [values[:, index] for values in of_motors.values()]
+        if index < len(plan.robot.joints) and np.count_nonzero(ratios[:, index]) > 1:
+            header.append(f"{joint}_generalized_torque")
+            columns.append(state.torques[:, index])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)

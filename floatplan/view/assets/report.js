@@ -38,6 +38,7 @@ function fillFacts(data, onSeek) {
       list.appendChild(make("dd", "", text));
     }
     if (section.note) part.appendChild(make("p", "note", section.note));
+    if (section.motors) fillTable(part, MOTOR_TITLES, section.motors, onSeek);
     if (section.findings && section.findings.length) fillFindings(part, section.findings, onSeek);
   }
   const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
@@ -48,19 +49,28 @@ function fillFacts(data, onSeek) {
 function fillFindings(part, findings, onSeek) {
   const details = part.appendChild(make("details"));
   details.appendChild(make("summary", "", `All ${findings.length} constraints`));
-  const table = details.appendChild(make("div", "wide")).appendChild(make("table"));
+  const rows = fillTable(details, ["constraint", "", "bound", "limit", "at, s"], findings, onSeek);
+  findings.forEach((finding, index) => rows[index].classList.add(finding[1]));
+}
+
+const MOTOR_TITLES = ["joint", "N m", "limit", "used", "rad/s", "limit", "used", "of range", "at, s"];
+
+/* Rows of texts; a click on one goes to the instant in its last cell. */
+function fillTable(part, titles, rows, onSeek) {
+  const table = part.appendChild(make("div", "wide")).appendChild(make("table"));
   const head = table.appendChild(make("thead")).appendChild(make("tr"));
-  for (const title of ["constraint", "", "bound", "limit", "at, s"]) head.appendChild(make("th", "", title));
+  for (const title of titles) head.appendChild(make("th", "", title));
   const body = table.appendChild(make("tbody"));
-  for (const finding of findings) {
-    const row = body.appendChild(make("tr", finding[1]));
-    for (const text of finding) row.appendChild(make("td", "", text));
-    const instant = Number(finding[4]);
+  return rows.map((texts) => {
+    const row = body.appendChild(make("tr"));
+    for (const text of texts) row.appendChild(make("td", "", text));
+    const instant = Number(texts[texts.length - 1]);
     if (Number.isFinite(instant)) {
       row.classList.add("seekable");
       row.addEventListener("click", () => onSeek(instant));
     }
-  }
+    return row;
+  });
 }
 
 (function main() {
