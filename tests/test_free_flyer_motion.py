@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from robot_samples import TWO_LINKS, joint, robot_text
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.ballistics import Ballistics
+from floatplan.motion.full_motion import FullMotion
 from floatplan.motion.pinocchio_dynamics import PinocchioDynamics
 from floatplan.robot.example_robots import PREFIX, robots_folder
 
@@ -153,6 +155,18 @@ def test_one_time_and_many(gymnast):
         assert quantity(np.float32(0.5)).shape == (size,)
         assert quantity([]).shape == (0, size)
         assert quantity([0.2, 0.5])[1] == pytest.approx(quantity(0.5), rel=1e-13)
+
+
+def test_motions_are_read_only_and_answers_are_the_caller_s(gymnast):
+    plan = drawn(gymnast)
+    motion = plan.full_motion(TIMES)
+    names = [name for name, member in vars(FullMotion).items() if isinstance(member, cached_property)]
+    arrays = [getattr(motion, name) for name in names if not name.startswith("_")]
+    assert len(arrays) == 10
+    assert not any(array.flags.writeable for array in arrays)
+    first = plan.q(TIMES)
+    first[:] = 0
+    assert plan.q(TIMES).any()
 
 
 @pytest.mark.parametrize("times", [2 * DURATION, [0.1, np.nan], "soon", 1j, None])

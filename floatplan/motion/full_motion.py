@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.motion.flight_state import FlightState
 from floatplan.motion.pinocchio_dynamics import BASE, PinocchioDynamics
 
@@ -39,22 +39,22 @@ class FullMotion:
     @cached_property
     def positions(self) -> Array:
         """Positions (N, J) of the joints, rad."""
-        return self.dynamics.full_positions(self.state.positions)[:, BASE:]
+        return read_only(self.dynamics.full_positions(self.state.positions)[:, BASE:])
 
     @cached_property
     def velocities(self) -> Array:
         """Velocities (N, J) of the joints, rad/s."""
-        return np.asarray(self.state.velocities @ self.dynamics.robot.selection[BASE:].T)
+        return read_only(self.state.velocities @ self.dynamics.robot.selection[BASE:].T)
 
     @cached_property
     def accelerations(self) -> Array:
         """Accelerations (N, J) of the joints, rad/s^2."""
-        return self._full_accelerations[:, BASE:]
+        return read_only(self._full_accelerations[:, BASE:])
 
     @cached_property
     def torques(self) -> Array:
         """Torques (N, J), N m: each joint's own, also where several are coupled; a locked joint's holds it."""
-        return self.dynamics.full_forces(*self._planned)[:, BASE:]
+        return read_only(self.dynamics.full_forces(*self._planned)[:, BASE:])
 
     @cached_property
     def motor_torques(self) -> Array:
@@ -71,28 +71,29 @@ class FullMotion:
     @cached_property
     def base_position(self) -> Array:
         """Place (N, 3) of the root link's origin in the world, m."""
-        return np.asarray(self.state.base_position @ self._axes)
+        return read_only(self.state.base_position @ self._axes)
 
     @cached_property
     def base_quaternion(self) -> Array:
         """Orientation (N, 4) of the root link, x, y, z, w: continuous in time, so of opposite sign after one turn."""
         half = self.state.orientation[:, None] / 2
-        return np.concatenate((np.sin(half) * self._normal, np.cos(half)), axis=1)
+        return read_only(np.concatenate((np.sin(half) * self._normal, np.cos(half)), axis=1))
 
     @cached_property
     def base_velocity(self) -> Array:
         """Velocity (N, 3) of the root link's origin in the world, m/s."""
-        return self._in_space(self._velocity)
+        return read_only(self._in_space(self._velocity))
 
     @cached_property
     def base_angular_velocity(self) -> Array:
         """Angular velocity (N, 3), rad/s, in the root link's axes or the world's: it is along the plane's normal."""
-        return np.asarray(self.state.orientation_rate[:, None] * self._normal)
+        return read_only(self.state.orientation_rate[:, None] * self._normal)
 
     @cached_property
     def base_twist(self) -> Array:
         """Spatial velocity (N, 6) of the base in its own axes: of its origin, m/s, then angular, rad/s."""
-        return np.concatenate((self._in_space(self._velocity * self._back), self.base_angular_velocity), axis=1)
+        linear = self._in_space(self._velocity * self._back)
+        return read_only(np.concatenate((linear, self.base_angular_velocity), axis=1))
 
     @cached_property
     def base_twist_rate(self) -> Array:
@@ -102,7 +103,7 @@ class FullMotion:
         carried = 1j * turn * state.orientation_rate * self._velocity
         linear = pushed - (1j * self.gravity + carried) * self._back
         angular = self._full_accelerations[:, BASE - 1, None] * self._normal
-        return np.concatenate((self._in_space(linear), angular), axis=1)
+        return read_only(np.concatenate((self._in_space(linear), angular), axis=1))
 
     @cached_property
     def _full_accelerations(self) -> Array:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from floatplan.proof.urdf import read_urdf
 from floatplan.robot.example_robots import urdf_path
 
 BUDGET = 4096  # cells of time
+_ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ def certify(
     shapes: Sequence[LinkShape] | None = None,
     budget: int = BUDGET,
 ) -> Certificate:
-    """Prove or refute a plan.
+    """Prove or refute a plan, one thread at a time; another that computes with Arb meanwhile sees its precision change.
 
     Parameters
     ----------
@@ -110,16 +112,18 @@ def certify(
     InputError
         The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
     """
-    began = time.perf_counter()
-    path = urdf_path(record.robot.urdf if urdf is None else urdf)
-    robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
-    try:
-        with np.errstate(all="ignore"):
-            return _prove(robot, record, shapes, budget, began)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"cannot be read as a problem: {type(error).__name__} {error}", element="problem") from error
+    with _ONE_AT_A_TIME:
+        began = time.perf_counter()
+        path = urdf_path(record.robot.urdf if urdf is None else urdf)
+        robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
+        try:
+            with np.errstate(all="ignore"):
+                return _prove(robot, record, shapes, budget, began)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            if isinstance(error, InputError):
+                raise
+            reason = f"cannot be read as a problem: {type(error).__name__} {error}"
+            raise InputError(reason, element="problem") from error
 
 
 def _prove(

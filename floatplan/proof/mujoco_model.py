@@ -59,7 +59,6 @@ def _release(mujoco: ModuleType, spec: Any, robot: Robot, gravity: float, step: 
     """Let the base go in the plane, and take away everything but inertia, gravity and joint torques."""
     plane = robot.plane
     spec.option.gravity = -gravity * np.asarray(plane.vertical)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.timestep = step
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     free = next(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE)

@@ -132,8 +132,8 @@ def replay(
     robot : Robot, optional
         Left out, the plan's; of a record, the one that it names.
     engine : "pinocchio" or "mujoco"
-        The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo with its
-        method of order 4 at fixed steps.
+        The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
+        accelerations and one of order 4 at fixed steps.
     perturb : str or Disturbance
         Relative errors of the angular momentum at takeoff, of masses and of torques: ``"h=1%,mass=2%,torque=1%"``.
     feedback : float, optional

@@ -7,7 +7,6 @@ import math
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -64,23 +63,25 @@ def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED
         length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
         raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed")
     if path.suffix == ".gif":
-        return write_whole(path, _gif(list(pictures(plan, speed))))
+        return write_whole(path, _gif(pictures(plan, speed)))
     if path.suffix == ".mp4":
-        return write_whole(path, _mp4(pictures(plan, speed)))
+        return write_whole(path, _mp4(_ffmpeg(), pictures(plan, speed)))
     raise InputError(f"{path.suffix!r} is no film", source=path, advice="name a file that ends in .gif or .mp4")
 
 
-def pictures(plan: Plan, speed: float = SPEED) -> Iterator[Image.Image]:
-    """Draw the film's pictures one after another: what stays is drawn once."""
+def pictures(plan: Plan, speed: float = SPEED) -> list[Image.Image]:
+    """Draw the film's pictures; what stays is drawn once."""
     count = max(2, round(plan.duration / speed * RATE) + 1)
     times = np.linspace(0.0, plan.duration, count)
     with styled():
         figure, axes = _stage(plan)
         figure.canvas.draw()
         still = figure.canvas.copy_from_bbox(figure.bbox)  # type: ignore[attr-defined]
+        drawn = []
         for time in times:
             figure.canvas.restore_region(still)  # type: ignore[attr-defined]
-            yield _picture(figure, axes, plan, float(time))
+            drawn.append(_picture(figure, axes, plan, float(time)))
+        return drawn
 
 
 def _stage(plan: Plan) -> tuple[Figure, Axes]:
@@ -133,17 +134,20 @@ def _gif(frames: list[Image.Image]) -> bytes:
     return stream.getvalue()
 
 
-def _mp4(frames: Iterator[Image.Image]) -> bytes:
-    ffmpeg = shutil.which("ffmpeg")
-    if ffmpeg is None:
+def _ffmpeg() -> str:
+    found = shutil.which("ffmpeg")
+    if found is None:
         raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
-    first = next(frames)
-    size = f"{first.width}x{first.height}"
+    return found
+
+
+def _mp4(ffmpeg: str, frames: list[Image.Image]) -> bytes:
+    size = f"{frames[0].width}x{frames[0].height}"
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
         raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{RATE:g}", "-i", "-"]
         made = ["-vf", f"tpad=stop_mode=clone:stop_duration={REST}", "-pix_fmt", "yuv420p", str(film)]
-        content = first.tobytes() + b"".join(frame.tobytes() for frame in frames)
+        content = b"".join(frame.tobytes() for frame in frames)
         done = subprocess.run(
             [ffmpeg, "-loglevel", "error", *raw, *made], input=content, capture_output=True, check=False
         )

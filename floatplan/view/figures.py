@@ -47,7 +47,8 @@ def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
     InputError
         ``compare`` plans other joints.
     """
-    return dict(_drawn(plan, compare))
+    with styled():
+        return dict(_drawn(plan, compare))
 
 
 def save_figures(
@@ -69,28 +70,28 @@ def save_figures(
     for name in formats:
         if name not in METADATA:
             raise InputError(f"{name!r} is not one of {', '.join(METADATA)}", element="formats")
-    return [
-        write_whole(Path(directory) / f"{name}.{form}", _rendered(figure, form))
-        for name, figure in _drawn(plan, compare)
-        for form in formats
-    ]
+    with styled():
+        return [
+            write_whole(Path(directory) / f"{name}.{form}", _rendered(figure, form))
+            for name, figure in _drawn(plan, compare)
+            for form in formats
+        ]
 
 
 def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     if compare is not None and compare.robot.joints != plan.robot.joints:
         joints = ", ".join(compare.robot.joints)
         raise InputError(f"plans {joints}, not {', '.join(plan.robot.joints)}", element="compare")
-    with styled():
-        flown, other = Flown.of(plan), None if compare is None else Flown.of(compare)
-        yield "snapshots", snapshots(plan)
-        yield "kinogram", kinogram(plan)
-        yield "configuration", configuration(flown, other)
-        yield "rates", rates(flown, other)
-        yield "torques", torques(flown, other)
-        if plan.problem.obstacles:
-            yield "clearance", clearance(flown, other)
-        if compare is not None:
-            yield "comparison", comparison(plan, compare)
+    flown, other = Flown.of(plan), None if compare is None else Flown.of(compare)
+    yield "snapshots", snapshots(plan)
+    yield "kinogram", kinogram(plan)
+    yield "configuration", configuration(flown, other)
+    yield "rates", rates(flown, other)
+    yield "torques", torques(flown, other)
+    if plan.problem.obstacles:
+        yield "clearance", clearance(flown, other)
+    if compare is not None:
+        yield "comparison", comparison(plan, compare)
 
 
 def _rendered(figure: Figure, form: str) -> bytes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -28,6 +29,7 @@ from floatplan.view.snapshots import picture_box, snapshot_times
 from floatplan.view.style import GREY, rgb
 from floatplan.view.surroundings import ground_lines
 
+_ONE_AT_A_TIME = threading.Lock()  # Python's standard output is one for all threads
 RATE = 60.0  # Hz, of poses in the page
 REST = 0.7  # s between landing and the next takeoff
 TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
@@ -78,13 +80,20 @@ def _import_viser() -> ModuleType:
 @contextlib.contextmanager
 def _server(viser: ModuleType) -> Iterator[Any]:
     """A server that nobody is told of: viser records what is sent to it."""
-    with contextlib.redirect_stdout(io.StringIO()):
+    with _silence():
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
         yield server
     finally:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _silence():
             server.stop()
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Print nothing; one thread at a time, or the last would not give back what the first took."""
+    with _ONE_AT_A_TIME, contextlib.redirect_stdout(io.StringIO()):
+        yield
 
 
 def _add_robot(server: Any, plan: Plan, state: FlightState) -> Update:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -71,13 +72,17 @@ RC: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
 }
+_ONE_AT_A_TIME = threading.RLock()  # matplotlib's settings are one set for all threads
 SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made of several
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw in this look inside the ``with``, and leave matplotlib's settings as they were."""
-    with matplotlib.rc_context():
+    """Draw in this look inside the ``with``, one thread at a time, and leave matplotlib's settings as they were.
+
+    Not for a generator that yields inside: another thread might end it, or none.
+    """
+    with _ONE_AT_A_TIME, matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(RC)
         yield

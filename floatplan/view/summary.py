@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from floatplan.motion_plan import Plan
@@ -54,7 +54,7 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
 def _utilisation(plan: Plan) -> RenderableType:
     """How much of its limits each motor uses, worst first."""
     titles = ("joint", "N m", "limit", "%", "rad/s", "limit", "%", "range, deg", "% of it", "at, s")
-    table = Table(*titles, box=None, header_style="dim", pad_edge=False)
+    table = Table(*(Column(title, no_wrap=True) for title in titles), box=None, header_style="dim", pad_edge=False)
     rows = plan.utilisation
     for row in rows[:MOST_JOINTS_SHOWN]:
         table.add_row(
@@ -65,7 +65,7 @@ def _utilisation(plan: Plan) -> RenderableType:
             _number(row.velocity_peak),
             _number(row.velocity_limit),
             _percent(row.velocity_utilisation),
-            f"{math.degrees(row.position_low):.4g} to {math.degrees(row.position_high):.4g}",
+            f"{math.degrees(row.position_low):.0f} to {math.degrees(row.position_high):.0f}",
             _percent(row.range_used),
             f"{row.instant:.3g}",
         )
