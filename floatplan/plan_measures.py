@@ -150,10 +150,11 @@ def _ground(plan: Plan) -> Iterator[PlanWarning]:
         return
     if not height >= -CONTACT:
         takeoff = plan.problem.takeoff_frame.link
-        if instant == 0:
+        at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
+        if at_takeoff < -CONTACT:
             message = (
-                f"{link} is {-height:.3g} m below {takeoff} at takeoff, although {takeoff} is said to leave the ground;"
-                " flight.takeoff names the frame that does."
+                f"{link} gets {-height:.3g} m below the place that {takeoff} left, at {instant:.3g} s, and something is"
+                f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
             )
         else:
             message = (

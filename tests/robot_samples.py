@@ -46,6 +46,39 @@ def robot_text(*elements: str, links: str = "") -> str:
     return f'<robot name="sample">{bodies}{"".join(elements)}</robot>'
 
 
+def limb(side: str, way: float, name: str, parent: str) -> str:
+    """A link half a metre further out, and its joint; left and right mirror each other."""
+    origin = f'<origin xyz="{0.1 if parent == "body" else 0.3} {way if parent == "body" else 0} 0"/>'
+    limits = '<limit lower="-2.5" upper="2.5" effort="50" velocity="30"/>'
+    joint = f'<joint name="{side}_{name}" type="revolute"><parent link="{parent}"/><child link="{side}_{name}_link"/>'
+    body = f'<link name="{side}_{name}_link">{inertial(0.6, "0.15 0 0")}</link>'
+    return f'{body}{joint}{origin}<axis xyz="0 1 0"/>{limits}</joint>'
+
+
+PAIR = "".join(
+    limb(side, way, "hip", "body") + limb(side, way, "knee", f"{side}_hip_link")
+    for side, way in (("left", 0.2), ("right", -0.2))
+)
+
+
+def _arm(name: str, link: str, way: float, effort: float, mass: float, inertia: float) -> str:
+    moments = f'ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{inertia / 3}"'
+    body = f'<inertial><origin xyz="0 0 {-0.1 * mass}"/><mass value="{mass}"/><inertia {moments}/></inertial>'
+    limits = f'<limit lower="-2" upper="2" effort="{effort}" velocity="30"/>'
+    return (
+        f'<link name="{link}">{body}</link><joint name="{name}" type="revolute"><origin xyz="{way} 0 0"/>'
+        f'<parent link="base"/><child link="{link}"/><axis xyz="0 1 0"/>{limits}</joint>'
+    )
+
+
+# a strong motor on a light arm, and a weak one on a heavy arm that is to follow
+WEAK_FOLLOWER = robot_text(
+    f'<link name="base">{inertial(5.0, "0 0 0")}</link>',
+    _arm("a", "light", 0.2, 50.0, 0.1, 0.001),
+    _arm("b", "heavy", -0.2, 1.0, 2.0, 0.03),
+)
+
+
 class RandomTree:
     """A random tree in one plane: turned frames, both signs of axis; fixed, sliding and off-plane joints between."""
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from robot_samples import inertial, robot_text
+from robot_samples import PAIR, inertial, robot_text
 from scipy.interpolate import CubicSpline
 
 import floatplan as fp
@@ -21,21 +21,6 @@ from floatplan.view.exports import FORMATS, export
 
 EXACT = 1e-9
 HEADER = '<mujoco><compiler fusestatic="true" balanceinertia="false"/></mujoco>'
-
-
-def limb(side: str, way: float, name: str, parent: str) -> str:
-    """A link half a metre further out, and its joint; left and right mirror each other."""
-    origin = f'<origin xyz="{0.1 if parent == "body" else 0.3} {way if parent == "body" else 0} 0"/>'
-    limits = '<limit lower="-2.5" upper="2.5" effort="50" velocity="30"/>'
-    joint = f'<joint name="{side}_{name}" type="revolute"><parent link="{parent}"/><child link="{side}_{name}_link"/>'
-    body = f'<link name="{side}_{name}_link">{inertial(0.6, "0.15 0 0")}</link>'
-    return f'{body}{joint}{origin}<axis xyz="0 1 0"/>{limits}</joint>'
-
-
-PAIR = "".join(
-    limb(side, way, "hip", "body") + limb(side, way, "knee", f"{side}_hip_link")
-    for side, way in (("left", 0.2), ("right", -0.2))
-)
 
 
 @pytest.fixture(scope="module")

@@ -25,11 +25,14 @@ def refuse_motion_into_ground(problem: Problem, angular_momentum: float) -> None
     InputError
         A link that stands on the ground moves down at takeoff, or up at landing.
     """
-    if not problem.ground:
-        return
-    errors = [*_moving_into_ground(problem, angular_momentum)]
+    errors = motion_into_ground(problem, angular_momentum)
     if errors:
         raise ProblemError(errors) if len(errors) > 1 else errors[0]
+
+
+def motion_into_ground(problem: Problem, angular_momentum: float) -> list[InputError]:
+    """Return what moves into the ground at takeoff or landing, with this angular momentum, kg m^2/s."""
+    return [*_moving_into_ground(problem, angular_momentum)] if problem.ground else []
 
 
 def _moving_into_ground(problem: Problem, angular_momentum: float) -> Iterator[InputError]:

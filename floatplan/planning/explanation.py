@@ -7,6 +7,7 @@ import numpy as np
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.constraints import Constraint, ObstacleClearance, SelfClearance
+from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import Found
 from floatplan.planning.trajectory import Trajectory, sample_also, sample_nodes, trajectory
@@ -30,6 +31,8 @@ def explain(
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
     sentences = [*reasons, *_momentum(problem, momentum_bounds), *_nearest(prepared, found)]
+    momentum = found.best.variables.angular_momentum(found.best.solution.x)
+    sentences += [f"With {momentum:.4g} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)]
     if found.interrupted:
         sentences.append("The search was interrupted.")
     elif found.ran_out_of_time:
