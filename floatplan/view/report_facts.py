@@ -24,7 +24,7 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
         {"title": "Asked", "rows": _asked(plan.problem)},
         {"title": "Found", "rows": _found(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
         {"title": "Proved", "rows": proved, "tone": tone, "findings": _findings(plan)},
-        {"title": "Used of each motor", "rows": [], "motors": _motors(plan)},
+        {"title": "Use of limits", "rows": [], "motors": _motors(plan)},
     ]
     if plan.warnings:
         warned = [(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]

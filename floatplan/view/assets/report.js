@@ -38,7 +38,10 @@ function fillFacts(data, onSeek) {
       list.appendChild(make("dd", "", text));
     }
     if (section.note) part.appendChild(make("p", "note", section.note));
-    if (section.motors) fillTable(part, MOTOR_TITLES, section.motors, onSeek);
+    if (section.motors) {
+      part.classList.add("motors");
+      fillTable(part, MOTOR_TITLES, section.motors, onSeek);
+    }
     if (section.findings && section.findings.length) fillFindings(part, section.findings, onSeek);
   }
   const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
