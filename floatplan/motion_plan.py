@@ -24,6 +24,7 @@ from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.plan_record import PlanRecord, load_record
 from floatplan.problem import Problem
 from floatplan.problem_file import problem_from_dict, problem_to_dict
+from floatplan.proof.asked import check_asked
 from floatplan.recorded_robot import recorded_robot, robot_record
 from floatplan.robot.planarity import leak_along
 from floatplan.robot.robot import Robot
@@ -291,6 +292,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
     InputError
         The URDF is missing or has changed, or the record's problem does not fit it.
     """
+    check_asked(record)
     robot = recorded_robot(record.robot, source, urdf)
     plan = Plan(
         problem=problem_from_dict(dict(record.problem), robot, source),

@@ -19,23 +19,25 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.strict_json import check_finite, read_json
 
 FORMAT = "floatplan.plan/1"
 STATUSES = ("optimal", "feasible", "infeasible")
-TABLES = {  # with the keys that hold numbers
-    "problem": (),
+TABLES = ("problem", "solver")
+NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers
     "orientation": ("start", "end", "goal"),
     "com": ("position0", "velocity0", "gravity"),
     "objective": ("value",),
-    "solver": (),
 }
+NOT_STATED = ("solver", "out_of_plane_leak", "certificate", "replay")  # may hold what is not finite: null in a file
 
 
 @dataclass(frozen=True)
 class RobotRecord:
     """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf``.
 
-    ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file.
+    ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file;
+    ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF.
     """
 
     urdf: str
@@ -44,6 +46,7 @@ class RobotRecord:
     plane: str
     coupled: Mapping[str, Any] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
+    meshes: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,31 +156,24 @@ def load_record(path: str | Path) -> PlanRecord:
     Raises
     ------
     InputError
-        The file is missing, is no plan file, lacks a key, or holds what cannot be.
+        The file is missing, is no plan file, lacks a key, gives one twice, or holds what cannot be, such as a number
+        that is not finite.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except FileNotFoundError:
-        raise InputError("no such file", source=path) from None
-    except IsADirectoryError:
-        raise InputError("is a directory", source=path, advice="name its plan.json") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"is not JSON: {error}", source=path) from None
-    except InputError as error:
-        raise error.within(source=path) from None
+    content = read_json(path)
     try:
         return record_from_dict(content)
     except InputError as error:
         raise error.within(source=path) from None
+    except RecursionError:
+        raise InputError("is not a plan: nested too deeply", source=path) from None
 
 
 def record_from_dict(content: Any) -> PlanRecord:
     """Rebuild a record from what a plan file holds."""
     if not isinstance(content, dict):
         raise InputError("is not a plan: no JSON object")
+    check_finite(content)
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     known = {f.name for f in fields(PlanRecord)}
@@ -226,10 +222,25 @@ def _robot_record(content: Any) -> RobotRecord:
     for name, coupling in _table(record.coupled, "robot.coupled").items():
         element = f"robot.coupled.{name}"
         if set(_table(coupling, element)) != {"leader", "ratio", "offset"}:
-            raise InputError("is no coupling: it has other keys than leader, ratio and offset", element=element)
+            raise InputError(f"must have leader, ratio and offset, not {', '.join(coupling)}", element=element)
         _text(coupling["leader"], f"{element}.leader")
         _numbers([coupling["ratio"], coupling["offset"]], element, (2,))
+    for name, digest in _table(record.meshes, "robot.meshes").items():
+        _text(digest, f"robot.meshes.{name}")
     return replace(record, joints=tuple(record.joints))
+
+
+def as_written(record: PlanRecord) -> PlanRecord:
+    """Return a record as its file would be read: one that was built in Python is judged no other way.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_record`; and of numbers that are not finite, which a file would hold as ``null``.
+    """
+    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
+    check_finite({**stated, "robot": vars(record.robot)})
+    return record_from_dict(record.to_dict())
 
 
 def _check_verdict(content: Mapping[str, Any]) -> None:
@@ -242,12 +253,17 @@ def _check_verdict(content: Mapping[str, Any]) -> None:
 
 
 def _check_tables(content: Mapping[str, Any]) -> None:
-    for name, keys in TABLES.items():
+    for name in TABLES:
+        _table(content[name], name)
+    for name, keys in NUMBERS.items():
         table = _table(content[name], name)
         for key in keys:
             if key not in table:
                 raise InputError("is missing", element=f"{name}.{key}")
             _numbers(table[key], f"{name}.{key}", (2,) if key in ("position0", "velocity0") else ())
+        unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
+        if unknown:
+            raise InputError("is no key of a plan file", element=f"{name}.{unknown[0]}")
     _text(content["objective"].get("name"), "objective.name")
     for name in ("certificate", "replay"):
         if content.get(name) is not None:
@@ -284,10 +300,4 @@ def _numbers(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
     )
     if not fits:
         raise InputError(f"has shape {array.shape}, not {shape}", element=element)
-    if not np.isfinite(array).all():
-        raise InputError("holds a number that is not finite", element=element)
     return read_only(array)
-
-
-def _refuse_constant(name: str) -> None:
-    raise InputError(f"holds {name}, which is no JSON number")

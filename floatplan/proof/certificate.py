@@ -16,10 +16,11 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.plan_record import PlanRecord
+from floatplan.plan_record import PlanRecord, as_written
 from floatplan.proof import findings as say
 from floatplan.proof.asked import check_asked
 from floatplan.proof.boundary import boundary_findings, flight_findings, orientation_findings
+from floatplan.proof.enclosure import Balls
 from floatplan.proof.findings import Finding, Verdict, worst
 from floatplan.proof.inertia import PlanarRobot, planar_robot
 from floatplan.proof.limits import limit_findings, quantities, range_findings, recorded_peaks
@@ -107,6 +108,8 @@ def certify(
         The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
     """
     began = time.perf_counter()
+    record = as_written(record)
+    check_asked(record)
     path = urdf_path(record.robot.urdf if urdf is None else urdf)
     robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
     try:
@@ -121,8 +124,6 @@ def certify(
 def _prove(
     robot: PlanarRobot, record: PlanRecord, shapes: Sequence[LinkShape] | None, budget: int, began: float
 ) -> Certificate:
-    _check_finite(record)
-    check_asked(record)
     problem = record.problem
     obstacles, pairs = problem.get("obstacles") or [], problem.get("self_clearance") or []
     flight = fly(robot, record, _window_ends(obstacles), budget)
@@ -135,6 +136,8 @@ def _prove(
     found.append(recorded_peaks("velocity_peak", record.velocity_peak, peaks[:n]))
     found.append(recorded_peaks("torque_peak", record.torque_peak, peaks[n : 2 * n]))
     clearance = None
+    if not obstacles and record.clearance_min is not None:
+        found.append(Finding("recorded clearance_min", "refuted", record.clearance_min))
     if obstacles or pairs:
         chosen = _shapes(robot, shapes)
         sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
@@ -143,10 +146,9 @@ def _prove(
             found += clear
         found += [self_finding(sky, pair) for pair in pairs]
     findings = tuple(found)
-    low, high = float(last.mid[0] - last.rad[0]), float(last.mid[0] + last.rad[0])
     return Certificate(
         verdict=worst(findings),
-        orientation_end=(math.nextafter(low, -math.inf), math.nextafter(high, math.inf)),
+        orientation_end=_enclosure(last),
         clearance_min=clearance,
         torque_peak=read_only([-peak.bound for peak in peaks[n : 2 * n]]),
         velocity_peak=read_only([-peak.bound for peak in peaks[:n]]),
@@ -156,18 +158,12 @@ def _prove(
     )
 
 
-def _check_finite(record: PlanRecord) -> None:
-    numbers = [record.angular_momentum, record.duration, record.orientation["start"], record.com["gravity"]]
-    for part in (
-        record.coefficients,
-        record.centre,
-        record.amplitude,
-        record.com["position0"],
-        record.com["velocity0"],
-    ):
-        numbers += np.ravel(part).tolist()
-    if not np.isfinite(numbers).all() or not record.duration > 0.0:
-        raise InputError("the motion's numbers are not all finite, or its duration is not positive")
+def _enclosure(ball: Balls) -> tuple[float, float]:
+    """Numbers around the first of a ball's; infinite where it is not known."""
+    low, high = float(ball.mid[0] - ball.rad[0]), float(ball.mid[0] + ball.rad[0])
+    if not low <= high:
+        return -math.inf, math.inf
+    return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
 
 def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> tuple[Shape, ...]:
@@ -189,7 +185,8 @@ def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], floa
     recorded = sky.record.clearance_min
     tolerance = say.RECORDED_CLEARANCE
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
-        claim = Finding("recorded clearance_min", "proved" if bound == math.inf else "refuted", bound, None, None)
+        verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
+        claim = Finding("recorded clearance_min", verdict, bound, None, None)
     else:
         off = max(0.0, recorded - attained, bound - recorded)
         claim = say.at_most(
