@@ -29,6 +29,7 @@ NUMBERS = {  # tables without further keys but the objective's name, with those 
     "com": ("position0", "velocity0", "gravity"),
     "objective": ("value",),
 }
+CLEARANCES = ("obstacles", "self_clearance", "ground")
 NOT_STATED = ("solver", "out_of_plane_leak", "certificate", "replay")  # may hold what is not finite: null in a file
 
 
@@ -100,6 +101,11 @@ class PlanRecord:
     def duration(self) -> float:
         """Flight time, s."""
         return float(self.problem["flight"]["duration"])
+
+    @property
+    def asks_clearance(self) -> bool:
+        """Whether the problem asks for a distance, so that the links' shapes matter."""
+        return any(self.problem.get(name) for name in CLEARANCES)
 
     def with_checks(
         self, certificate: Mapping[str, Any] | None = None, replay: Mapping[str, Any] | None = None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +86,7 @@ def certify(
     urdf: str | Path | None = None,
     *,
     shapes: Sequence[LinkShape] | None = None,
+    unknown_meshes: Sequence[str] = (),
     budget: int = BUDGET,
 ) -> Certificate:
     """Prove or refute a plan.
@@ -99,6 +100,8 @@ def certify(
         Capsules, m; places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
         the root link's axes in the posture with all planned positions zero. Left out, a link is the segments from
         its origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
+    unknown_meshes : sequence of str
+        Mesh files that the capsules are around and whose hashes the record lacks: nothing on clearance is decided then.
     budget : int
         Most cells of time; with fewer than it needs, the proof may end undecided.
 
@@ -114,7 +117,7 @@ def certify(
     robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
     try:
         with np.errstate(all="ignore"):
-            return _prove(robot, record, shapes, budget, began)
+            return _prove(robot, record, shapes, unknown_meshes, budget, began)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         if isinstance(error, InputError):
             raise
@@ -122,7 +125,12 @@ def certify(
 
 
 def _prove(
-    robot: PlanarRobot, record: PlanRecord, shapes: Sequence[LinkShape] | None, budget: int, began: float
+    robot: PlanarRobot,
+    record: PlanRecord,
+    shapes: Sequence[LinkShape] | None,
+    unknown_meshes: Sequence[str],
+    budget: int,
+    began: float,
 ) -> Certificate:
     problem = record.problem
     obstacles, pairs = problem.get("obstacles") or [], problem.get("self_clearance") or []
@@ -141,10 +149,13 @@ def _prove(
     if obstacles or pairs:
         chosen = _shapes(robot, shapes)
         sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
+        clear = [self_finding(sky, pair) for pair in pairs]
         if obstacles:
-            clear, clearance = _clearances(sky, obstacles)
-            found += clear
-        found += [self_finding(sky, pair) for pair in pairs]
+            to_obstacles, clearance = _clearances(sky, obstacles)
+            clear = to_obstacles + clear
+        if unknown_meshes:
+            clear, clearance = _undecided(clear, unknown_meshes), None
+        found += clear
     findings = tuple(found)
     return Certificate(
         verdict=worst(findings),
@@ -193,6 +204,12 @@ def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], floa
             "recorded clearance_min", max(abs(recorded - bound), abs(recorded - attained)), off, 0.0, tolerance, None
         )
     return [*found, claim], bound
+
+
+def _undecided(clear: Sequence[Finding], unknown_meshes: Sequence[str]) -> list[Finding]:
+    """What is known of clearances where the shapes may not be those that were planned with: nothing."""
+    unknown = [Finding(f"hash of mesh {name}", "undecided", None) for name in unknown_meshes]
+    return unknown + [replace(finding, verdict="undecided") for finding in clear]
 
 
 def _window_ends(obstacles: Sequence[Any]) -> list[float]:

@@ -17,7 +17,7 @@ from floatplan.robot.capsule_fit import Outline
 from floatplan.robot.example_robots import urdf_path
 from floatplan.robot.joint_choice import Choice, choose_joints, largest_turn, with_axes_in_plane
 from floatplan.robot.joint_limits import planned_limits
-from floatplan.robot.link_shapes import link_outlines, link_shapes, missing_meshes
+from floatplan.robot.link_shapes import link_outlines, link_shapes, mesh_digests, missing_meshes
 from floatplan.robot.mirror import mirror_couplings
 from floatplan.robot.model_check import check_model
 from floatplan.robot.parts import Capsule, Coupling, Frame, Plane
@@ -173,6 +173,16 @@ class Robot:
             tilt=largest_turn(written, tree),
         )
 
+    @property
+    def missing_meshes(self) -> list[tuple[str, str]]:
+        """Link and file name of each collision mesh that is not to be found."""
+        return missing_meshes(self.layout.tree, None if self.path is None else self.path.parent)
+
+    @cached_property
+    def meshes(self) -> Mapping[str, str]:
+        """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
+        return MappingProxyType(mesh_digests(self.layout.tree, None if self.path is None else self.path.parent))
+
     @cached_property
     def shapes(self) -> tuple[Capsule, ...]:
         """The links' shapes in the plane, fitted when first asked for.
@@ -180,10 +190,10 @@ class Robot:
         Raises
         ------
         InputError
-            If the geometry of a ``<collision>`` is wrong, or its file is not a mesh.
+            If the geometry of a ``<collision>`` is wrong, or its file is not a mesh, or not the one of ``meshes``.
         """
         try:
-            return link_shapes(self.layout, None if self.path is None else self.path.parent)
+            return link_shapes(self.layout, None if self.path is None else self.path.parent, self.meshes)
         except InputError as error:
             raise error.within(error.source or self.path) from None
 
