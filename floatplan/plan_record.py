@@ -180,6 +180,10 @@ def record_from_dict(content: Any) -> PlanRecord:
     if not isinstance(content, dict):
         raise InputError("is not a plan: no JSON object")
     check_finite(content)
+    return _record(content)
+
+
+def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     known = {f.name for f in fields(PlanRecord)}
@@ -246,7 +250,7 @@ def as_written(record: PlanRecord) -> PlanRecord:
     """
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
     check_finite({**stated, "robot": vars(record.robot)})
-    return record_from_dict(record.to_dict())
+    return _record(record.to_dict())
 
 
 def _check_verdict(content: Mapping[str, Any]) -> None:
@@ -294,12 +298,19 @@ def _number(value: Any, element: str) -> float:
     return float(_numbers(value, element, ()))
 
 
+def _holds_truth(value: Any) -> bool:
+    """Whether there is a true or false among numbers, which NumPy takes for 1 or 0."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth, value))
+    return isinstance(value, bool)
+
+
 def _numbers(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
     try:
         array = np.array(value)
     except ValueError:
         raise InputError("does not hold numbers", element=element) from None
-    if array.dtype.kind not in "iuf":
+    if array.dtype.kind not in "iuf" or _holds_truth(value):
         raise InputError("does not hold numbers", element=element)
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)

@@ -23,7 +23,6 @@ from floatplan.problem_checks import (
     check_obstacle,
     check_orientation_rate,
     check_pair,
-    check_shapes,
     degrees_of,
     faults,
     joint_limits,
@@ -150,7 +149,7 @@ class Problem:
         yield lambda: check_objective(self.motion)
         yield lambda: check_orientation_rate(self.limits)
         if self.obstacles or self.self_clearances:
-            yield lambda: check_shapes(self.robot)
+            yield self.robot.check_shapes
         for index, obstacle in enumerate(self.obstacles):
             yield partial(check_obstacle, obstacle, f"obstacles[{index}]", self.flight.duration)
         for index, pair in enumerate(self.self_clearances):

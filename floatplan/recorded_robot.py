@@ -49,15 +49,12 @@ def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None
     Raises
     ------
     InputError
-        A mesh has changed, or is no longer there.
+        A mesh has changed, or is no longer there; or the collision geometry is of a kind that is not read.
     """
-    for link, filename in robot.missing_meshes:
-        raise InputError(
-            f'collision mesh "{filename}" not found, so clearance cannot be told',
-            source=plan_file,
-            element=f'link "{link}"',
-            advice="bring the file back, or set ROS_PACKAGE_PATH",
-        )
+    try:
+        robot.check_shapes()
+    except InputError as error:
+        raise error.within(source=plan_file or error.source) from None
     for filename, digest in record.meshes.items():
         if robot.meshes.get(filename) != digest:
             raise InputError(

@@ -254,6 +254,16 @@ def test_clearance_of_a_robot_without_its_meshes_is_refused(tmp_path):
         assert caught.value.element == 'link "a"'
 
 
+@pytest.mark.parametrize("geometry", ["<cone/>", '<sphere radius="0.1"/><box size="9 9 9"/>'])
+def test_clearance_of_a_robot_with_geometry_that_is_not_read_is_refused(tmp_path, geometry):
+    robot = one_link(tmp_path, in_plane(geometry))
+    obstacles = (fp.Circle(center=(3.0, 3.0), radius=0.1),)
+    flight = fp.Flight(duration=0.5, takeoff=fp.Takeoff("a"))
+    with pytest.raises(InputError, match="is not read") as caught:
+        fp.Problem(robot, start=fp.Posture(0.0, [0.1]), goal=fp.Posture(0.4, [0.5]), flight=flight, obstacles=obstacles)
+    assert caught.value.element == 'link "a"'
+
+
 def test_capsules_inside_others_are_left_out(tmp_path):
     small, large = in_plane('<sphere radius="0.1"/>'), in_plane('<sphere radius="0.2"/>')
     shapes = one_link(tmp_path, small + large + large).shapes

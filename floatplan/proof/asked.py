@@ -12,7 +12,7 @@ from numbers import Integral, Real
 from typing import Any, TypeAlias
 
 from floatplan.errors import InputError
-from floatplan.plan_record import PlanRecord
+from floatplan.plan_record import PlanRecord, as_written
 
 Check: TypeAlias = Callable[[Any, str], None]
 
@@ -37,6 +37,19 @@ def check_asked(record: PlanRecord) -> None:
     objective = record.problem["motion"]["objective"]
     if record.objective["name"] != objective:
         raise InputError(f"is {record.objective['name']!r}, but {objective!r} is asked", element="objective.name")
+
+
+def checked(record: PlanRecord) -> PlanRecord:
+    """Return a record as its file would be read, having seen that nothing in it would be passed over.
+
+    Raises
+    ------
+    InputError
+        As :func:`floatplan.plan_record.as_written` and :func:`check_asked`.
+    """
+    written = as_written(record)
+    check_asked(written)
+    return written
 
 
 def number(value: Any, element: str) -> None:

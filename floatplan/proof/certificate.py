@@ -16,9 +16,9 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.plan_record import PlanRecord, as_written
+from floatplan.plan_record import PlanRecord
 from floatplan.proof import findings as say
-from floatplan.proof.asked import check_asked
+from floatplan.proof.asked import checked
 from floatplan.proof.boundary import boundary_findings, flight_findings, orientation_findings
 from floatplan.proof.enclosure import Balls
 from floatplan.proof.findings import Finding, Verdict, worst
@@ -86,7 +86,6 @@ def certify(
     urdf: str | Path | None = None,
     *,
     shapes: Sequence[LinkShape] | None = None,
-    unknown_meshes: Sequence[str] = (),
     budget: int = BUDGET,
 ) -> Certificate:
     """Prove or refute a plan.
@@ -100,8 +99,6 @@ def certify(
         Capsules, m; places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
         the root link's axes in the posture with all planned positions zero. Left out, a link is the segments from
         its origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
-    unknown_meshes : sequence of str
-        Mesh files that the capsules are around and whose hashes the record lacks: nothing on clearance is decided then.
     budget : int
         Most cells of time; with fewer than it needs, the proof may end undecided.
 
@@ -110,9 +107,23 @@ def certify(
     InputError
         The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
     """
+    return prove(checked(record), urdf, shapes=shapes, budget=budget)
+
+
+def prove(
+    record: PlanRecord,
+    urdf: str | Path | None = None,
+    *,
+    shapes: Sequence[LinkShape] | None = None,
+    unknown_meshes: Sequence[str] = (),
+    budget: int = BUDGET,
+) -> Certificate:
+    """Do what :func:`certify` does with a record that is ``checked``; the same parameters and errors.
+
+    ``unknown_meshes`` are files that the shapes are around and whose hashes the record lacks: they leave clearances
+    undecided.
+    """
     began = time.perf_counter()
-    record = as_written(record)
-    check_asked(record)
     path = urdf_path(record.robot.urdf if urdf is None else urdf)
     robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
     try:

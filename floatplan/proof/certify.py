@@ -9,10 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from floatplan.plan_record import PlanRecord, as_written, load_record
-from floatplan.proof.asked import check_asked
-from floatplan.proof.certificate import BUDGET, Certificate
-from floatplan.proof.certificate import certify as prove
+from floatplan.plan_record import PlanRecord, load_record
+from floatplan.proof.asked import checked
+from floatplan.proof.certificate import BUDGET, Certificate, prove
 from floatplan.proof.shapes import LinkShape, shapes_of
 from floatplan.recorded_robot import check_meshes, find_urdf, recorded_robot
 from floatplan.robot.example_robots import urdf_path
@@ -61,8 +60,7 @@ def certify(
     else:
         record, file, robot = plan.record, None, plan.robot
     path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
-    record = as_written(record)
-    check_asked(record)
+    record = checked(record)
     if not record.asks_clearance:
         return prove(record, path, budget=budget)
     robot = robot or recorded_robot(record.robot, file, path)

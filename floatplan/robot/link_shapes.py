@@ -19,7 +19,7 @@ from floatplan.errors import InputError
 from floatplan.robot.capsule_cache import mesh_capsules
 from floatplan.robot.capsule_fit import Outline, PlaneCapsule, fit_capsules
 from floatplan.robot.mesh_files import Mesh, find_mesh, load_mesh, mesh_digest
-from floatplan.robot.outlines import MeshUse, Projection, read_collision
+from floatplan.robot.outlines import KINDS, MeshUse, Projection, read_collision
 from floatplan.robot.parts import Capsule
 from floatplan.robot.tree_builder import TreeLayout
 from floatplan.robot.urdf_tree import UrdfJoint, UrdfTree
@@ -88,6 +88,17 @@ def missing_meshes(tree: UrdfTree, folder: Path | None) -> list[tuple[str, str]]
         (link, filename)
         for link, filename in _mesh_names(tree)
         if folder is None or find_mesh(filename, folder) is None
+    ]
+
+
+def unread_geometry(tree: UrdfTree) -> list[tuple[str, str]]:
+    """Return link and tag of what collision elements hold that no shape is around: unknown kinds, second ones."""
+    return [
+        (link.name, shape.tag)
+        for link in tree.links.values()
+        for collision in link.collisions
+        for number, shape in enumerate(collision.iterfind("geometry/*"))
+        if number or shape.tag not in KINDS
     ]
 
 

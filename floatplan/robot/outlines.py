@@ -17,6 +17,7 @@ from floatplan.robot.urdf_check import read_origin
 from floatplan.robot.urdf_values import number, only, triple
 
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
+KINDS = ("sphere", "box", "capsule", "cylinder", "mesh")
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 
 
