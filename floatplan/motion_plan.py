@@ -28,7 +28,8 @@ from floatplan.plan_measures import PlanWarning, Utilisation, measured_warnings,
 from floatplan.plan_record import PlanRecord, load_record
 from floatplan.problem import Obstacle, Problem
 from floatplan.problem_file import problem_from_dict, problem_to_dict
-from floatplan.recorded_robot import recorded_robot, robot_record
+from floatplan.proof.asked import check_asked
+from floatplan.recorded_robot import check_meshes, recorded_robot, robot_record
 from floatplan.robot.planarity import leak_along
 from floatplan.robot.robot import Robot
 
@@ -386,7 +387,15 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
     InputError
         The URDF is missing or has changed, or the record's problem does not fit it.
     """
+    check_asked(record)
     robot = recorded_robot(record.robot, source, urdf)
+    if record.asks_clearance:
+        check_meshes(robot, record.robot, source)
+    if (record.clearance_min is None) == bool(record.problem.get("obstacles")):
+        reason = (
+            "is null although there are obstacles" if record.clearance_min is None else "is given without obstacles"
+        )
+        raise InputError(reason, source=source, element="clearance_min")
     plan = Plan(
         problem=problem_from_dict(dict(record.problem), robot, source),
         centre=record.centre,

@@ -19,23 +19,26 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.strict_json import check_finite, read_json
 
 FORMAT = "floatplan.plan/1"
 STATUSES = ("optimal", "feasible", "infeasible")
-TABLES = {  # with the keys that hold numbers
-    "problem": (),
+TABLES = ("problem", "solver")
+NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers
     "orientation": ("start", "end", "goal"),
     "com": ("position0", "velocity0", "gravity"),
     "objective": ("value",),
-    "solver": (),
 }
+CLEARANCES = ("obstacles", "self_clearance", "ground")
+NOT_STATED = ("solver", "out_of_plane_leak", "certificate", "replay")  # may hold what is not finite: null in a file
 
 
 @dataclass(frozen=True)
 class RobotRecord:
     """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf``.
 
-    ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file.
+    ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file;
+    ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF.
     """
 
     urdf: str
@@ -44,6 +47,7 @@ class RobotRecord:
     plane: str
     coupled: Mapping[str, Any] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
+    meshes: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +109,11 @@ class PlanRecord:
         """Flight time, s."""
         return float(self.problem["flight"]["duration"])
 
+    @property
+    def asks_clearance(self) -> bool:
+        """Whether the problem asks for a distance, so that the links' shapes matter."""
+        return any(self.problem.get(name) for name in CLEARANCES)
+
     def with_checks(
         self, certificate: Mapping[str, Any] | None = None, replay: Mapping[str, Any] | None = None
     ) -> PlanRecord:
@@ -160,31 +169,28 @@ def load_record(path: str | Path) -> PlanRecord:
     Raises
     ------
     InputError
-        The file is missing, is no plan file, lacks a key, or holds what cannot be.
+        The file is missing, is no plan file, lacks a key, gives one twice, or holds what cannot be, such as a number
+        that is not finite.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except FileNotFoundError:
-        raise InputError("no such file", source=path) from None
-    except IsADirectoryError:
-        raise InputError("is a directory", source=path, advice="name its plan.json") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"is not JSON: {error}", source=path) from None
-    except InputError as error:
-        raise error.within(source=path) from None
+    content = read_json(path)
     try:
         return record_from_dict(content)
     except InputError as error:
         raise error.within(source=path) from None
+    except RecursionError:
+        raise InputError("is not a plan: nested too deeply", source=path) from None
 
 
 def record_from_dict(content: Any) -> PlanRecord:
     """Rebuild a record from what a plan file holds."""
     if not isinstance(content, dict):
         raise InputError("is not a plan: no JSON object")
+    check_finite(content)
+    return _record(content)
+
+
+def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     known = {f.name for f in fields(PlanRecord)}
@@ -241,10 +247,25 @@ def _robot_record(content: Any) -> RobotRecord:
     for name, coupling in _table(record.coupled, "robot.coupled").items():
         element = f"robot.coupled.{name}"
         if set(_table(coupling, element)) != {"leader", "ratio", "offset"}:
-            raise InputError("is no coupling: it has other keys than leader, ratio and offset", element=element)
+            raise InputError(f"must have leader, ratio and offset, not {', '.join(coupling)}", element=element)
         _text(coupling["leader"], f"{element}.leader")
         _numbers([coupling["ratio"], coupling["offset"]], element, (2,))
+    for name, digest in _table(record.meshes, "robot.meshes").items():
+        _text(digest, f"robot.meshes.{name}")
     return replace(record, joints=tuple(record.joints))
+
+
+def as_written(record: PlanRecord) -> PlanRecord:
+    """Return a record as its file would be read: one that was built in Python is judged no other way.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_record`; and of numbers that are not finite, which a file would hold as ``null``.
+    """
+    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
+    check_finite({**stated, "robot": vars(record.robot)})
+    return _record(record.to_dict())
 
 
 def _check_verdict(content: Mapping[str, Any]) -> None:
@@ -257,12 +278,17 @@ def _check_verdict(content: Mapping[str, Any]) -> None:
 
 
 def _check_tables(content: Mapping[str, Any]) -> None:
-    for name, keys in TABLES.items():
+    for name in TABLES:
+        _table(content[name], name)
+    for name, keys in NUMBERS.items():
         table = _table(content[name], name)
         for key in keys:
             if key not in table:
                 raise InputError("is missing", element=f"{name}.{key}")
             _numbers(table[key], f"{name}.{key}", (2,) if key in ("position0", "velocity0") else ())
+        unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
+        if unknown:
+            raise InputError("is no key of a plan file", element=f"{name}.{unknown[0]}")
     _text(content["objective"].get("name"), "objective.name")
     for name in ("certificate", "replay"):
         if content.get(name) is not None:
@@ -292,22 +318,23 @@ def _number(value: Any, element: str) -> float:
     return float(_numbers(value, element, ()))
 
 
+def _holds_truth(value: Any) -> bool:
+    """Whether there is a true or false among numbers, which NumPy takes for 1 or 0."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth, value))
+    return isinstance(value, bool)
+
+
 def _numbers(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
     try:
         array = np.array(value)
     except ValueError:
         raise InputError("does not hold numbers", element=element) from None
-    if array.dtype.kind not in "iuf":
+    if array.dtype.kind not in "iuf" or _holds_truth(value):
         raise InputError("does not hold numbers", element=element)
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )
     if not fits:
         raise InputError(f"has shape {array.shape}, not {shape}", element=element)
-    if not np.isfinite(array).all():
-        raise InputError("holds a number that is not finite", element=element)
     return read_only(array)
-
-
-def _refuse_constant(name: str) -> None:
-    raise InputError(f"holds {name}, which is no JSON number")

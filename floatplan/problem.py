@@ -24,7 +24,6 @@ from floatplan.problem_checks import (
     check_obstacle,
     check_orientation_rate,
     check_pair,
-    check_shapes,
     degrees_of,
     faults,
     joint_state,
@@ -161,7 +160,7 @@ class Problem:
         yield lambda: check_objective(self.motion)
         yield lambda: check_orientation_rate(self.limits)
         if self.obstacles or self.self_clearances or self.ground:
-            yield lambda: check_shapes(self.robot)
+            yield self.robot.check_shapes
         for index, obstacle in enumerate(self.obstacles):
             yield partial(check_obstacle, obstacle, f"obstacles[{index}]", self.flight.duration)
         for index, pair in enumerate(self.self_clearances):

@@ -26,7 +26,6 @@ from floatplan.problem_parts import (
     SelfClearance,
     Takeoff,
 )
-from floatplan.robot.link_shapes import missing_meshes
 from floatplan.robot.robot import Robot
 
 LOWEST_DEGREE = 5
@@ -362,17 +361,6 @@ def check_obstacle(obstacle: Obstacle, element: str, duration: float) -> None:
             )
 
 
-def check_shapes(robot: Robot) -> None:
-    """Refuse a robot with collision meshes that are not there: it would be clear of obstacles that it hits."""
-    for link, filename in missing_meshes(robot.layout.tree, None if robot.path is None else robot.path.parent):
-        raise InputError(
-            f'collision mesh "{filename}" not found, so clearance cannot be told',
-            source=robot.source,
-            element=f'link "{link}"',
-            advice="put it there, set ROS_PACKAGE_PATH, or take the <collision> out",
-        )
-
-
 def check_pair(robot: Robot, pair: SelfClearance, element: str) -> None:
     """Refuse links that the robot does not have, or that are the same."""
     known = {shape.link for shape in robot.shapes}
@@ -384,6 +372,8 @@ def check_pair(robot: Robot, pair: SelfClearance, element: str) -> None:
     if pair.links[0] == pair.links[1]:
         raise InputError("the two links are the same", element=f"{element}.links")
     _finite(pair.margin, f"{element}.margin")
+    if pair.margin < 0:
+        raise InputError(f"{pair.margin} m is negative", element=f"{element}.margin")
 
 
 def _check_joint_names(robot: Robot, values: Mapping[str, object], element: str) -> None:

@@ -43,6 +43,28 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     return robot
 
 
+def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None = None) -> None:
+    """Refuse collision meshes that are not what they were when the plan was made; those of no known hash pass.
+
+    Raises
+    ------
+    InputError
+        A mesh has changed, or is no longer there; or the collision geometry is of a kind that is not read.
+    """
+    try:
+        robot.check_shapes()
+    except InputError as error:
+        raise error.within(source=plan_file or error.source) from None
+    for filename, digest in record.meshes.items():
+        if robot.meshes.get(filename) != digest:
+            raise InputError(
+                "the collision mesh has changed since the plan was made",
+                source=plan_file,
+                element=f"robot.meshes of {filename}",
+                advice="plan again, or bring the old file back",
+            )
+
+
 def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
     """Return where the URDF of a plan is: as recorded, or beside or relative to the plan file.
 
@@ -69,4 +91,5 @@ def robot_record(robot: Robot) -> RobotRecord:
         plane=robot.plane.name,
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         locked=dict(robot.locked),
+        meshes=dict(robot.meshes),
     )

@@ -100,6 +100,7 @@ def make_plan(
             robot.plane.name,
             {name: asdict(coupling) for name, coupling in robot.coupled.items()},
             dict(robot.locked),
+            dict(robot.meshes),
         ),
         angular_momentum=angular_momentum,
         angular_momentum_bounds=(angular_momentum - 1.0, angular_momentum + 1.0),

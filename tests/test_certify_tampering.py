@@ -187,5 +187,5 @@ def test_another_locked_position_is_refuted(coupled):
 
 
 def test_a_polynomial_without_coefficients_is_still(honest):
-    still = replace(honest, coefficients=read_only(np.zeros((2, 1))))
+    still = changed(replace(honest, coefficients=read_only(np.zeros((2, 1)))), "motion", degree=0)
     assert certify(still).verdict == "refuted"

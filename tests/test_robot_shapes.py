@@ -13,9 +13,19 @@ from robot_samples import RandomTree, inertial, joint
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.robot import Robot
+from floatplan.robot import Robot, capsule_cache
 from floatplan.robot.capsule_cache import cache_folder
-from floatplan.robot.capsule_fit import Outline, PlaneCapsule, _halves, convex_hull, fit_capsule, fit_capsules
+from floatplan.robot.capsule_fit import (
+    Fit,
+    Line,
+    Outline,
+    PlaneCapsule,
+    _halves,
+    convex_hull,
+    fit,
+    fit_capsule,
+    fit_capsules,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -104,8 +114,7 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
 def test_parts_that_are_cut_again_across_the_first_cut_hold_the_inside():
     corners = np.array([0j, 4 + 0j, 1 + 3j])
     triangle = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
-    across, along = PlaneCapsule(0j, 1j, 1.0), PlaneCapsule(0j, 1 + 0j, 1.0)
-    parts = [part for half in _halves(triangle, along, 0.5) for part in _halves(half, across, 0.5)]
+    parts = [part for half in _halves(triangle, Line(1 + 0j, 2.0)) for part in _halves(half, Line(1j, 1.5))]
     inside = np.random.default_rng(1).dirichlet((1, 1, 1), 2000) @ corners
     assert np.max([_depth_in_hull(part.points, inside) for part in parts], axis=0).min() > -1e-12
 
@@ -245,6 +254,16 @@ def test_clearance_of_a_robot_without_its_meshes_is_refused(tmp_path):
         assert caught.value.element == 'link "a"'
 
 
+@pytest.mark.parametrize("geometry", ["<cone/>", '<sphere radius="0.1"/><box size="9 9 9"/>'])
+def test_clearance_of_a_robot_with_geometry_that_is_not_read_is_refused(tmp_path, geometry):
+    robot = one_link(tmp_path, in_plane(geometry))
+    obstacles = (fp.Circle(center=(3.0, 3.0), radius=0.1),)
+    flight = fp.Flight(duration=0.5, takeoff=fp.Takeoff("a"))
+    with pytest.raises(InputError, match="is not read") as caught:
+        fp.Problem(robot, start=fp.Posture(0.0, [0.1]), goal=fp.Posture(0.4, [0.5]), flight=flight, obstacles=obstacles)
+    assert caught.value.element == 'link "a"'
+
+
 def test_capsules_inside_others_are_left_out(tmp_path):
     small, large = in_plane('<sphere radius="0.1"/>'), in_plane('<sphere radius="0.2"/>')
     shapes = one_link(tmp_path, small + large + large).shapes
@@ -276,17 +295,70 @@ def test_wrong_geometry_is_refused(tmp_path, name):
 def test_mesh_capsules_come_from_the_cache_the_second_time(tmp_path, monkeypatch):
     geometry = GEOMETRIES["mesh"]
     first = robot_with(tmp_path, geometry)[0].shapes
-    entries = list(cache_folder().iterdir())
-    assert entries
-    monkeypatch.setattr(trimesh, "load_scene", lambda _: pytest.fail("the mesh was read again"))
+    assert list(cache_folder().iterdir())
+    monkeypatch.setattr(capsule_cache, "fit", lambda _: pytest.fail("the capsules were fitted again"))
     assert robot_with(tmp_path, geometry)[0].shapes == first
-    monkeypatch.undo()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    for entry, damage in zip(
-        entries, ["", "{", "[[1, 2]]", "[[0, 0, 0, 0, -1]]", json.dumps(None), "[]"], strict=False
-    ):
-        entry.write_text(damage)
+
+
+def changed_leaf(content, change):
+    """A cache entry with a change to each of its capsules."""
+    if isinstance(content, list):
+        return change(content)
+    return content | {"parts": [changed_leaf(part, change) for part in content["parts"]]}
+
+
+FORGED = {
+    "nothing": lambda text: "",
+    "half": lambda text: text[: len(text) // 2],
+    "not UTF-8": lambda text: "\udcff",
+    "null": lambda text: "null",
+    "empty": lambda text: "[]",
+    "deep": lambda text: "[" * 5_000,
+    "long": lambda text: "[" + "0," * 10**6 + "0]",
+    "lines without end": lambda text: '{"line":[1,0,0],"parts":[' * 4 + "[0,0,0,0,9]" + "]}" * 4,
+    "a line of no direction": lambda text: '{"line":[0,0,0],"parts":[[0,0,0,0,9],[0,0,0,0,9]]}',
+    "one part": lambda text: '{"line":[1,0,0],"parts":[[0,0,0,0,9]]}',
+    "no part": lambda text: '{"line":[1,0,0],"parts":[]}',
+    "a line beside the mesh": lambda text: '{"line":[1,0,900],"parts":[[0,0,0,0,9],[0,0,0,0,9]]}',
+    "not a number": lambda text: "[NaN,0,0,0,1]",
+    "beyond all numbers": lambda text: "[1e308,1e308,-1e308,-1e308,1e308]",
+    "a point": lambda text: "[0,0,0,0,0]",
+    "negative": lambda text: "[0,0,0,0,-1]",
+    "large": lambda text: "[0,0,0,0,100]",
+    "thinner": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [*leaf[:4], leaf[4] * 0.999])),
+    "thicker": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [*leaf[:4], leaf[4] * 1.001])),
+    "aside": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [leaf[0] + 1e-3, *leaf[1:]])),
+    "one of the parts for the whole": lambda text: text[text.rindex("[", 0, text.rindex(",")) :].rstrip("]}") + "]",
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_what_is_kept_of_a_mesh_is_used_only_where_it_holds_the_mesh(tmp_path, name):
+    geometry = GEOMETRIES["mesh"]
+    first = robot_with(tmp_path, geometry)[0].shapes
+    for entry in cache_folder().iterdir():
+        entry.write_text(FORGED[name](entry.read_text()), errors="surrogateescape")
     assert robot_with(tmp_path, geometry)[0].shapes == first
+
+
+def test_a_folder_in_place_of_a_cache_entry_is_no_error(tmp_path):
+    first = robot_with(tmp_path, GEOMETRIES["mesh"])[0].shapes
+    for entry in cache_folder().iterdir():
+        entry.unlink()
+        entry.mkdir()
+    assert robot_with(tmp_path, GEOMETRIES["mesh"])[0].shapes == first
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_parts_beside_a_line_that_was_moved_are_seen(seed):
+    """Capsules that hold all corners, but not what lies between those on both sides of another line."""
+    generator = np.random.default_rng(seed)
+    corners = np.array([0j, 4 + 0j, 4 + 1j]) * np.exp(1j * generator.uniform(0, 6))
+    outline = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
+    direction = complex(corners[1] / abs(corners[1]))
+    apart = tuple(Fit(fit_capsule(points)) for points in (corners[:1], corners[1:]))
+    assert not Fit(None, Line(direction, float(generator.uniform(0.1, 3.9))), apart).is_of(outline)
+    assert fit(outline).is_of(outline)
 
 
 def test_an_unwritable_cache_is_no_error(tmp_path, monkeypatch):

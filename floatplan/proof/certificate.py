@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.plan_record import PlanRecord
 from floatplan.proof import findings as say
-from floatplan.proof.asked import check_asked
+from floatplan.proof.asked import checked
 from floatplan.proof.boundary import boundary_findings, flight_findings, orientation_findings
+from floatplan.proof.enclosure import Balls
 from floatplan.proof.findings import Finding, Verdict, worst
 from floatplan.proof.inertia import PlanarRobot, planar_robot
 from floatplan.proof.limits import limit_findings, quantities, range_findings, recorded_peaks
@@ -112,25 +113,45 @@ def certify(
     InputError
         The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
     """
+    return prove(checked(record), urdf, shapes=shapes, budget=budget)
+
+
+def prove(
+    record: PlanRecord,
+    urdf: str | Path | None = None,
+    *,
+    shapes: Sequence[LinkShape] | None = None,
+    unknown_meshes: Sequence[str] = (),
+    budget: int = BUDGET,
+) -> Certificate:
+    """Do what :func:`certify` does with a record that is ``checked``; the same parameters and errors.
+
+    ``unknown_meshes`` are files that the shapes are around and whose hashes the record lacks: they leave clearances
+    undecided.
+    """
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
         path = urdf_path(record.robot.urdf if urdf is None else urdf)
         robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
         try:
             with np.errstate(all="ignore"):
-                return _prove(robot, record, shapes, budget, began)
+                return _prove(robot, record, shapes, unknown_meshes, budget, began)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
-            reason = f"cannot be read as a problem: {type(error).__name__} {error}"
-            raise InputError(reason, element="problem") from error
+            raise InputError(
+                f"cannot be read as a problem: {type(error).__name__} {error}", element="problem"
+            ) from error
 
 
 def _prove(
-    robot: PlanarRobot, record: PlanRecord, shapes: Sequence[LinkShape] | None, budget: int, began: float
+    robot: PlanarRobot,
+    record: PlanRecord,
+    shapes: Sequence[LinkShape] | None,
+    unknown_meshes: Sequence[str],
+    budget: int,
+    began: float,
 ) -> Certificate:
-    _check_finite(record)
-    check_asked(record)
     problem = record.problem
     obstacles, pairs = problem.get("obstacles") or [], problem.get("self_clearance") or []
     flight = fly(robot, record, _window_ends(obstacles), budget)
@@ -148,20 +169,24 @@ def _prove(
         claimed = [_claimed(record.motor_torque_peak, name) for name in robot.motors]
         found.append(recorded_peaks("motor_torque_peak", np.array(claimed), motor))
     clearance = None
-    if obstacles or pairs or problem.get("ground"):
+    if not obstacles and record.clearance_min is not None:
+        found.append(Finding("recorded clearance_min", "refuted", record.clearance_min))
+    if record.asks_clearance:
         chosen = _shapes(robot, shapes)
         sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
+        clear = [self_finding(sky, pair) for pair in pairs]
         if problem.get("ground"):
-            found.append(ground_finding(sky, robot))
+            clear.append(ground_finding(sky, robot))
         if obstacles:
-            clear, clearance = _clearances(sky, obstacles)
-            found += clear
-        found += [self_finding(sky, pair) for pair in pairs]
+            to_obstacles, clearance = _clearances(sky, obstacles)
+            clear = to_obstacles + clear
+        if unknown_meshes:
+            clear, clearance = _undecided(clear, unknown_meshes), None
+        found += clear
     findings = tuple(found)
-    low, high = float(last.mid[0] - last.rad[0]), float(last.mid[0] + last.rad[0])
     return Certificate(
         verdict=worst(findings),
-        orientation_end=(math.nextafter(low, -math.inf), math.nextafter(high, math.inf)),
+        orientation_end=_enclosure(last),
         clearance_min=clearance,
         torque_peak=read_only([-peak.bound for peak in torque]),
         velocity_peak=read_only([-peak.bound for peak in velocity]),
@@ -172,18 +197,12 @@ def _prove(
     )
 
 
-def _check_finite(record: PlanRecord) -> None:
-    numbers = [record.angular_momentum, record.duration, record.orientation["start"], record.com["gravity"]]
-    for part in (
-        record.coefficients,
-        record.centre,
-        record.amplitude,
-        record.com["position0"],
-        record.com["velocity0"],
-    ):
-        numbers += np.ravel(part).tolist()
-    if not np.isfinite(numbers).all() or not record.duration > 0.0:
-        raise InputError("the motion's numbers are not all finite, or its duration is not positive")
+def _enclosure(ball: Balls) -> tuple[float, float]:
+    """Numbers around the first of a ball's; infinite where it is not known."""
+    low, high = float(ball.mid[0] - ball.rad[0]), float(ball.mid[0] + ball.rad[0])
+    if not low <= high:
+        return -math.inf, math.inf
+    return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
 
 def _claimed(peaks: Mapping[str, float], motor: str) -> float:
@@ -211,13 +230,20 @@ def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], floa
     recorded = sky.record.clearance_min
     tolerance = say.RECORDED_CLEARANCE
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
-        claim = Finding("recorded clearance_min", "proved" if bound == math.inf else "refuted", bound, None, None)
+        verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
+        claim = Finding("recorded clearance_min", verdict, bound, None, None)
     else:
         off = max(0.0, recorded - attained, bound - recorded)
         claim = say.at_most(
             "recorded clearance_min", max(abs(recorded - bound), abs(recorded - attained)), off, 0.0, tolerance, None
         )
     return [*found, claim], bound
+
+
+def _undecided(clear: Sequence[Finding], unknown_meshes: Sequence[str]) -> list[Finding]:
+    """What is known of clearances where the shapes may not be those that were planned with: nothing."""
+    unknown = [Finding(f"hash of mesh {name}", "undecided", None) for name in unknown_meshes]
+    return unknown + [replace(finding, verdict="undecided") for finding in clear]
 
 
 def _window_ends(obstacles: Sequence[Any]) -> list[float]:

@@ -1,7 +1,7 @@
 """A plan in, a certificate out: the plan may be alive, a record, or a file.
 
-What is proved depends on the record and the URDF alone. A loaded robot is needed only for the capsules around collision
-geometry, which the certificate takes as given.
+What is proved depends on the record, the URDF and its meshes alone. A loaded robot is needed only for the capsules
+around collision geometry, which the certificate takes as given.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Protocol
 
 from floatplan.plan_record import PlanRecord, load_record
-from floatplan.proof.certificate import BUDGET, Certificate
-from floatplan.proof.certificate import certify as prove
+from floatplan.proof.asked import checked
+from floatplan.proof.certificate import BUDGET, Certificate, prove
 from floatplan.proof.shapes import LinkShape, shapes_of
-from floatplan.recorded_robot import find_urdf, recorded_robot
+from floatplan.recorded_robot import check_meshes, find_urdf, recorded_robot
 from floatplan.robot.example_robots import urdf_path
 from floatplan.robot.robot import Robot
 
@@ -51,7 +51,7 @@ def certify(
     Raises
     ------
     InputError
-        The plan or its URDF is missing, damaged, or they do not belong together.
+        The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
     """
     if isinstance(plan, PlanRecord):
         record, file, robot = plan, None, None
@@ -60,12 +60,15 @@ def certify(
     else:
         record, file, robot = plan.record, None, plan.robot
     path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
-    return prove(record, path, shapes=_shapes(record, path, robot), budget=budget)
+    record = checked(record)
+    if not record.asks_clearance:
+        return prove(record, path, budget=budget)
+    robot = robot or recorded_robot(record.robot, file, path)
+    check_meshes(robot, record.robot, file)
+    unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
+    return prove(record, path, shapes=_shapes(robot), unknown_meshes=unknown, budget=budget)
 
 
-def _shapes(record: PlanRecord, urdf: Path, robot: Robot | None) -> list[LinkShape] | None:
-    """The robot's capsules, where the plan has something to keep clear of and the file has collision geometry."""
-    if not any(record.problem.get(key) for key in ("obstacles", "self_clearance", "ground")):
-        return None
-    robot = robot or recorded_robot(record.robot, urdf=urdf)
+def _shapes(robot: Robot) -> list[LinkShape] | None:
+    """The robot's capsules, where its file has collision geometry."""
     return shapes_of(robot) if "<collision" in robot.xml else None

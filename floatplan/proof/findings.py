@@ -1,7 +1,11 @@
-"""What the certificate says about one constraint, and the tolerances that belong to the statement."""
+"""What the certificate says about one constraint, and the tolerances that belong to the statement.
+
+A limit or a tolerance that is not finite proves nothing, and a bound that is not known is infinite.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -54,8 +58,8 @@ def at_most(
     label: str, upper: float, attained: float, limit: float, tolerance: float, instant: float | None
 ) -> Finding:
     """Finding on a quantity that is at most ``upper`` and somewhere at least ``attained``."""
-    allowed = limit + tolerance
-    if upper <= allowed:
+    upper, allowed = math.inf if math.isnan(upper) else upper, limit + tolerance
+    if upper <= allowed and math.isfinite(allowed):
         return Finding(label, "proved", upper, instant, limit)
     if attained > allowed:
         return Finding(label, "refuted", attained, instant, limit)
@@ -66,8 +70,8 @@ def at_least(
     label: str, lower: float, attained: float, limit: float, tolerance: float, instant: float | None
 ) -> Finding:
     """Finding on a quantity that is at least ``lower`` and somewhere at most ``attained``."""
-    allowed = limit - tolerance
-    if lower >= allowed:
+    lower, allowed = -math.inf if math.isnan(lower) else lower, limit - tolerance
+    if lower >= allowed and math.isfinite(allowed):
         return Finding(label, "proved", lower, instant, limit)
     if attained < allowed:
         return Finding(label, "refuted", attained, instant, limit)

@@ -77,7 +77,8 @@ class PlanarRobot:
     frames : link or joint name -> Point
     carriers : frame or link name -> links on which it stands: its own link, then those that this one is fixed to
     segments : link name -> pairs of Points
-        From its origin to the origins of its children's joints; only its origin where it has an inertia and no more.
+        From its origin to the origins of its children's joints, and of its own where a locked prismatic joint holds it
+        away from there; only its origin where that is all there is of a link that has an inertia.
     links : link name -> (body, Placement in the root link at planned positions zero)
     horizontal, vertical : indices of the plane's axes among x, y, z
     """
@@ -175,7 +176,12 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
 
         frames = {joint.name: origin_of(joint.child, joint.child) for joint in urdf.joints}
         frames |= {link: origin_of(link, link) for link in urdf.links}
-        segments = {link: _segments(urdf, link, origin_of) for link in urdf.links}
+
+        def joint_origin(joint: Joint, carrier: str) -> Point:
+            body = body_of[carrier]
+            return Point(body, in_plane((placed[joint.parent] * joint.origin).translation) - bodies[body].origin)
+
+        segments = {link: _segments(urdf, origin_of(link, link), link, joint_origin) for link in urdf.links}
         return PlanarRobot(
             joints=record.joints,
             motors=motors,
@@ -252,9 +258,10 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
     return placed, signs
 
 
-def _segments(urdf: Urdf, link: str, origin_of: Callable[[str, str], Point]) -> tuple[tuple[Point, Point], ...]:
-    start = origin_of(link, link)
-    ends = [origin_of(joint.child, link) for joint in urdf.joints if joint.parent == link]
+def _segments(
+    urdf: Urdf, start: Point, link: str, joint_origin: Callable[[Joint, str], Point]
+) -> tuple[tuple[Point, Point], ...]:
+    ends = [joint_origin(joint, link) for joint in urdf.joints if link in (joint.parent, joint.child)]
     apart = tuple((start, end) for end in ends if not abs(end.local - start.local) < SHORTEST)
     return apart or (((start, start),) if urdf.links[link].has_inertial else ())
 

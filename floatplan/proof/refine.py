@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -17,6 +18,7 @@ from floatplan.proof.inertia import PlanarRobot
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 FIRST_CELLS = 24
+SHORTEST = 1e-12  # [-] of the flight: no cell is shorter, so that no half length underflows
 ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
 TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
@@ -28,10 +30,7 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
     the ``budget`` of cells is spent.
     """
     duration = record.duration
-    grid = np.linspace(0.0, duration, FIRST_CELLS + 1)
-    grid[-1] = duration
-    inside = [instant for instant in instants if 0.0 < instant < duration]
-    grid = np.array(sorted({*grid.tolist(), *inside}))
+    grid = np.array(_grid(duration, instants))
     low, high = grid[:-1], grid[1:]
     done: list[tuple[Cells, Joints]] = []
     count = 0
@@ -51,6 +50,30 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
         low, middle, high = low[coarse], middle[coarse], high[coarse]
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
     return assemble(record, *merge(done))
+
+
+def _grid(duration: float, instants: Sequence[float]) -> list[float]:
+    """The ends of the first cells, which are no shorter than :data:`SHORTEST` of the flight.
+
+    Of the given instants, one that lies nearer than that to an end, but not on it, is moved away from it: a window
+    that it ends becomes longer, and what holds in the longer one holds in it.
+    """
+    apart = SHORTEST * duration
+    ends = [0.0, duration]
+
+    def add(instant: float) -> bool:
+        free = 0.0 < instant < duration and min(abs(instant - end) for end in ends) >= apart
+        if free:
+            ends.append(instant)
+        return free
+
+    for instant in instants:
+        if not add(instant) and instant not in ends:
+            nearest = min(ends, key=lambda end: abs(instant - end))
+            add(nearest + math.copysign(2.0 * apart, instant - nearest))
+    for instant in np.linspace(0.0, duration, FIRST_CELLS + 1).tolist():
+        add(instant)
+    return sorted(ends)
 
 
 def _coarse(joints: Joints, duration: float) -> BoolArray:

@@ -13,6 +13,7 @@ RADII = 9  # [-] tried for each direction, from half the width to half the diago
 SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this share of its area
 CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
 SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
+SAME = 1e-11  # [-] of the largest coordinate: how closely capsules that were kept have to fit
 MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 
 
@@ -58,20 +59,60 @@ class Outline:
         return cls(hull, np.stack([count, np.roll(count, -1)], axis=1), radius)
 
 
-def fit_capsules(outline: Outline, splits: int = MOST_SPLITS) -> list[PlaneCapsule]:
+@dataclass(frozen=True)
+class Line:
+    """The points whose component along ``direction``, of unit length, is ``level``."""
+
+    direction: complex
+    level: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Capsules that hold an outline together: ``capsule``, or those of the ``parts`` on both sides of ``line``."""
+
+    capsule: PlaneCapsule | None
+    line: Line | None = None
+    parts: tuple[Fit, ...] = ()
+
+    @property
+    def capsules(self) -> list[PlaneCapsule]:
+        """All of them."""
+        own = [] if self.capsule is None else [self.capsule]
+        return own + [capsule for part in self.parts for capsule in part.capsules]
+
+    def is_of(self, outline: Outline) -> bool:
+        """Whether the capsules hold the outline, and are no larger than that takes.
+
+        Each has to hold all corners of its part, and to touch one, to within :data:`SAME` of the largest coordinate;
+        the parts hold the outline whatever the lines are, see :func:`_halves`.
+        """
+        if self.line is None or self.capsule is not None:
+            return self.capsule is not None and not self.parts and _touches(self.capsule, outline)
+        halves = _halves(outline, self.line)
+        return len(self.parts) == 2 and all(part.is_of(half) for part, half in zip(self.parts, halves, strict=True))
+
+
+def fit_capsules(outline: Outline) -> list[PlaneCapsule]:
     """Return capsules that hold the outline together: one, or more where that is much tighter."""
+    return fit(outline).capsules
+
+
+def fit(outline: Outline, splits: int = MOST_SPLITS) -> Fit:
+    """Return the same capsules with the lines between them."""
     whole = fit_capsule(outline.points, outline.radius)
     if splits == 0 or whole.start == whole.end:
-        return [whole]
-    best: tuple[float, list[Outline]] = (SPLIT_GAIN * whole.area, [])
+        return Fit(whole)
+    best: tuple[float, Line | None, list[Outline]] = (SPLIT_GAIN * whole.area, None, [])
     for cut in CUTS:
-        halves = _halves(outline, whole, cut)
+        line = _across(outline, whole, cut)
+        halves = _halves(outline, line)
         area = sum(fit_capsule(half.points, half.radius).area for half in halves)
         if area < best[0]:
-            best = (area, halves)
-    if not best[1]:
-        return [whole]
-    return [capsule for half in best[1] for capsule in fit_capsules(half, splits - 1)]
+            best = (area, line, halves)
+    if best[1] is None:
+        return Fit(whole)
+    return Fit(None, best[1], tuple(fit(half, splits - 1) for half in best[2]))
 
 
 def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
@@ -141,16 +182,29 @@ def _directions(hull: ComplexArray) -> ComplexArray:
     return np.concatenate([longest / abs(longest), uniform])
 
 
-def _halves(outline: Outline, whole: PlaneCapsule, cut: float) -> list[Outline]:
-    """The outline's two parts on either side of a line across.
+def _touches(capsule: PlaneCapsule, outline: Outline) -> bool:
+    if not len(outline.points):
+        return False
+    slack = SAME * float(np.abs(outline.points).max())
+    return bool(abs(capsule.depth(outline.points).min() - outline.radius) <= slack)
+
+
+def _across(outline: Outline, whole: PlaneCapsule, cut: float) -> Line:
+    """The line across a capsule at a share of the outline's length."""
+    direction = (whole.end - whole.start) / abs(whole.end - whole.start)
+    along = (outline.points * np.conj(direction)).real
+    return Line(direction, float(along.min() + cut * np.ptp(along)))
+
+
+def _halves(outline: Outline, cut: Line) -> list[Outline]:
+    """The outline's two parts on either side of a line.
 
     An edge that crosses the line leaves a part of itself, and a point on the line, on both sides. What joins these
     points inside the shape is part of the line; the whole of it between them is taken, so that the parts hold it.
     """
-    direction = (whole.end - whole.start) / abs(whole.end - whole.start)
+    direction, level = cut.direction, cut.level
     turned = outline.points * np.conj(direction)
     along = turned.real
-    level = along.min() + cut * np.ptp(along)
     begin, finish = outline.edges.T
     crossing = (along[begin] - level) * (along[finish] - level) < 0.0
     begin, finish = begin[crossing], finish[crossing]

@@ -17,6 +17,7 @@ from floatplan.robot.urdf_check import read_origin
 from floatplan.robot.urdf_values import number, only, triple
 
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
+KINDS = ("sphere", "box", "capsule", "cylinder", "mesh")
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 
 
@@ -38,8 +39,9 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class MeshUse:
-    """A mesh file in a collision element: its path, scale (3,), and projection to the plane."""
+    """A mesh file in a collision element: its name there, path, scale (3,), and projection to the plane."""
 
+    filename: str
     path: Path
     scale: Array
     projection: Projection
@@ -82,9 +84,12 @@ def read_collision(
     if shape.tag == "cylinder":
         return _cylinder(_length(where, shape, "radius"), _length(where, shape, "length"), placed)
     if shape.tag == "mesh":
-        path = None if folder is None else find_mesh(shape.get("filename", ""), folder)
+        filename = shape.get("filename", "")
+        path = None if folder is None else find_mesh(filename, folder)
         scale = triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
-        return None if path is None else MeshUse(path, scale, placed, where)
+        if not scale.all():
+            raise InputError("has a zero, which leaves nothing of the mesh", element=f"{where}: scale")
+        return None if path is None else MeshUse(filename, path, scale, placed, where)
     return None
 
 

@@ -17,9 +17,10 @@ from floatplan.robot.capsule_fit import Outline
 from floatplan.robot.example_robots import urdf_path
 from floatplan.robot.joint_choice import Choice, choose_joints, largest_turn, with_axes_in_plane
 from floatplan.robot.joint_limits import planned_limits
-from floatplan.robot.link_shapes import link_outlines, link_shapes, missing_meshes
+from floatplan.robot.link_shapes import link_outlines, link_shapes, mesh_digests, missing_meshes, unread_geometry
 from floatplan.robot.mirror import mirror_couplings
 from floatplan.robot.model_check import check_model
+from floatplan.robot.outlines import KINDS
 from floatplan.robot.parts import Capsule, Coupling, Frame, Plane
 from floatplan.robot.planar_model import build_model, full_coordinates, motor_coordinates
 from floatplan.robot.planar_tree import PlanarTree
@@ -195,6 +196,34 @@ class Robot:
             tilt=largest_turn(written, tree),
         )
 
+    def check_shapes(self) -> None:
+        """Refuse collision geometry that ``shapes`` leave out: the robot would be clear of what it hits.
+
+        Raises
+        ------
+        InputError
+            A mesh is not to be found, or geometry is of a kind that is not read.
+        """
+        for link, filename in missing_meshes(self.layout.tree, None if self.path is None else self.path.parent):
+            raise InputError(
+                f'collision mesh "{filename}" not found, so clearance cannot be told',
+                source=self.source,
+                element=f'link "{link}"',
+                advice="put it there, set ROS_PACKAGE_PATH, or take the <collision> out",
+            )
+        for link, tag in unread_geometry(self.layout.tree):
+            raise InputError(
+                f"collision geometry <{tag}> is not read, so clearance cannot be told",
+                source=self.source,
+                element=f'link "{link}"',
+                advice=f"give one of {', '.join(KINDS)} in each <collision>",
+            )
+
+    @cached_property
+    def meshes(self) -> Mapping[str, str]:
+        """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
+        return MappingProxyType(mesh_digests(self.layout.tree, None if self.path is None else self.path.parent))
+
     @cached_property
     def shapes(self) -> tuple[Capsule, ...]:
         """The links' shapes in the plane, fitted when first asked for.
@@ -202,10 +231,10 @@ class Robot:
         Raises
         ------
         InputError
-            If the geometry of a ``<collision>`` is wrong, or its file is not a mesh.
+            If the geometry of a ``<collision>`` is wrong, or its file is not a mesh, or not the one of ``meshes``.
         """
         try:
-            return link_shapes(self.layout, None if self.path is None else self.path.parent)
+            return link_shapes(self.layout, None if self.path is None else self.path.parent, self.meshes)
         except InputError as error:
             raise error.within(error.source or self.path) from None
 
