@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from floatplan.errors import InputError
 from floatplan.motion.flight_state import Peaks
 from floatplan.problem import Problem
-from floatplan.problem_checks import check_shapes
 from floatplan.robot.parts import Coupling
 
 if TYPE_CHECKING:
@@ -142,7 +141,7 @@ def _ground(plan: Plan) -> Iterator[PlanWarning]:
     if plan.ballistics.gravity == 0:
         return
     try:
-        check_shapes(plan.robot)
+        plan.robot.check_shapes()
         height, instant, link = plan.least_height()
     except InputError as error:
         message = f"What the flight does to the ground could not be measured: {error}."
