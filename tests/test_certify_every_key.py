@@ -28,6 +28,8 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"format": CLAIM,
     r"floatplan|status|ok|explanation": FREE,
     r"problem\.name": FREE,
+    r"problem\.ground": ASKED,
+    r"problem\.limits\.motor_torque\.q[123]": ASKED,
     r"problem\.(start|goal)\.(orientation|(positions|velocities|accelerations)\[.\])": CLAIM,
     r"problem\.flight\.(duration|angular_momentum|horizontal_velocity|gravity)": CLAIM,
     r"problem\.flight\.(takeoff\.position\[.\]|landing\.height)": CLAIM,
@@ -44,9 +46,10 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"angular_momentum|centre\[.\]|amplitude\[.\]|coefficients\[.\]\[.\]": CLAIM,
     r"orientation\.(start|end|goal)": CLAIM,
     r"com\.(position0\[.\]|velocity0\[.\]|gravity)": CLAIM,
-    r"torque_peak\[.\]|velocity_peak\[.\]|clearance_min": CLAIM,
+    r"torque_peak\[.\]|velocity_peak\[.\]|motor_torque_peak\.q[123]|clearance_min": CLAIM,
     r"objective\.name": CLAIM,
     r"angular_momentum_bounds\[.\]|objective\.value|solver\..*|out_of_plane_leak|certificate\..*|replay\..*": FREE,
+    r"warnings\[.\]\..*|utilisation\[.\]\..*": FREE,
 }
 NULLABLE = r"problem\.limits\.(velocity|torque)\[.\]|problem\.limits\.orientation_rate|.*window|out_of_plane_leak"
 WRONG_KINDS = ["x", False, True, [], {}, [1.0, 2.0, 3.0], {"x": 1.0}, None]
@@ -70,10 +73,13 @@ def honest() -> PlanRecord:
     pairs = [{"links": [robot.tree.names[0], robot.tree.names[2]], "margin": 1e-6}]
     record = make_plan(robot, coefficients, duration=0.9, obstacles=obstacles, self_clearance=pairs)
     motor = {"q1": {"stall": 1e3, "slope": 0.1}}
-    limits = record.problem["limits"] | {"motor": motor}
+    limits = record.problem["limits"] | {"motor": motor, "motor_torque": {"q1": 900.0, "q2": 800.0, "q3": 700.0}}
     record = replace(
         record,
-        problem=record.problem | {"limits": limits},
+        problem=record.problem | {"limits": limits, "ground": False},
+        motor_torque_peak=fp.certify(record).motor_torque_peak,
+        warnings=[{"kind": "ground"}],
+        utilisation=[{"joint": "q1"}],
         out_of_plane_leak=0.0,
         solver={"seed": 0},
         certificate={"verdict": "refuted"},
@@ -159,7 +165,7 @@ def test_a_value_of_another_kind_is_refused_by_certificate_and_load_plan(honest)
         if what(path) == FREE:
             continue
         for value in WRONG_KINDS:
-            same_kind = isinstance(value, str) and isinstance(before, str)
+            same_kind = isinstance(value, str | bool) and type(value) is type(before)
             if same_kind or (value is None and (before is None or re.fullmatch(NULLABLE, name_of(path)))):
                 continue
             changed = tampered(content, path, value)
