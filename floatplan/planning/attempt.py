@@ -6,8 +6,9 @@ and the answer is the same for the same seed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -18,7 +19,7 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import Nearest, reduce_violations
-from floatplan.planning.objectives import Objective
+from floatplan.planning.objectives import Objective, objective_value
 from floatplan.planning.program import BACK_OFF, FlightProgram, decision_variables, objective
 from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
 from floatplan.planning.sqp import Solution
@@ -32,6 +33,7 @@ from floatplan.planning.trajectory import (
     trajectory,
 )
 from floatplan.problem import Bar, Circle, Problem
+from floatplan.problem_parts import Objective as ObjectiveName
 
 EASY_ITERATIONS = 40
 CONSTRAINED_LEVEL = 2  # index into NODE_COUNTS, at least, where constraints are watched
@@ -48,7 +50,8 @@ UNRESOLVED = 1e-6  # tail of the Legendre coefficients of theta0', relative to i
 class Outcome:
     """Where an attempt ended.
 
-    ``lacking`` is the largest violation of (14), rad, or of a constraint's row; 0 where everything holds.
+    ``lacking`` is the largest violation of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
+    names what is minimised; ``work`` is what the attempt took, the drawing of its start included.
     """
 
     variables: DecisionVariables
@@ -57,6 +60,8 @@ class Outcome:
     worst: Worst
     number: int
     degrees: tuple[int, ...]
+    objective: ObjectiveName
+    work: float = 0.0
 
     @property
     def holds(self) -> bool:
@@ -73,10 +78,24 @@ class Outcome:
         """Whether it is optimal, and took so few iterations that other starts promise little."""
         return self.is_optimal and self.solution.iterations <= EASY_ITERATIONS
 
+    @cached_property
+    def objective_value(self) -> float:
+        """The user's objective, which compares motions of any degree and branch."""
+        motion = self.solution.evaluation.detail
+        assert isinstance(motion, Trajectory)
+        return objective_value(self.objective, motion, self.solution.x)
+
     @property
     def rank(self) -> tuple[float, float]:
         """Sorts outcomes: what holds before what does not, then by objective."""
-        return (self.lacking, self.solution.evaluation.objective)
+        return (self.lacking, self.objective_value)
+
+
+def best(outcomes: Sequence[Outcome]) -> Outcome:
+    """Return the outcome of the lowest rank, the first of equals; only what lacks equally little is evaluated."""
+    least = min(outcome.lacking for outcome in outcomes)
+    nearest = [outcome for outcome in outcomes if outcome.lacking == least]
+    return min(nearest, key=lambda outcome: outcome.objective_value) if len(nearest) > 1 else nearest[0]
 
 
 class Attempts:
@@ -128,9 +147,20 @@ class Attempts:
         )
 
     def attempt(
-        self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool] = lambda: False
+        self,
+        start: Start,
+        number: int,
+        degrees: tuple[int, ...],
+        stop: Callable[[], bool] = lambda: False,
+        most_work: float = np.inf,
     ) -> Outcome:
-        """Follow one start: straight to the objective, and by way of a feasible motion where that fails."""
+        """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
+        before = self.model.work.done - start.work
+        outcome = self._follow(start, number, degrees, lambda: self.model.work.done - before > most_work or stop())
+        return replace(outcome, work=self.model.work.done - before)
+
+    def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
+        """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
         settings = CAUTIOUS if self.constraints or number > 0 else FINE
         level = min(self._level + CLOSER, WATCHED_AT_MOST) if self.constraints and number > 0 else self._level
         make_objective = self._objective(start)
@@ -152,7 +182,7 @@ class Attempts:
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
                 found = self._judge(start.variables, unsolved, number, degrees)
-            outcome = min(outcome, found, key=lambda candidate: candidate.rank) if outcome else found
+            outcome = best([outcome, found]) if outcome else found
             if outcome.holds or stop():
                 break
         assert outcome is not None, "every start gives a point to follow"
@@ -187,4 +217,4 @@ class Attempts:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, nodes, solution.x)
         lacking = max(missed if missed > ORIENTATION_MISSED else 0.0, -min(worst.least + BACK_OFF / 20, 0.0))
-        return Outcome(variables, solution, lacking, worst, number, degrees)
+        return Outcome(variables, solution, lacking, worst, number, degrees, self.problem.motion.objective)

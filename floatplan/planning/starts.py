@@ -8,7 +8,7 @@ starts that violate the constraints least are followed first.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
 
@@ -32,10 +32,11 @@ APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A class of motions (with its arcsine branches) and a point x in it."""
+    """A class of motions (with its arcsine branches), a point x in it, and the work that it took to draw it."""
 
     variables: DecisionVariables
     x: Array
+    work: float = 0.0
 
 
 def starts(
@@ -58,7 +59,10 @@ def starts(
             branches = np.array([np.zeros(n, dtype=np.int64), rng.choice([-1, 0, 0, 1], size=n)])
             variables = _variables(problem, degrees, momentum_bounds, branches)
         size = min(CROWD * 2**number, LARGEST_CROWD) if constraints else CROWD
-        yield from _crossings(model, constraints, variables, _random_motions(variables, size, rng))
+        before = model.work.done
+        first, *others = _crossings(model, constraints, variables, _random_motions(variables, size, rng))
+        yield replace(first, work=model.work.done - before)
+        yield from others
 
 
 @lru_cache(maxsize=8)
