@@ -20,7 +20,13 @@ from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import Nearest, reduce_violations
 from floatplan.planning.objectives import Objective, objective_value
-from floatplan.planning.program import BACK_OFF, FlightProgram, decision_variables, objective
+from floatplan.planning.program import (
+    BACK_OFF,
+    FlightProgram,
+    decision_variables,
+    instants_beside_nodes,
+    objective,
+)
 from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
 from floatplan.planning.sqp import Solution
 from floatplan.planning.starts import Start, starts
@@ -29,6 +35,7 @@ from floatplan.planning.trajectory import (
     Sampling,
     Trajectory,
     flight_model,
+    sample_also,
     sample_nodes,
     trajectory,
 )
@@ -161,8 +168,9 @@ class Attempts:
 
     def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
-        settings = CAUTIOUS if self.constraints or number > 0 else FINE
-        level = min(self._level + CLOSER, WATCHED_AT_MOST) if self.constraints and number > 0 else self._level
+        is_first = number == 0 or start.is_plain
+        settings = FINE if is_first and not self.constraints else CAUTIOUS
+        level = self._level if is_first or not self.constraints else min(self._level + CLOSER, WATCHED_AT_MOST)
         make_objective = self._objective(start)
 
         def follow(x: Array) -> Outcome:
@@ -171,12 +179,14 @@ class Attempts:
 
         if not self.constraints:
             return follow(start.x)
-        outcome = follow(start.x) if number == 0 else None
+        outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome
         nodes = sample_nodes(NODE_COUNTS[level], start.variables.polynomials.width)
-        program = FlightProgram(self.model, start.variables, nodes, make_objective(nodes), self.constraints)
-        for nearest in self._nearly_feasible(start, program, number, stop):
+        beside = instants_beside_nodes(start.variables, self.constraints)
+        watched = sample_also(nodes, start.variables.polynomials.width, beside) if beside.size else nodes
+        program = FlightProgram(self.model, start.variables, watched, make_objective(nodes), self.constraints)
+        for nearest in self._nearly_feasible(start, program, is_first, stop):
             if nearest.squares < PROMISING:
                 found = follow(nearest.x)
             else:
@@ -193,11 +203,11 @@ class Attempts:
         return lambda nodes: objective(self.problem, self.model, start.variables, nodes)
 
     def _nearly_feasible(
-        self, start: Start, program: FlightProgram, number: int, stop: Callable[[], bool]
+        self, start: Start, program: FlightProgram, is_first: bool, stop: Callable[[], bool]
     ) -> Iterator[Nearest]:
         """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
         yield reduce_violations(program, start.x, stop)
-        if number > 0:
+        if not is_first:
             return
         free = solve(self.model, start.variables, self._objective(start), (), start.x, FINE, stop)
         yield reduce_violations(program, free.x, stop)

@@ -19,7 +19,7 @@ import numpy as np
 
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.nonlinear_program import Derivatives
-from floatplan.planning.starts import Start
+from floatplan.planning.starts import MOMENTUM_SHARES, Start
 from floatplan.planning.trajectory import Trajectory
 from floatplan.planning.work import USUAL
 from floatplan.problem import Problem
@@ -34,6 +34,9 @@ RAISED = 2  # nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2
 HIGHEST_AUTOMATIC_DEGREE = 13
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
+STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_SHARES)  # tried where h is free, unless the best solutions agree before
+AGREEING = 3  # best solutions that are the same motion, where h is free: then it is taken for the best there is
+AGREEMENT = 1e-5  # relative difference of their objectives
 WANTED_AFTER_FAILURE = 4  # solutions to choose from where the plain start did not come easily
 STARTS_AFTER_THE_FIRST = 1  # with constraints: tried after one that is solved but not optimal
 
@@ -69,7 +72,6 @@ def search(
     expired = expiry(budget)
     allowance = Allowance(USUAL if budget is None else np.inf)
     outcomes: list[Outcome] = []
-    constrained = bool(prepared.constraints)
     interrupted = False
     announced = time.monotonic()
     try:
@@ -79,7 +81,7 @@ def search(
             if progress and time.monotonic() - announced > 1:
                 announced = time.monotonic()
                 progress(f"{len(outcomes)} starts tried, {solved} solved, degree {max(outcome.degrees)}")
-            if _are_enough(outcomes, wanted, constrained) or expired():
+            if _are_enough(outcomes, wanted, prepared) or expired():
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -120,16 +122,25 @@ class Allowance:
         return is_first or not self.is_used_up
 
 
-def _are_enough(outcomes: list[Outcome], wanted: int, constrained: bool) -> bool:
+def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> bool:
     """Whether ``wanted`` starts are solved and more of them promise little."""
     solved = [index for index, outcome in enumerate(outcomes) if outcome.holds]
     if len(solved) < max(wanted, 1):
         return False
+    constrained = bool(prepared.constraints)
+    if constrained and prepared.plain_start.variables.reach:
+        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or _agree([outcomes[index] for index in solved])
     if outcomes[0].came_easily or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
         any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST
     )
+
+
+def _agree(solved: list[Outcome]) -> bool:
+    """Whether several of the solutions are the best one: different starts led there."""
+    values = sorted(outcome.objective_value for outcome in solved)[:AGREEING]
+    return len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
 
 
 def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:

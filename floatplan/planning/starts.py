@@ -27,15 +27,20 @@ CROWD_NODES = 32
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 SECANT_STEPS = 4
 STARTS_PER_CROWD = 2
+MOMENTUM_SHARES = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h, from its middle: plain starts
 APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A class of motions (with its arcsine branches), a point x in it, and the work that it took to draw it."""
+    """A class of motions (with its arcsine branches) and a point x in it.
+
+    ``is_plain`` says that it is the plain motion, at some h; ``work`` is what it took to draw it.
+    """
 
     variables: DecisionVariables
     x: Array
+    is_plain: bool = False
     work: float = 0.0
 
 
@@ -47,10 +52,29 @@ def starts(
     momentum_bounds: tuple[float, float],
     seed: int,
 ) -> Iterator[Start]:
-    """Yield the plain start, then random ones without end where anything is free; the same for the same seed."""
+    """Yield the plain start, then random ones without end where anything is free; the same for the same seed.
+
+    Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones.
+    """
     start = _plain_start(problem, degrees, momentum_bounds)
-    plain = start.variables
     yield start
+    drawn = _random_starts(problem, model, constraints, degrees, momentum_bounds, start.variables, seed)
+    if start.variables.reach and constraints:
+        for share in MOMENTUM_SHARES:
+            yield next(drawn)
+            yield replace(start, x=np.append(start.x[:-1], share))
+    yield from drawn
+
+
+def _random_starts(
+    problem: Problem,
+    model: FlightModel,
+    constraints: tuple[Constraint, ...],
+    degrees: tuple[int, ...],
+    momentum_bounds: tuple[float, float],
+    plain: DecisionVariables,
+    seed: int,
+) -> Iterator[Start]:
     n = len(problem.robot.joints)
     rng = np.random.default_rng(seed)
     for number in count() if plain.size else ():
@@ -69,7 +93,7 @@ def starts(
 def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum_bounds: tuple[float, float]) -> Start:
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     variables = _variables(problem, degrees, momentum_bounds, branches)
-    return Start(variables, variables.plain_motion())
+    return Start(variables, variables.plain_motion(), is_plain=True)
 
 
 def _variables(
