@@ -190,7 +190,7 @@ def bounds(
     problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
     json_output: Json = False,
 ) -> None:
-    """Tell which angular momentum suits a flight: the interval (9) and its midpoint (10)."""
+    """Tell which angular momentum suits a flight whose joints do not turn back: the interval (9), its midpoint (10)."""
     from floatplan.problem_file import load_problem
     from floatplan.view.facts import momentum_facts
 

@@ -334,7 +334,7 @@ class Plan:
         """|b| of (17), or the integral of squared torques (N^2 m^2 s) or accelerations (rad^2/s^3)."""
         if self.problem.motion.objective == "coefficients":
             return float(np.linalg.norm(self.coefficients))
-        quadrature = gauss_legendre(NODE_COUNTS[-2])
+        quadrature = gauss_legendre(NODE_COUNTS[-1])
         state = self.at(quadrature.nodes * self.duration)
         integrand = state.torques if self.problem.motion.objective == "torque" else state.accelerations
         return float(self.duration * (quadrature.weights @ (integrand**2).sum(axis=1)))

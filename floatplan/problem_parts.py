@@ -70,7 +70,8 @@ class Flight:
     duration : float
         Time from takeoff to landing, s.
     angular_momentum : float, "midpoint" or "free"
-        About the centre of mass and the plane's normal, kg m^2/s; the midpoint of (9) is (10).
+        About the centre of mass and the plane's normal, kg m^2/s; the midpoint of (9) is (10). Where it is free the
+        search chooses it, in (9) or outside.
     takeoff, landing : optional
         Left out, the base link takes off from the origin, and the takeoff frame lands: at the height it left, or
         resting on the ground where the problem has one.

@@ -41,7 +41,7 @@ def forward_problem(seed: int, grade: str) -> fp.Problem | None:
     """
     difficulty = GRADES.index(grade)
     rng = np.random.default_rng([seed, difficulty])
-    drawn = _draw(rng, joints=int(rng.integers(2, 6)))
+    drawn = draw(rng, joints=int(rng.integers(2, 6)))
     guess = fp.plan(drawn.problem)
     if not guess.ok:
         return None
@@ -49,7 +49,7 @@ def forward_problem(seed: int, grade: str) -> fp.Problem | None:
     if rng.random() < 1 / 3:
         limits = _limits_just_above(drawn, difficulty)
         return replace(drawn.problem, limits=limits, name=name) if _exceeds(guess, limits) else None
-    obstacles = [_obstacle_between(rng, drawn, guess) for _ in range(difficulty + 1)]
+    obstacles = [obstacle_between(rng, drawn, guess) for _ in range(difficulty + 1)]
     if None in obstacles:
         return None
     return replace(drawn.problem, obstacles=tuple(obstacles), name=name)
@@ -67,7 +67,8 @@ def forward_problems(count: int) -> list[fp.Problem]:
     return problems
 
 
-def _draw(rng: np.random.Generator, joints: int) -> Drawn:
+def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
+    """Draw a chain and a motion; its h lies ``share`` of the half-width of a random (9) from the middle."""
     robot = random_chain(rng, joints)
     postures = rng.uniform(-0.8 * np.pi, 0.8 * np.pi, (2, joints))
     turn = float(rng.uniform(-2.5, 2.5))
@@ -78,7 +79,7 @@ def _draw(rng: np.random.Generator, joints: int) -> Drawn:
         flight=fp.Flight(duration=float(rng.uniform(0.8, 1.6)), horizontal_velocity=float(rng.uniform(-1, 2))),
     )
     low, high = angular_momentum_interval(problem)
-    momentum = float((low + high) / 2)
+    momentum = float((low + high) / 2 + share * (high - low) / 2)
     flight = replace(problem.flight, angular_momentum=momentum)
     problem = replace(problem, flight=flight)
     model = flight_model(problem)
@@ -103,7 +104,7 @@ def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:
     return np.abs(segments.start + share * along - point)
 
 
-def _obstacle_between(rng: np.random.Generator, drawn: Drawn, guess: fp.Plan) -> Obstacle | None:
+def obstacle_between(rng: np.random.Generator, drawn: Drawn, guess: fp.Plan) -> Obstacle | None:
     """Return a circle that the drawn motion clears and the guess hits, somewhere on the guess's links."""
     instants = drawn.motion.times
     placed = _placed(guess, instants)

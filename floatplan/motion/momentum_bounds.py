@@ -1,4 +1,4 @@
-"""Extremes of D over the joint ranges, and the angular momentum that suits a flight: (7)-(10).
+"""Extremes of D over the joint ranges, and the angular momentum that suits a flight of monotonic joints: (7)-(10).
 
 Every D_i is a trigonometric polynomial of the planned positions, see :mod:`floatplan.motion.momentum_map`; its extremes
 are enclosed by branch and bound, never by sampling.
@@ -150,7 +150,11 @@ def _inertia_extremes(robot: Robot, position_limits: tuple[tuple[float, float], 
 
 
 def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
-    """(9): the interval in which h must lie for the flight to have a chance, kg m^2/s; its middle is (10)."""
+    """(9): where h lies if orientation and joints all move monotonically, kg m^2/s; its middle is (10).
+
+    (7) and (8) bound the integrals of ``D_i q_i'`` by the extremes of D_i times the change of q_i, which holds only
+    where q_i does not turn back. Outside (9) a flight may exist, whose joints swing out and back: a falling cat's.
+    """
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     changes = np.concatenate(
         (

@@ -6,8 +6,9 @@ and the answer is the same for the same seed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -18,8 +19,14 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import Nearest, reduce_violations
-from floatplan.planning.objectives import Objective
-from floatplan.planning.program import BACK_OFF, FlightProgram, decision_variables, objective
+from floatplan.planning.objectives import Objective, objective_value
+from floatplan.planning.program import (
+    BACK_OFF,
+    FlightProgram,
+    decision_variables,
+    instants_beside_nodes,
+    objective,
+)
 from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
 from floatplan.planning.sqp import Solution
 from floatplan.planning.starts import Start, starts
@@ -28,10 +35,12 @@ from floatplan.planning.trajectory import (
     Sampling,
     Trajectory,
     flight_model,
+    sample_also,
     sample_nodes,
     trajectory,
 )
 from floatplan.problem import Bar, Circle, Problem
+from floatplan.problem_parts import Objective as ObjectiveName
 
 EASY_ITERATIONS = 40
 CONSTRAINED_LEVEL = 2  # index into NODE_COUNTS, at least, where constraints are watched
@@ -48,7 +57,8 @@ UNRESOLVED = 1e-6  # tail of the Legendre coefficients of theta0', relative to i
 class Outcome:
     """Where an attempt ended.
 
-    ``lacking`` is the largest violation of (14), rad, or of a constraint's row; 0 where everything holds.
+    ``lacking`` is the largest violation of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
+    names what is minimised; ``work`` is what the attempt took, the drawing of its start included.
     """
 
     variables: DecisionVariables
@@ -57,6 +67,8 @@ class Outcome:
     worst: Worst
     number: int
     degrees: tuple[int, ...]
+    objective: ObjectiveName
+    work: float = 0.0
 
     @property
     def holds(self) -> bool:
@@ -73,10 +85,24 @@ class Outcome:
         """Whether it is optimal, and took so few iterations that other starts promise little."""
         return self.is_optimal and self.solution.iterations <= EASY_ITERATIONS
 
+    @cached_property
+    def objective_value(self) -> float:
+        """The user's objective, which compares motions of any degree and branch."""
+        motion = self.solution.evaluation.detail
+        assert isinstance(motion, Trajectory)
+        return objective_value(self.objective, motion, self.solution.x)
+
     @property
     def rank(self) -> tuple[float, float]:
         """Sorts outcomes: what holds before what does not, then by objective."""
-        return (self.lacking, self.solution.evaluation.objective)
+        return (self.lacking, self.objective_value)
+
+
+def best(outcomes: Sequence[Outcome]) -> Outcome:
+    """Return the outcome of the lowest rank, the first of equals; only what lacks equally little is evaluated."""
+    least = min(outcome.lacking for outcome in outcomes)
+    nearest = [outcome for outcome in outcomes if outcome.lacking == least]
+    return min(nearest, key=lambda outcome: outcome.objective_value) if len(nearest) > 1 else nearest[0]
 
 
 class Attempts:
@@ -128,11 +154,23 @@ class Attempts:
         )
 
     def attempt(
-        self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool] = lambda: False
+        self,
+        start: Start,
+        number: int,
+        degrees: tuple[int, ...],
+        stop: Callable[[], bool] = lambda: False,
+        most_work: float = np.inf,
     ) -> Outcome:
-        """Follow one start: straight to the objective, and by way of a feasible motion where that fails."""
-        settings = CAUTIOUS if self.constraints or number > 0 else FINE
-        level = min(self._level + CLOSER, WATCHED_AT_MOST) if self.constraints and number > 0 else self._level
+        """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
+        before = self.model.work.done - start.work
+        outcome = self._follow(start, number, degrees, lambda: self.model.work.done - before > most_work or stop())
+        return replace(outcome, work=self.model.work.done - before)
+
+    def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
+        """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
+        is_first = number == 0 or start.is_plain
+        settings = FINE if is_first and not self.constraints else CAUTIOUS
+        level = self._level if is_first or not self.constraints else min(self._level + CLOSER, WATCHED_AT_MOST)
         make_objective = self._objective(start)
 
         def follow(x: Array) -> Outcome:
@@ -141,18 +179,20 @@ class Attempts:
 
         if not self.constraints:
             return follow(start.x)
-        outcome = follow(start.x) if number == 0 else None
+        outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome
         nodes = sample_nodes(NODE_COUNTS[level], start.variables.polynomials.width)
-        program = FlightProgram(self.model, start.variables, nodes, make_objective(nodes), self.constraints)
-        for nearest in self._nearly_feasible(start, program, number, stop):
+        beside = instants_beside_nodes(start.variables, self.constraints)
+        watched = sample_also(nodes, start.variables.polynomials.width, beside) if beside.size else nodes
+        program = FlightProgram(self.model, start.variables, watched, make_objective(nodes), self.constraints)
+        for nearest in self._nearly_feasible(start, program, is_first, stop):
             if nearest.squares < PROMISING:
                 found = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
                 found = self._judge(start.variables, unsolved, number, degrees)
-            outcome = min(outcome, found, key=lambda candidate: candidate.rank) if outcome else found
+            outcome = best([outcome, found]) if outcome else found
             if outcome.holds or stop():
                 break
         assert outcome is not None, "every start gives a point to follow"
@@ -163,11 +203,11 @@ class Attempts:
         return lambda nodes: objective(self.problem, self.model, start.variables, nodes)
 
     def _nearly_feasible(
-        self, start: Start, program: FlightProgram, number: int, stop: Callable[[], bool]
+        self, start: Start, program: FlightProgram, is_first: bool, stop: Callable[[], bool]
     ) -> Iterator[Nearest]:
         """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
         yield reduce_violations(program, start.x, stop)
-        if number > 0:
+        if not is_first:
             return
         free = solve(self.model, start.variables, self._objective(start), (), start.x, FINE, stop)
         yield reduce_violations(program, free.x, stop)
@@ -187,4 +227,4 @@ class Attempts:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, nodes, solution.x)
         lacking = max(missed if missed > ORIENTATION_MISSED else 0.0, -min(worst.least + BACK_OFF / 20, 0.0))
-        return Outcome(variables, solution, lacking, worst, number, degrees)
+        return Outcome(variables, solution, lacking, worst, number, degrees, self.problem.motion.objective)

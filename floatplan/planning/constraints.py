@@ -52,6 +52,11 @@ class Constraint(Protocol):
         """Derivatives (K, r, size) of the values by x."""
 
 
+def is_settled_at_ends(block: Constraint) -> bool:
+    """Whether the states at takeoff and landing settle its values there; torques and theta0' depend on h besides."""
+    return isinstance(block, ObstacleClearance | SelfClearance | VelocityLimit)
+
+
 @dataclass(frozen=True, eq=False)
 class ObstacleClearance:
     """Distance of every link to an obstacle, less its margin, (19)-(23).

@@ -89,8 +89,8 @@ def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[st
     if isinstance(asked, str) or low <= asked <= high:
         return []
     return [
-        f"The asked angular momentum {asked:.6g} kg m^2/s lies outside the interval (9), [{low:.6g}, {high:.6g}];"
-        f" try {(low + high) / 2:.6g}, its midpoint (10)."
+        f"The asked angular momentum {asked:.6g} kg m^2/s lies outside the interval (9), [{low:.6g}, {high:.6g}]:"
+        f" that takes a joint, or the base, that turns back on its way; its midpoint (10) is {(low + high) / 2:.6g}."
     ]
 
 

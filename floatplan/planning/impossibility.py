@@ -102,14 +102,13 @@ def _mean_rates(problem: Problem) -> Iterator[str]:
 
 def _turning(problem: Problem) -> Iterator[str]:
     """By (4) the base turns with ``(h - sum_i D_i q_i') / D_0``, which bounds on D, q' and h enclose."""
-    if not np.isfinite(problem.velocity_limits).all():
+    if problem.flight.angular_momentum == "free" or not np.isfinite(problem.velocity_limits).all():
         return
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
-    asked = problem.flight.angular_momentum
-    momentum = angular_momentum_interval(problem) if asked == "free" else (_given_momentum(problem),) * 2
+    momentum = _given_momentum(problem)
     duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
-    least, most = momentum[0] - swing, momentum[1] + swing
+    least, most = momentum - swing, momentum + swing
     slowest = duration * least / (high[0] if least > 0 else low[0])
     fastest = duration * most / (low[0] if most > 0 else high[0])
     if not slowest - ROUNDING <= turn <= fastest + ROUNDING:

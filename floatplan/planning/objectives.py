@@ -1,6 +1,7 @@
 """What the search minimises: (17), or the time integral of squared torques or joint accelerations.
 
-Every objective is scaled to about 1 at a sensible motion.
+The search scales every objective to about 1 at a sensible motion of its class; :func:`objective_value` is the user's
+own, by which motions of different classes compare.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.planning.decision_variables import DecisionVariables
-from floatplan.planning.trajectory import Partials, Trajectory
+from floatplan.planning.trajectory import Partials, Trajectory, sample_nodes, trajectory
+from floatplan.problem_parts import Objective as ObjectiveName
 
 LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
+EXACT_NODES = NODE_COUNTS[-1]  # of quadrature, for the number that the user sees
 
 
 class Objective(Protocol):
@@ -91,6 +95,20 @@ class SquaredTorque:
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation."""
         return _gauss_newton(trajectory, self.scale, trajectory.torque_jacobian)
+
+
+def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
+    """|b| of (17), or the integral of squared torques, N^2 m^2 s, or accelerations, rad^2/s^3: the user's objective.
+
+    It is computed as exactly for every class of motions, and knows nothing of the scaling of the variables x that the
+    ``motion`` belongs to.
+    """
+    model, variables = motion.model, motion.variables
+    if name == "coefficients":
+        return float(np.linalg.norm(variables.polynomials.powers_of_seconds(variables.free_coefficients(x))))
+    exact = trajectory(model, variables, sample_nodes(EXACT_NODES, variables.polynomials.width), x)
+    unscaled = SquaredTorque(1.0) if name == "torque" else SquaredAcceleration(1.0)
+    return unscaled.value(exact, x)
 
 
 def _acceleration_jacobian(trajectory: Trajectory) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from floatplan.arrays import Array, read_only
@@ -36,11 +36,12 @@ def plan(
     seed : int
         Of the random starts; the same seed gives the same plan.
     starts : int
-        Solved starts to choose the best from; 1 is the quick way.
+        Solved starts to choose the best from; 1 is the quick way. More are never worse, unless a budget ends them.
     budget : float, optional
-        Seconds, by the clock, after which the search ends with the best motion so far; left out, 7 s of work.
+        Seconds, by the clock, after which the search ends with the best motion so far; left out, so much work as takes
+        about 7 s, counted without a clock: the same problem and seed then have the same answer everywhere.
     jobs : int
-        Processes among which the starts are shared.
+        Processes among which the starts are shared; they find what one finds, sooner.
     progress : callable, optional
         Told in a few words what the search is doing, about once a second.
 
@@ -61,10 +62,11 @@ def plan(
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A plan, and where the search for it ended."""
+    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on."""
 
     plan: Plan
     best: Outcome
+    others: tuple[Outcome, ...] = ()
 
 
 def planned(
@@ -119,7 +121,13 @@ def planned(
             "solved": found.solved,
         },
     )
-    return Planned(plan, best)
+    return Planned(plan, best, found.holding[1:])
+
+
+def alternatives(found: Planned) -> Iterator[Planned]:
+    """Yield the plans that the other solutions would make."""
+    for outcome in found.others:
+        yield Planned(replace(_moving_as(found.plan, outcome), status=outcome.solution.status), outcome)
 
 
 def polished(found: Planned, tighter: Problem) -> Planned | None:
@@ -137,13 +145,15 @@ def polished(found: Planned, tighter: Problem) -> Planned | None:
         "iterations": plan.solver["iterations"] + outcome.solution.iterations,
         "evaluations": plan.solver["evaluations"] + outcome.solution.evaluations,
     }
-    mended = replace(
+    return Planned(replace(_moving_as(plan, outcome), solver=solver), outcome)
+
+
+def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
+    return replace(
         plan,
         coefficients=_coefficients(outcome),
         angular_momentum=outcome.variables.angular_momentum(outcome.solution.x),
-        solver=solver,
     )
-    return Planned(mended, outcome)
 
 
 def _coefficients(outcome: Outcome) -> Array:

@@ -9,8 +9,9 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.momentum_bounds import inertia_extremes
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
-from floatplan.planning.constraints import Constraint
+from floatplan.planning.constraints import Constraint, is_settled_at_ends
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.objectives import (
@@ -43,10 +44,13 @@ class FlightProgram:
 
     @cached_property
     def _watched(self) -> tuple[BoolArray, ...]:
-        """Of each constraint, at which instants (K,) it applies; at the ends nothing can be changed."""
+        """Of each constraint, at which instants (K,) it applies; at the ends only a free h changes anything."""
         times = self.variables.polynomials.duration * self.sampling.s
         inside = (self.sampling.s > 0) & (self.sampling.s < 1)
-        return tuple(np.asarray(inside & block.exists(times)) for block in self.constraints)
+        return tuple(
+            np.asarray((inside | _depends_on_momentum_at_ends(self.variables, block)) & block.exists(times))
+            for block in self.constraints
+        )
 
     def trajectory(self, x: Array) -> Trajectory:
         """Motion of x at the instants of the sampling."""
@@ -58,7 +62,7 @@ class FlightProgram:
         return Evaluation(
             objective=self.objective.value(motion, x),
             equality=np.array([motion.final_orientation - self.model.final_orientation]),
-            inequality=self._inequality(motion, x),
+            inequality=self._inequality(motion),
             differentiate=lambda: Derivatives(
                 self.objective.gradient(motion, x),
                 motion.final_gradient[None, :],
@@ -72,22 +76,28 @@ class FlightProgram:
         assert isinstance(evaluation.detail, Trajectory)
         return self.objective.hessian(evaluation.detail)
 
-    def _inequality(self, motion: Trajectory, x: Array) -> Array:
-        """(9) for a free h, x's last entry within [-1, 1]; then the constraints at the instants that are watched."""
-        if not (self.variables.reach or self.constraints):
+    def _inequality(self, motion: Trajectory) -> Array:
+        """The constraints at the instants that are watched."""
+        if not self.constraints:
             return np.empty(0)
-        rows = [1 - x[-1:], 1 + x[-1:]] if self.variables.reach else []
-        for block, watched in zip(self.constraints, self._watched, strict=True):
-            rows.append((block.values(motion) - BACK_OFF)[watched].ravel())
-        return np.concatenate(rows)
+        watched = zip(self.constraints, self._watched, strict=True)
+        return np.concatenate([(block.values(motion) - BACK_OFF)[instants].ravel() for block, instants in watched])
 
     def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
-        if not (self.variables.reach or self.constraints):
+        if not self.constraints:
             return np.empty((0, size))
-        rows = [np.eye(1, size, size - 1) * sign for sign in (-1, 1)] if self.variables.reach else []
-        for block, watched in zip(self.constraints, self._watched, strict=True):
-            rows.append(block.jacobian(motion)[watched].reshape(-1, size))
-        return np.concatenate(rows)
+        watched = zip(self.constraints, self._watched, strict=True)
+        return np.concatenate([block.jacobian(motion)[instants].reshape(-1, size) for block, instants in watched])
+
+
+def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Constraint, ...]) -> Array:
+    """Instants, in [0, 1], to watch beside the quadrature nodes from the beginning: the ends, where h matters there."""
+    matter = any(_depends_on_momentum_at_ends(variables, block) for block in constraints)
+    return np.array([0.0, 1.0]) if matter else np.empty(0)
+
+
+def _depends_on_momentum_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
+    return variables.reach > 0 and not is_settled_at_ends(block)
 
 
 def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
@@ -115,12 +125,18 @@ def decision_variables(
     low, high = momentum_bounds
     asked = problem.flight.angular_momentum
     middle = (low + high) / 2 if isinstance(asked, str) else float(asked)
-    reach = (high - low) / 2 if asked == "free" else 0.0
+    reach = max((high - low) / 2, _momentum_of_a_turn(problem)) if asked == "free" else 0.0
     size = sum(polynomials.free)
     variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), middle, reach)
     if problem.motion.objective != "coefficients" or not size:
         return variables
     return DecisionVariables(polynomials, *whitened_variables(variables), middle, reach)
+
+
+def _momentum_of_a_turn(problem: Problem) -> float:
+    """The h, kg m^2/s, that turns the whole robot by a radian in the time of the flight, at the most."""
+    _, high = inertia_extremes(problem.robot, problem.position_limits)
+    return float(high[0]) / problem.flight.duration
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:

@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion_plan import Plan
-from floatplan.planning.planner import Planned, planned, polished
+from floatplan.planning.planner import Planned, alternatives, planned, polished
 from floatplan.problem import Motor, Problem
 from floatplan.proof.certificate import Certificate
 from floatplan.proof.certify import certify
@@ -25,6 +25,7 @@ ROUNDS = 3
 BEYOND = 1.5  # times the missing amount is what the problem is tightened by
 HAIR = 1e-3  # of a limit, m or rad: what misses its proof by more is refused, not mended
 CONSEQUENCE = "landing.height"  # is missed where the orientation is, and met again with it
+VERDICTS = ("proved", "undecided", "refuted")  # from the best on
 CLAIM = "recorded "  # begins the labels of what the file itself claims
 OBSTACLE = "obstacles["
 
@@ -40,6 +41,8 @@ def plan_and_prove(
 ) -> Plan:
     """Plan a flight and prove the plan; parameters as those of :func:`floatplan.plan`.
 
+    Where the best motion found is not proved, the next best is tried.
+
     Returns
     -------
     Plan
@@ -49,7 +52,26 @@ def plan_and_prove(
     found = planned(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress)
     if not found.plan.ok:
         return found.plan
-    return judged(*proved(found))
+    return judged(*best_proved(found))
+
+
+def best_proved(found: Planned) -> tuple[Plan, Certificate]:
+    """Prove the best plan, or the next best where that is not proved; what is proved goes before what is undecided.
+
+    The best plan proved may have lost by being mended: then the next best ones may be better still.
+    """
+    plan, certificate = proved(found)
+    for other in alternatives(found):
+        if certificate.proved and plan.objective_value <= other.best.objective_value:
+            break
+        answer = proved(other)
+        plan, certificate = min((plan, certificate), answer, key=_rank)
+    return plan, certificate
+
+
+def _rank(answer: tuple[Plan, Certificate]) -> tuple[int, float]:
+    plan, certificate = answer
+    return VERDICTS.index(certificate.verdict), plan.objective_value
 
 
 def proved(found: Planned) -> tuple[Plan, Certificate]:

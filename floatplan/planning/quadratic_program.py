@@ -5,10 +5,12 @@ minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
-from proxsuite import proxqp
 
 from floatplan.arrays import Array, IntArray
 from floatplan.planning.nonlinear_program import Evaluation, total_violation
@@ -21,6 +23,28 @@ REGULARISATION = 1e-12  # of the elastic system, relative to the price
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
 GENERATIONS = 12
 ROW_TOLERANCE = 1e-8  # by which a row left out of a QP may be violated by its solution
+
+
+def _reproducible_proxqp() -> Any:
+    """Import ProxQP as built for the instructions that every processor has.
+
+    Its builds for AVX add up in an order that depends on where memory happens to lie, so that the last digit differs
+    from call to call, and with it, in the end, the motion found. For our small QPs they are no faster. Where something
+    else has imported ProxSuite before, it stays as it is: two builds in one process crash it.
+    """
+    if "proxsuite" not in sys.modules:
+        checks = "proxsuite.instructionset"
+        sys.modules[checks] = SimpleNamespace(has_AVX512F=lambda: False, has_AVX2=lambda: False)  # type: ignore[assignment]
+        try:
+            import proxsuite
+        finally:
+            del sys.modules[checks]
+    import proxsuite
+
+    return proxsuite.proxqp
+
+
+proxqp = _reproducible_proxqp()
 
 
 @dataclass(frozen=True, eq=False)

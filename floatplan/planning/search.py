@@ -1,4 +1,9 @@
-"""The search for a motion: attempts from many starts, at rising degrees, in one process or several; the best kept."""
+"""The search for a motion: attempts from many starts, at rising degrees, in one process or several; the best kept.
+
+The attempts are a sequence that the problem and the seed settle: neither the number of solutions wanted nor that of the
+processes changes it. More solutions wanted make it longer, so that its best is never worse. Unless a budget of seconds
+is given, it ends by the work done in its order.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +15,13 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, TypeAlias
 
-from floatplan.planning.attempt import Attempts, Outcome
+import numpy as np
+
+from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.nonlinear_program import Derivatives
-from floatplan.planning.starts import Start
+from floatplan.planning.starts import MOMENTUM_SHARES, Start
 from floatplan.planning.trajectory import Trajectory
+from floatplan.planning.work import USUAL
 from floatplan.problem import Problem
 
 if TYPE_CHECKING:
@@ -25,17 +33,20 @@ ATTEMPTS_BEFORE_RAISING = 4  # the same where the degree may be raised
 RAISED = 2  # nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2
 HIGHEST_AUTOMATIC_DEGREE = 13
-BUDGET = 7.0  # s of work, where none is given
 SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
+STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_SHARES)  # tried where h is free, unless the best solutions agree before
+AGREEING = 3  # best solutions that are the same motion, where h is free: then it is taken for the best there is
+AGREEMENT = 1e-5  # relative difference of their objectives
 WANTED_AFTER_FAILURE = 4  # solutions to choose from where the plain start did not come easily
 STARTS_AFTER_THE_FIRST = 1  # with constraints: tried after one that is solved but not optimal
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the search brings back: the best outcome and what it took."""
+    """What the search brings back: the best outcome, all that hold from the best on, and what it took."""
 
     best: Outcome
+    holding: tuple[Outcome, ...]
     attempts: int
     solved: int
     iterations: int
@@ -53,65 +64,83 @@ def search(
     attempts: int | None,
     progress: Callable[[str], None] | None,
 ) -> Found:
-    """Try starts until ``wanted`` of them are solved, the budget (s) is used up, or there is little hope.
+    """Try starts until ``wanted`` of them are solved, the budget is used up, or there is little hope.
 
-    ``attempts`` limits the starts, where the problem is known to have no solution and only a near miss is wanted.
-    Ctrl-C ends the search with the best motion so far.
+    The budget is of seconds, or of the usual work where it is None. ``attempts`` limits the starts, where the problem
+    is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
-    budget = BUDGET if budget is None and jobs > 1 else budget  # several processes have no common work to count
     expired = expiry(budget)
+    allowance = Allowance(USUAL if budget is None else np.inf)
     outcomes: list[Outcome] = []
-    constrained = bool(prepared.constraints)
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, jobs, budget, expired), attempts):
+        for outcome in islice(_outcomes(prepared, jobs, budget, expired, allowance), attempts):
             outcomes.append(outcome)
             solved = sum(outcome.holds for outcome in outcomes)
             if progress and time.monotonic() - announced > 1:
                 announced = time.monotonic()
                 progress(f"{len(outcomes)} starts tried, {solved} solved, degree {max(outcome.degrees)}")
-            if _are_enough(outcomes, wanted, constrained) or expired():
+            if _are_enough(outcomes, wanted, prepared) or expired():
                 break
     except KeyboardInterrupt:
         interrupted = True
         if not outcomes:
             outcomes.append(prepared.attempt(prepared.plain_start, 0, prepared.problem.degrees, lambda: True))
-    best = min(outcomes, key=lambda outcome: outcome.rank)
+    holding = [outcome for outcome in outcomes if outcome.holds]
     return Found(
-        best,
+        best(outcomes),
+        tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding),
         attempts=len(outcomes),
-        solved=sum(outcome.holds for outcome in outcomes),
+        solved=len(holding),
         iterations=sum(outcome.solution.iterations for outcome in outcomes),
         evaluations=sum(outcome.solution.evaluations for outcome in outcomes),
-        ran_out_of_time=expired(),
+        ran_out_of_time=allowance.is_used_up or expired(),
         interrupted=interrupted,
     )
 
 
 def expiry(budget: float | None) -> Callable[[], bool]:
-    """Return what says when a budget (s), counted from now, is used up.
-
-    A budget that was asked for is by the clock. The usual one is of this thread's own work: a busy machine takes
-    longer, but finds what a quiet one finds.
-    """
-    end = time.monotonic() + (BUDGET if budget is None else budget)
-    if budget is not None:
-        return lambda: time.monotonic() > end
-    end_of_work = time.thread_time() + BUDGET
-    return lambda: time.monotonic() > end and time.thread_time() > end_of_work  # the first is cheap, and never later
+    """Return what says when a budget of seconds, counted from now, is used up; never where there is none."""
+    if budget is None:
+        return lambda: False
+    end = time.monotonic() + budget
+    return lambda: time.monotonic() > end
 
 
-def _are_enough(outcomes: list[Outcome], wanted: int, constrained: bool) -> bool:
+@dataclass
+class Allowance:
+    """Work that the attempts of a search may do together, counted in their order."""
+
+    left: float
+    is_used_up: bool = False
+
+    def grants(self, outcome: Outcome, is_first: bool) -> bool:
+        """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
+        self.left -= outcome.work
+        self.is_used_up = self.left < 0
+        return is_first or not self.is_used_up
+
+
+def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> bool:
     """Whether ``wanted`` starts are solved and more of them promise little."""
     solved = [index for index, outcome in enumerate(outcomes) if outcome.holds]
     if len(solved) < max(wanted, 1):
         return False
+    constrained = bool(prepared.constraints)
+    if constrained and prepared.plain_start.variables.reach:
+        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or _agree([outcomes[index] for index in solved])
     if outcomes[0].came_easily or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
         any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST
     )
+
+
+def _agree(solved: list[Outcome]) -> bool:
+    """Whether several of the solutions are the best one: different starts led there."""
+    values = sorted(outcome.objective_value for outcome in solved)[:AGREEING]
+    return len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
 
 
 def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
@@ -126,17 +155,24 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
     yield (HIGHEST_AUTOMATIC_DEGREE,) * len(problem.degrees), ATTEMPTS
 
 
-def _outcomes(prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool]) -> Iterator[Outcome]:
+def _outcomes(
+    prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool], allowance: Allowance
+) -> Iterator[Outcome]:
     """Outcomes of the attempts, in their order, from this process or from several.
 
-    The nearest motions of one degree are the first starts of the next.
+    The nearest motions of one degree are the first starts of the next. An attempt that needs more work than is left is
+    none: how far it came would depend on what ran beside it.
     """
     nearest: list[Outcome] = []
-    with _runner(prepared, jobs, budget, expired) as run:
+    is_first = True
+    with _runner(prepared, jobs, budget, expired, allowance) as run:
         for degrees, attempts in _stages(prepared.problem):
             raised = [prepared.raised(outcome, degrees) for outcome in nearest]
             tried = []
             for outcome in run(degrees, raised, attempts):
+                if not allowance.grants(outcome, is_first):
+                    return
+                is_first = False
                 yield outcome
                 tried.append(outcome)
             nearest = _nearest(tried)
@@ -146,8 +182,8 @@ def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
     """The outcomes that lack least, each at another motion."""
     found: list[Outcome] = []
     for outcome in sorted(outcomes, key=lambda outcome: outcome.rank):
-        cost = outcome.solution.evaluation.objective
-        if all(abs(cost - other.solution.evaluation.objective) > SAME * abs(cost) for other in found):
+        value = outcome.objective_value
+        if all(abs(value - other.objective_value) > SAME * abs(value) for other in found):
             found.append(outcome)
     return found[:RAISED]
 
@@ -156,12 +192,14 @@ Run: TypeAlias = Callable[[tuple[int, ...], list[Start], int], Iterator[Outcome]
 
 
 @contextmanager
-def _runner(prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool]) -> Iterator[Run]:
+def _runner(
+    prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool], allowance: Allowance
+) -> Iterator[Run]:
     """What follows starts at some degrees: the given ones, then random ones, so many in all."""
 
     def run_here(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
         for number in range(attempts):
-            outcome = _follow(prepared, given, number, degrees, expired)
+            outcome = _follow(prepared, given, number, degrees, expired, allowance.left)
             if outcome is None:
                 return
             yield outcome
@@ -174,7 +212,7 @@ def _runner(prepared: Attempts, jobs: int, budget: float | None, expired: Callab
 
     context = get_context("forkserver")
     ended = context.Event()
-    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, budget, ended)
+    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, budget, allowance.left, ended)
     with ProcessPoolExecutor(jobs, context, initializer=_prepare, initargs=ready) as pool:
 
         def run_there(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
@@ -189,31 +227,45 @@ def _runner(prepared: Attempts, jobs: int, budget: float | None, expired: Callab
 
 
 def _follow(
-    prepared: Attempts, given: list[Start], number: int, degrees: tuple[int, ...], expired: Callable[[], bool]
+    prepared: Attempts,
+    given: list[Start],
+    number: int,
+    degrees: tuple[int, ...],
+    expired: Callable[[], bool],
+    most_work: float,
 ) -> Outcome | None:
     """Follow a start by its number: the given ones come first; None where there are not so many."""
     if number < len(given):
-        return prepared.attempt(given[number], number, degrees, expired)
+        return prepared.attempt(given[number], number, degrees, expired, most_work)
     drawn = prepared.first_starts(degrees, number + 1 - len(given))
-    return prepared.attempt(drawn[-1], number, degrees, expired) if len(drawn) == number + 1 - len(given) else None
+    if len(drawn) < number + 1 - len(given):
+        return None
+    return prepared.attempt(drawn[-1], number, degrees, expired, most_work)
 
 
 _prepared: Attempts
 _expired: Callable[[], bool]
+_most_work: float
 
 
 def _prepare(
-    problem: Problem, momentum_bounds: tuple[float, float], seed: int, budget: float | None, ended: Event
+    problem: Problem,
+    momentum_bounds: tuple[float, float],
+    seed: int,
+    budget: float | None,
+    most_work: float,
+    ended: Event,
 ) -> None:
     """Make a process ready for attempts, which stop when the search has ended; Ctrl-C is for the main process."""
-    global _prepared, _expired
+    global _prepared, _expired, _most_work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     expired = expiry(budget)
     _prepared, _expired = Attempts(problem, momentum_bounds, seed), lambda: ended.is_set() or expired()
+    _most_work = most_work
 
 
 def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
-    outcome = _follow(_prepared, given, number, degrees, _expired)
+    outcome = _follow(_prepared, given, number, degrees, _expired, _most_work)
     return _portable(outcome) if outcome else None
 
 

@@ -20,7 +20,7 @@ from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import reduce_violations
 from floatplan.planning.nonlinear_program import Evaluation, Settings
 from floatplan.planning.objectives import Objective
-from floatplan.planning.program import BACK_OFF, FlightProgram
+from floatplan.planning.program import BACK_OFF, FlightProgram, instants_beside_nodes
 from floatplan.planning.sqp import Solution, minimise
 from floatplan.planning.trajectory import (
     FlightModel,
@@ -155,16 +155,17 @@ def solve(
 
     def program_at(level: int, extra: Array) -> FlightProgram:
         nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
-        sampling = sample_also(nodes, variables.polynomials.width, extra) if extra.size else nodes
+        beside = np.concatenate((always, extra))
+        sampling = sample_also(nodes, variables.polynomials.width, beside) if beside.size else nodes
         return FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
 
-    extra = np.empty(0)
+    always, extra = instants_beside_nodes(variables, constraints), np.empty(0)
     for level in range(max(first_level, _cheap_level(len(model.tree.mass))), len(NODE_COUNTS)):
         program = program_at(level, extra)
         start = program.evaluate(x)
         if _is_resolved(start):
             break
-    guess = curvature(program.hessian(start), inequalities=bool(constraints) or variables.reach > 0)
+    guess = curvature(program.hessian(start), inequalities=bool(constraints))
     stages = _stages(settings, start, level, bool(constraints))
     stage = next(stages)
     iterations = evaluations = 0

@@ -8,7 +8,7 @@ starts that violate the constraints least are followed first.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
 
@@ -27,15 +27,21 @@ CROWD_NODES = 32
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 SECANT_STEPS = 4
 STARTS_PER_CROWD = 2
+MOMENTUM_SHARES = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h, from its middle: plain starts
 APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A class of motions (with its arcsine branches) and a point x in it."""
+    """A class of motions (with its arcsine branches) and a point x in it.
+
+    ``is_plain`` says that it is the plain motion, at some h; ``work`` is what it took to draw it.
+    """
 
     variables: DecisionVariables
     x: Array
+    is_plain: bool = False
+    work: float = 0.0
 
 
 def starts(
@@ -46,10 +52,29 @@ def starts(
     momentum_bounds: tuple[float, float],
     seed: int,
 ) -> Iterator[Start]:
-    """Yield the plain start, then random ones without end where anything is free; the same for the same seed."""
+    """Yield the plain start, then random ones without end where anything is free; the same for the same seed.
+
+    Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones.
+    """
     start = _plain_start(problem, degrees, momentum_bounds)
-    plain = start.variables
     yield start
+    drawn = _random_starts(problem, model, constraints, degrees, momentum_bounds, start.variables, seed)
+    if start.variables.reach and constraints:
+        for share in MOMENTUM_SHARES:
+            yield next(drawn)
+            yield replace(start, x=np.append(start.x[:-1], share))
+    yield from drawn
+
+
+def _random_starts(
+    problem: Problem,
+    model: FlightModel,
+    constraints: tuple[Constraint, ...],
+    degrees: tuple[int, ...],
+    momentum_bounds: tuple[float, float],
+    plain: DecisionVariables,
+    seed: int,
+) -> Iterator[Start]:
     n = len(problem.robot.joints)
     rng = np.random.default_rng(seed)
     for number in count() if plain.size else ():
@@ -58,14 +83,17 @@ def starts(
             branches = np.array([np.zeros(n, dtype=np.int64), rng.choice([-1, 0, 0, 1], size=n)])
             variables = _variables(problem, degrees, momentum_bounds, branches)
         size = min(CROWD * 2**number, LARGEST_CROWD) if constraints else CROWD
-        yield from _crossings(model, constraints, variables, _random_motions(variables, size, rng))
+        before = model.work.done
+        first, *others = _crossings(model, constraints, variables, _random_motions(variables, size, rng))
+        yield replace(first, work=model.work.done - before)
+        yield from others
 
 
 @lru_cache(maxsize=8)
 def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum_bounds: tuple[float, float]) -> Start:
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     variables = _variables(problem, degrees, momentum_bounds, branches)
-    return Start(variables, variables.plain_motion())
+    return Start(variables, variables.plain_motion(), is_plain=True)
 
 
 def _variables(

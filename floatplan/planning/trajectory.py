@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -15,6 +15,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion, basis
 from floatplan.planning.decision_variables import DecisionVariables
+from floatplan.planning.work import Work
 from floatplan.problem import Problem
 from floatplan.robot.planar_tree import PlanarTree
 from floatplan.robot.robot import Robot
@@ -87,7 +88,10 @@ class Partials:
 
 @dataclass(frozen=True, eq=False)
 class FlightModel:
-    """What a problem fixes of every motion: the robot's dynamics and shapes, the path of the centre of mass."""
+    """What a problem fixes of every motion: the robot's dynamics and shapes, the path of the centre of mass.
+
+    ``work`` counts the motions evaluated with it.
+    """
 
     tree: PlanarTree
     dynamics: Dynamics
@@ -95,6 +99,7 @@ class FlightModel:
     ballistics: Ballistics
     initial_orientation: float
     final_orientation: float
+    work: Work = field(default_factory=Work)
 
 
 @lru_cache(maxsize=64)
@@ -318,11 +323,13 @@ class Trajectory:
         result = self.variables.gradient(by_z, by_momentum)
         if partials.by_orientation is not None:
             result += partials.by_orientation[..., None] * self.orientation_jacobian[:, None, :]
+        self.model.work.differentiated(result.size)
         return result
 
 
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
+    model.work.evaluated(len(sampling.s), len(model.tree.mass))
     motion = variables.polynomials.motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, variables.angular_momentum(x))
 
@@ -332,6 +339,7 @@ def crowd(model: FlightModel, variables: DecisionVariables, nodes: int, x: Array
 
     For values only: the derivatives of such a trajectory mean nothing.
     """
+    model.work.evaluated(len(x) * nodes, len(model.tree.mass))
     polynomials = variables.polynomials
     one = sample_nodes(nodes, polynomials.width)
     z = np.zeros((len(x), len(polynomials.free) * polynomials.width))

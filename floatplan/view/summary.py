@@ -100,7 +100,9 @@ def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableTy
     table.add_row("midpoint (10)", f"{facts['angular_momentum_midpoint']:.6g} kg m^2/s")
     asked = problem.flight.angular_momentum
     outside = not isinstance(asked, str) and not low <= asked <= high
-    table.add_row("asked", f"{asked}, outside the interval" if outside else f"{asked}")
+    table.add_row(
+        "asked", f"{asked}, outside the interval: a joint or the base has to turn back" if outside else f"{asked}"
+    )
     extremes = Table("", "least", "largest", box=None, header_style="dim", pad_edge=False)
     for index, (least, largest) in enumerate(zip(facts["D_min"], facts["D_max"], strict=True)):
         extremes.add_row(f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2")

@@ -1,0 +1,29 @@
+"""How much a search has done, measured without a clock: the same on every machine, busy or quiet.
+
+Where answers are compared or repeated, a search must end at the same place each time. Processor time is no such
+measure; the instants evaluated are, and they cost nearly all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+EVALUATION = 1000.0  # of a motion, whatever its size: as much as so many instants of one body
+DIFFERENTIATION = 1500.0  # of a block of constraints, whatever its size
+ENTRY = 0.5  # of a Jacobian
+USUAL = 6e7  # of a search whose budget is left out: about 7 s at 2 to 3 GHz
+
+
+@dataclass(eq=False)
+class Work:
+    """Work done so far; its unit is the evaluation of one body at one instant."""
+
+    done: float = 0.0
+
+    def evaluated(self, instants: int, bodies: int) -> None:
+        """Count the evaluation of a motion."""
+        self.done += EVALUATION + instants * bodies
+
+    def differentiated(self, entries: int) -> None:
+        """Count a Jacobian."""
+        self.done += DIFFERENTIATION + ENTRY * entries
