@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,14 +16,15 @@ import numpy.typing as npt
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.ballistics import Ballistics
-from floatplan.motion.clearance import LinkShapes, obstacle_distances
-from floatplan.motion.extrema import chebyshev_nodes, largest_magnitudes, resolution
+from floatplan.motion.clearance import LinkShapes, Segments, obstacle_distances
+from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
 from floatplan.motion.flight_state import FlightState, Peaks
 from floatplan.motion.pinocchio_dynamics import PinocchioDynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.plan_measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plan_record import PlanRecord, load_record
-from floatplan.problem import Problem
+from floatplan.problem import Obstacle, Problem
 from floatplan.problem_file import problem_from_dict, problem_to_dict
 from floatplan.recorded_robot import recorded_robot, robot_record
 from floatplan.robot.planarity import leak_along
@@ -33,8 +35,6 @@ if TYPE_CHECKING:
 
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
-CLEARANCE_GRID = 257  # instants of the first look for the least clearance
-CLEARANCE_REFINEMENTS = 4  # times that the look at each candidate narrows, 8-fold each
 RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
 
 
@@ -105,6 +105,7 @@ class Plan:
         joint_part = np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)
         rate = (self.angular_momentum - joint_part) / momentum_map[:, 0]
         orientation = self.orientation(instants)
+        forces = self.dynamics.full_forces(positions, velocities, accelerations, rate)
         com = self.ballistics.positions(instants)
         angles = self.robot.tree.absolute_angles(orientation, positions)
         base = self.robot.tree.rotations(angles) @ self.robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
@@ -115,7 +116,8 @@ class Plan:
             positions=read_only(positions),
             velocities=read_only(velocities),
             accelerations=read_only(accelerations),
-            torques=read_only(self.dynamics.torques(positions, velocities, accelerations, rate)),
+            torques=read_only(forces @ self.robot.selection),
+            motor_torques=read_only(forces @ self.robot.transmission),
             com_position=read_only(com),
             com_velocity=read_only(self.ballistics.velocities(instants)),
             base_position=read_only(com + np.stack((base.real, base.imag), axis=1)),
@@ -123,48 +125,89 @@ class Plan:
         )
 
     @cached_property
-    def peaks(self) -> Peaks:
-        """Largest torques and rates, and the least clearance, over all times."""
+    def _resolved(self) -> FlightState:
+        """The state at as many Chebyshev nodes as torques and rates need."""
         for count in PEAK_NODES:
             state = self.at(chebyshev_nodes(count) * self.duration)
-            values = np.concatenate((state.torques, state.velocities), axis=1)
-            if resolution(state.torques) < PEAK_RESOLUTION and resolution(state.velocities) < PEAK_RESOLUTION:
+            if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
                 break
-        largest = largest_magnitudes(values)
-        n = len(self.robot.joints)
-        return Peaks(read_only(largest[:n]), read_only(largest[n:]), self._least_clearance())
+        return state
 
-    def clearances(self, times: npt.ArrayLike) -> Array:
-        """Least distance (N,) m between any link and any obstacle that exists then; infinite where none does."""
+    @cached_property
+    def peaks(self) -> Peaks:
+        """Largest torques and rates, the ranges of motion, and the least clearance, over all times."""
+        state, n = self._resolved, len(self.robot.joints)
+        largest, where = largest_magnitudes(
+            np.concatenate((state.velocities, state.torques, state.motor_torques), axis=1)
+        )
+        lowest, _, highest, _ = extremes(state.positions)
+        instants = where * self.duration
+        return Peaks(
+            torque=read_only(largest[n : 2 * n]),
+            velocity=read_only(largest[:n]),
+            clearance=self._least_clearance(),
+            motor_torque=read_only(largest[2 * n :]),
+            position=read_only(np.stack((lowest, highest), axis=1)),
+            velocity_instant=read_only(instants[:n]),
+            motor_torque_instant=read_only(instants[2 * n :]),
+        )
+
+    @cached_property
+    def holding_torques(self) -> Mapping[str, tuple[float, float]]:
+        """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
+        state, robot = self._resolved, self.robot
+        forces = self.dynamics.full_forces(
+            state.positions, state.velocities, state.accelerations, state.orientation_rate
+        )
+        rows = [robot.model.getJointId(joint) - 1 for joint in robot.locked]
+        largest, where = largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
+        pairs = zip(largest.tolist(), (where * self.duration).tolist(), strict=True)
+        return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
+
+    @cached_property
+    def warnings(self) -> tuple[PlanWarning, ...]:
+        """What the motion does to the ground and to the URDF's limits that is no part of the verdict."""
+        return measured_warnings(self)
+
+    @property
+    def utilisation(self) -> tuple[Utilisation, ...]:
+        """How much of its limits each motor uses, worst first."""
+        return utilisation(self.problem, self.peaks)
+
+    def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
+        """Least distance (N,) m between any link and any obstacle that exists then; infinite where none does.
+
+        ``obstacles`` are those of the problem where left out.
+        """
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        positions, _, _ = self.joint_motion(instants)
-        angles = self.robot.tree.absolute_angles(self.orientation(instants), positions)
-        com = self.ballistics.positions(instants)
-        segments = LinkShapes(self.robot.tree, self.robot.shapes).place(com[:, 0] + 1j * com[:, 1], angles)
+        segments = self._segments(instants)
         least = np.full(len(instants), np.inf)
-        for obstacle in self.problem.obstacles:
+        for obstacle in self.problem.obstacles if obstacles is None else obstacles:
             distance = obstacle_distances(segments, obstacle, instants).values.min(axis=1)
             low, high = obstacle.window or (-np.inf, np.inf)
             least = np.minimum(least, np.where((instants >= low) & (instants <= high), distance, np.inf))
         return least
 
+    def _segments(self, instants: Array) -> Segments:
+        """The links' shapes at instants (N,)."""
+        positions, _, _ = self.joint_motion(instants)
+        angles = self.robot.tree.absolute_angles(self.orientation(instants), positions)
+        com = self.ballistics.positions(instants)
+        return LinkShapes(self.robot.tree, self.robot.shapes).place(com[:, 0] + 1j * com[:, 1], angles)
+
     def _least_clearance(self) -> float | None:
-        """Least of :meth:`clearances` over the flight: a grid, then ever finer grids about its lowest places."""
-        if not self.problem.obstacles:
-            return None
+        """Least of :meth:`clearances` over the flight."""
         ends = [time for obstacle in self.problem.obstacles for time in obstacle.window or ()]
-        grid = np.unique(np.clip([*np.linspace(0, self.duration, CLEARANCE_GRID), *ends], 0, self.duration))
-        values = self.clearances(grid)
-        reach = self.duration / (CLEARANCE_GRID - 1)
-        for _ in range(CLEARANCE_REFINEMENTS):
-            padded = np.pad(values, 1, constant_values=np.inf)
-            lowest = np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]) & np.isfinite(values))
-            lowest = lowest[np.argsort(values[lowest])[:8]]
-            near = grid[lowest][:, None] + reach * np.linspace(-1, 1, 17)
-            grid = np.unique(np.concatenate((grid[lowest], np.clip(near, 0, self.duration).ravel())))
-            values = self.clearances(grid)
-            reach /= 8
-        return float(values.min()) if np.isfinite(values.min()) else None
+        least = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
+        return least if np.isfinite(least) else None
+
+    def least_height(self) -> tuple[float, float, str]:
+        """Least height, m, of a link's surface over the ground's line; when, s; and which link's it is."""
+        ground = self.problem.ground_plane
+        height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
+        distances = obstacle_distances(self._segments(np.array([instant])), ground, np.array([instant])).values[0]
+        shapes = self.robot.shapes
+        return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
 
     def joint_motion(self, times: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities, accelerations (N, n) at times (N,)."""
@@ -227,6 +270,9 @@ class Plan:
             velocity_peak=peaks.velocity,
             clearance_min=peaks.clearance,
             solver=self.solver,
+            motor_torque_peak=dict(zip(self.robot.motors, peaks.motor_torque.tolist(), strict=True)),
+            warnings=tuple(warning.to_dict() for warning in self.warnings),
+            utilisation=tuple(use.to_dict() for use in self.utilisation),
             out_of_plane_leak=self.out_of_plane_leak,
             floatplan=_version(),
         )

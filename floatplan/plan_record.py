@@ -10,7 +10,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,10 @@ class PlanRecord:
     torque_peak, velocity_peak : (n,) N m, rad/s; largest magnitudes over the flight
     clearance_min : m, surface to surface, margin not subtracted; None without obstacles
     solver : {"iterations", "evaluations", "seconds", "seed", ...}
+    motor_torque_peak : motor's joint -> N m, the largest magnitude of its own torque; None in files without it
+    warnings : what the plan does beside what was asked: {"kind", "subject", "value", "limit", "unit", "instant",
+        "message"} each; None in files without it
+    utilisation : how much of its limits each motor uses, worst first; None in files without it
     out_of_plane_leak : largest angular momentum out of the plane over that in it; None in files without it
     certificate, replay : what the checks found, None where they were not run
     """
@@ -87,6 +91,9 @@ class PlanRecord:
     velocity_peak: Array
     clearance_min: float | None
     solver: Mapping[str, Any]
+    motor_torque_peak: Mapping[str, float] | None = None
+    warnings: Sequence[Mapping[str, Any]] | None = None
+    utilisation: Sequence[Mapping[str, Any]] | None = None
     out_of_plane_leak: float | None = None
     certificate: Mapping[str, Any] | None = None
     replay: Mapping[str, Any] | None = None
@@ -181,7 +188,9 @@ def record_from_dict(content: Any) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     known = {f.name for f in fields(PlanRecord)}
-    optional = {"out_of_plane_leak", "certificate", "replay", "floatplan"}
+    optional = {
+        "motor_torque_peak", "warnings", "utilisation", "out_of_plane_leak", "certificate", "replay", "floatplan"
+    }  # fmt: skip
     for name in sorted(known - optional):
         if name not in content:
             raise InputError("is missing", element=name)
@@ -206,6 +215,12 @@ def record_from_dict(content: Any) -> PlanRecord:
     for name in ("clearance_min", "out_of_plane_leak"):
         if content.get(name) is not None:
             values[name] = _number(content[name], name)
+    if content.get("motor_torque_peak") is not None:
+        peaks = _table(content["motor_torque_peak"], "motor_torque_peak")
+        values["motor_torque_peak"] = {name: _number(peak, f"motor_torque_peak.{name}") for name, peak in peaks.items()}
+    for name in ("warnings", "utilisation"):
+        for row in content.get(name) or []:
+            _table(row, name)
     _check_verdict(content)
     _check_tables(content)
     return PlanRecord(**values)

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.ground import ground_height
 from floatplan.problem_checks import (
     ProblemError,
     check_angular_momentum,
@@ -26,12 +27,14 @@ from floatplan.problem_checks import (
     check_shapes,
     degrees_of,
     faults,
-    joint_limits,
     joint_state,
     landing_of,
+    motor_torque_limits,
     motor_values,
     position_limits,
     takeoff_of,
+    torque_limits,
+    velocity_limits,
 )
 from floatplan.problem_parts import (
     Bar,
@@ -80,11 +83,16 @@ class Problem:
 
     Attributes
     ----------
+    ground : bool
+        Whether all links stay above the horizontal line through the lowest point of the takeoff link's shapes at t = 0.
     initial, final : JointState
         ``start`` and ``goal`` as arrays.
     position_limits : (n, 2) rad, always finite
-    velocity_limits, torque_limits, motor_stall : (n,), infinite where there is none
-    motor_slope : (n,) N m s/rad
+    velocity_limits : (n,) rad/s, of the planned coordinates; infinite where there is none
+    torque_limits : (n,) N m, of the generalised torques; infinite where there is none
+        As given by a sequence, or what the motors' own limits add up to, by ratio.
+    motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
+    motor_slope : (m,) N m s/rad
     degrees : (n,) int
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
@@ -99,11 +107,13 @@ class Problem:
     obstacles: tuple[Obstacle, ...] = ()
     self_clearances: tuple[SelfClearance, ...] = ()
     name: str = "flight"
+    ground: bool = False
     initial: JointState = field(init=False)
     final: JointState = field(init=False)
     position_limits: Array = field(init=False)
     velocity_limits: Array = field(init=False)
     torque_limits: Array = field(init=False)
+    motor_torque_limits: Array = field(init=False)
     motor_stall: Array = field(init=False)
     motor_slope: Array = field(init=False)
     degrees: tuple[int, ...] = field(init=False)
@@ -132,13 +142,14 @@ class Problem:
             "initial": lambda: joint_state(robot, self.start, "start"),
             "final": lambda: joint_state(robot, self.goal, "goal"),
             "position_limits": lambda: position_limits(robot, limits),
-            "velocity_limits": lambda: joint_limits(robot, limits.velocity, robot.velocity_limits, "velocity"),
-            "torque_limits": lambda: joint_limits(robot, limits.torque, robot.torque_limits, "torque"),
+            "velocity_limits": lambda: velocity_limits(robot, limits.velocity),
+            "torque_limits": lambda: torque_limits(robot, limits.torque),
+            "motor_torque_limits": lambda: motor_torque_limits(robot, limits.torque),
             "motor_stall": lambda: motor_values(robot, limits, "stall", math.inf),
             "motor_slope": lambda: motor_values(robot, limits, "slope", 0.0),
             "degrees": lambda: degrees_of(robot, self.motion),
             "takeoff": lambda: takeoff_of(robot, self.flight),
-            "landing": lambda: landing_of(robot, self.flight),
+            "landing": lambda: landing_of(robot, self.flight, self.start, self.goal, self.ground),
             "obstacles": lambda: tuple(self.obstacles),
             "self_clearances": lambda: tuple(self.self_clearances),
         }
@@ -149,7 +160,7 @@ class Problem:
         yield lambda: check_ballistics(self.flight)
         yield lambda: check_objective(self.motion)
         yield lambda: check_orientation_rate(self.limits)
-        if self.obstacles or self.self_clearances:
+        if self.obstacles or self.self_clearances or self.ground:
             yield lambda: check_shapes(self.robot)
         for index, obstacle in enumerate(self.obstacles):
             yield partial(check_obstacle, obstacle, f"obstacles[{index}]", self.flight.duration)
@@ -171,6 +182,23 @@ class Problem:
     def landing_frame(self) -> Frame:
         """The landing frame, resolved."""
         return self.robot.frames[self.landing.frame]
+
+    @property
+    def landing_height(self) -> float:
+        """Height of the landing frame at t = T, resolved, m."""
+        return self.landing.height or 0.0
+
+    @cached_property
+    def ground_plane(self) -> HalfPlane:
+        """The half-plane below the ground's line, asked for or not.
+
+        Raises
+        ------
+        InputError
+            The collision geometry of the takeoff link is wrong.
+        """
+        height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
+        return HalfPlane(point=(0.0, height), normal=(0.0, 1.0))
 
     @property
     def raises_degree(self) -> bool:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
+from floatplan.ground import ground_height, resting_height
 from floatplan.problem_parts import (
     OBJECTIVES,
     Flight,
@@ -129,41 +131,102 @@ def _interval(interval: Sequence[float], element: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def joint_limits(robot: Robot, given: str | JointValues, urdf: Array, name: str) -> Array:
-    """Return limits (n,) of velocity or torque, infinite where there is none."""
-    element = f"limits.{name}"
+def velocity_limits(robot: Robot, given: str | JointValues) -> Array:
+    """Return limits (n,) rad/s of the planned coordinates, infinite where there is none.
+
+    A number or a mapping is about each motor: a leader is as slow as its followers demand, by their ratios.
+    """
     if isinstance(given, str):
-        if given == "urdf":
-            return read_only(urdf)
-        if given != "none":
-            raise InputError(f"{given!r} is none of 'none', 'urdf', a number, a table", element=element)
-        return read_only(np.full(len(robot.joints), math.inf))
-    if isinstance(given, Mapping):
-        _check_joint_names(robot, given, element)
-        values = np.array([given.get(joint, math.inf) for joint in robot.joints], dtype=np.float64)
-    else:
-        values = np.array(
-            [given] * len(robot.joints) if isinstance(given, int | float) else list(given), dtype=np.float64
+        return robot.velocity_limits if given == "urdf" else _no_limits(robot, given, "velocity")
+    if not isinstance(given, Mapping | int | float):
+        return _by_coordinate(robot, given, "velocity")
+    own = _by_motor(robot, given, "velocity")
+    with np.errstate(divide="ignore"):
+        per_coordinate = own[:, None] / np.abs(robot.motor_ratios)
+    return read_only(np.where(robot.motor_ratios != 0, per_coordinate, math.inf).min(axis=0))
+
+
+def motor_torque_limits(robot: Robot, given: str | JointValues) -> Array:
+    """Return limits (m,) N m of the motors' own torques, infinite where there is none.
+
+    A sequence (n,) is about the generalised torques: it is a motor's own limit where the joint has but one motor.
+    """
+    if isinstance(given, str):
+        return robot.motor_torque_limits if given == "urdf" else _no_limits(robot, given, "torque")
+    if isinstance(given, Mapping | int | float):
+        return _by_motor(robot, given, "torque")
+    generalized = _by_coordinate(robot, given, "torque")
+    alone = (robot.motor_ratios != 0).sum(axis=0) == 1
+    leader = _leaders(robot)
+    return read_only(np.where(alone[leader], generalized[leader], math.inf))
+
+
+def torque_limits(robot: Robot, given: str | JointValues) -> Array:
+    """Return limits (n,) N m of the generalised torques: as given, or what those of the motors add up to."""
+    if isinstance(given, str | Mapping | int | float):
+        own, ratios = motor_torque_limits(robot, given), np.abs(robot.motor_ratios)
+        return read_only((ratios * np.where(ratios > 0, own[:, None], 0.0)).sum(axis=0))
+    return _by_coordinate(robot, given, "torque")
+
+
+def _no_limits(robot: Robot, word: str, name: str) -> Array:
+    """No limit of any motor (m,), or of any coordinate (n,) where the limits are by coordinate."""
+    if word != "none":
+        raise InputError(
+            f"must be 'urdf', 'none', a number or a table by joint, not {word!r}", element=f"limits.{name}"
         )
-    if values.shape != (len(robot.joints),):
-        raise InputError(f"{values.size} values for {len(robot.joints)} joints", element=element)
-    for joint, value in zip(robot.joints, values, strict=True):
-        if not value > 0:
-            raise InputError(f"{value} is not a positive number", element=f"{element}.{joint}")
+    return read_only(np.full(len(robot.joints if name == "velocity" else robot.motors), math.inf))
+
+
+def _by_motor(robot: Robot, given: Mapping[str, float] | float, name: str) -> Array:
+    """Limits (m,) of the motors: one for all, or by name; a leader's value holds for followers that are not named."""
+    element = f"limits.{name}"
+    if isinstance(given, Mapping):
+        _check_motor_names(robot, given, element)
+        values = np.array([_of_motor(robot, given, index, math.inf) for index in range(len(robot.motors))], np.float64)
+    else:
+        values = np.full(len(robot.motors), given, np.float64)
+    _check_positive(values, robot.motors, element)
     return read_only(values)
 
 
+def _by_coordinate(robot: Robot, given: Sequence[float] | Array, name: str) -> Array:
+    """Limits (n,) of the planned coordinates."""
+    element = f"limits.{name}"
+    values = np.array(list(given), dtype=np.float64)
+    if values.shape != (len(robot.joints),):
+        raise InputError(f"{values.size} values for {len(robot.joints)} joints", element=element)
+    _check_positive(values, robot.joints, element)
+    return read_only(values)
+
+
+def _check_positive(values: Array, names: Sequence[str], element: str) -> None:
+    for joint, value in zip(names, values, strict=True):
+        if not value > 0:
+            raise InputError(f"{value} is not a positive number", element=f"{element}.{joint}")
+
+
+def _leaders(robot: Robot) -> IntArray:
+    """Index (m,) of the planned joint that each motor turns, or follows."""
+    return np.asarray(np.abs(robot.motor_ratios).argmax(axis=1))
+
+
+def _of_motor(robot: Robot, given: Mapping[str, Any], motor: int, default: Any) -> Any:
+    """What a mapping says of a motor: by its own name, else by its leader's."""
+    leader = robot.joints[int(_leaders(robot)[motor])]
+    return given.get(robot.motors[motor], given.get(leader, default))
+
+
 def motor_values(robot: Robot, limits: Limits, name: str, default: float) -> Array:
-    """Return one field of the motors (n,), the default where a joint has none."""
-    _check_joint_names(robot, limits.motor, "limits.motor")
-    values = np.full(len(robot.joints), default)
+    """Return one field of the motors' curves (m,), the default where a motor has none."""
+    _check_motor_names(robot, limits.motor, "limits.motor")
     for joint, motor in limits.motor.items():
         value = getattr(motor, name)
         _finite(value, f"limits.motor.{joint}.{name}")
         if value < 0 or (name == "stall" and value == 0):
             raise InputError(f"{value} is not a positive number", element=f"limits.motor.{joint}.{name}")
-        values[robot.joints.index(joint)] = value
-    return read_only(values)
+    curves = [_of_motor(robot, limits.motor, index, None) for index in range(len(robot.motors))]
+    return read_only([default if curve is None else getattr(curve, name) for curve in curves])
 
 
 def degrees_of(robot: Robot, motion: Motion) -> tuple[int, ...]:
@@ -237,14 +300,18 @@ def takeoff_of(robot: Robot, flight: Flight) -> Takeoff:
     return takeoff
 
 
-def landing_of(robot: Robot, flight: Flight) -> Landing:
-    """Return the landing with its default filled in."""
-    takeoff = flight.takeoff or Takeoff(robot.tree.names[0])
-    landing = flight.landing or Landing(takeoff.frame, takeoff.position[1])
-    if flight.landing is not None:
-        _check_frame(robot, landing.frame, "flight.landing.frame")
-    _finite(landing.height, "flight.landing.height")
-    return landing
+def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, ground: bool) -> Landing:
+    """Return the landing with its defaults filled in: on the ground where there is one."""
+    takeoff = takeoff_of(robot, flight)
+    landing = flight.landing or Landing(takeoff.frame, None if ground else takeoff.position[1])
+    _check_frame(robot, landing.frame, "flight.landing.frame")
+    if landing.height is None and ground:
+        line = ground_height(robot, takeoff.frame, takeoff.position, joint_state(robot, start, "start"))
+        height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
+        return Landing(landing.frame, height)
+    height = 0.0 if landing.height is None else landing.height
+    _finite(height, "flight.landing.height")
+    return Landing(landing.frame, height)
 
 
 def check_inside(robot: Robot, limits: Array, state: JointState, element: str, index: int) -> None:
@@ -324,6 +391,23 @@ def _check_joint_names(robot: Robot, values: Mapping[str, object], element: str)
         if joint not in robot.joints:
             raise InputError(
                 f"{joint!r} is not a planned joint of the robot", element=element, advice=f"joints: {_listed(robot)}"
+            )
+
+
+def _check_motor_names(robot: Robot, values: Mapping[str, object], element: str) -> None:
+    for joint in values:
+        if joint in robot.coupled and joint not in robot.motors:
+            leader = robot.coupled[joint].leader
+            raise InputError(
+                f"{joint!r} has no motor of its own: the URDF couples it to {leader!r} by <mimic>",
+                element=element,
+                advice=f"set that of {leader!r}",
+            )
+        if joint not in robot.motors:
+            raise InputError(
+                f"{joint!r} is not a planned joint of the robot, nor one coupled to it",
+                element=element,
+                advice=f"joints: {', '.join(robot.motors)}",
             )
 
 

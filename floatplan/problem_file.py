@@ -11,13 +11,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
+import numpy as np
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from floatplan.errors import InputError
 from floatplan.plan_record import plain, write_whole
 from floatplan.problem import JointState, Problem, ProblemError, SelfClearance
-from floatplan.problem_tables import ProblemFileTable, ProblemTable
+from floatplan.problem_tables import ProblemFileTable, ProblemTable, RecordedProblemTable
 from floatplan.robot.robot import Robot
 
 DATA_PREFIX = "example-robot-data:"
@@ -25,7 +26,7 @@ DATA_PREFIX = "example-robot-data:"
 BY_JOINT = {
     "start": ("positions", "velocities", "accelerations"),
     "goal": ("positions", "velocities", "accelerations"),
-    "limits": ("position", "velocity", "torque"),
+    "limits": ("position", "velocity"),
 }
 
 AnyProblemTable = TypeVar("AnyProblemTable", bound=ProblemTable)
@@ -71,7 +72,7 @@ def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Pa
         As :func:`load_problem`.
     """
     try:
-        return _problem(_validated(ProblemTable, content), robot, "flight")
+        return _problem(_validated(RecordedProblemTable, content), robot, "flight")
     except InputError as error:
         raise error.within(source=source) from None
 
@@ -81,13 +82,9 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
 
     The keys are those of a problem file less ``[robot]``, and :func:`problem_from_dict` reads it back bit for bit.
     """
-    motor = {
-        joint: {"stall": stall, "slope": slope}
-        for joint, stall, slope in zip(problem.robot.joints, problem.motor_stall, problem.motor_slope, strict=True)
-        if math.isfinite(stall)
-    }
     content = {
         "name": problem.name,
+        "ground": problem.ground,
         "start": _posture(problem.initial),
         "goal": _posture(problem.final),
         "flight": {**asdict(problem.flight), "takeoff": asdict(problem.takeoff), "landing": asdict(problem.landing)},
@@ -99,7 +96,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
             "position": problem.position_limits,
             "velocity": problem.velocity_limits,
             "torque": problem.torque_limits,
-            "motor": motor,
+            **_of_motors(problem),
             "orientation_rate": problem.limits.orientation_rate,
         },
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
@@ -107,6 +104,31 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     }
     values: dict[str, Any] = plain(content)
     return values
+
+
+def _torque_limits(problem: Problem, own: dict[str, float] | None) -> Any:
+    """Limits of torque for a problem file: by motor; a list in joint order where they are about generalised torques."""
+    joints, limits = problem.robot.joints, problem.torque_limits.tolist()
+    if own is not None or len(problem.robot.motors) == len(joints):
+        return own or {joint: limit for joint, limit in zip(joints, limits, strict=True) if math.isfinite(limit)}
+    return limits if np.isfinite(limits).any() else None
+
+
+def _of_motors(problem: Problem) -> dict[str, Any]:
+    """The motors' curves; and where a joint has several motors, the limits of each one's own torque."""
+    motors = problem.robot.motors
+    tables: dict[str, Any] = {
+        "motor": {
+            motor: {"stall": stall, "slope": slope}
+            for motor, stall, slope in zip(motors, problem.motor_stall, problem.motor_slope, strict=True)
+            if math.isfinite(stall)
+        }
+    }
+    limited = np.isfinite(problem.motor_torque_limits)
+    if len(motors) > len(problem.robot.joints) and limited.any():
+        limits = zip(motors, problem.motor_torque_limits.tolist(), strict=True)
+        tables["motor_torque"] = {motor: limit for motor, limit in limits if math.isfinite(limit)}
+    return tables
 
 
 def save_problem(problem: Problem, path: str | Path) -> Path:
@@ -127,6 +149,7 @@ def problem_text(problem: Problem, path: str | Path) -> str:
         for key in keys:
             values = dict(zip(problem.robot.joints, content[table][key], strict=True))
             content[table][key] = {joint: value for joint, value in values.items() if value is not None}
+    content["limits"]["torque"] = _torque_limits(problem, content["limits"].pop("motor_torque", None))
     return tomli_w.dumps(_without_gaps(content))
 
 
@@ -163,6 +186,7 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
         obstacles=tuple(obstacle.obstacle() for obstacle in tables.obstacles),
         self_clearances=tuple(SelfClearance(pair.links, pair.margin) for pair in tables.self_clearance),
         name=tables.name or default_name,
+        ground=tables.ground,
     )
 
 

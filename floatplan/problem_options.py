@@ -124,6 +124,8 @@ def asked_problem(source: str, options: Options) -> Problem:
     content = problem_to_dict(problem)
     if problem.flight.landing is None:
         del content["flight"]["landing"]
+    elif problem.flight.landing.height is None:
+        del content["flight"]["landing"]["height"]
     merged = _merged(content, options.tables(problem.robot.joints))
     return _from_tables(merged, problem.robot, options, f"{source} with options")
 

@@ -52,10 +52,13 @@ class Takeoff:
 
 @dataclass(frozen=True)
 class Landing:
-    """The frame that lands first, and its height at t = T, m."""
+    """The frame that lands first, and its height at t = T, m.
+
+    Left out, its link's shapes rest on the ground where the problem has one; else the height is 0.
+    """
 
     frame: str
-    height: float = 0.0
+    height: float | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,8 @@ class Flight:
     angular_momentum : float, "midpoint" or "free"
         About the centre of mass and the plane's normal, kg m^2/s; the midpoint of (9) is (10).
     takeoff, landing : optional
-        Left out, the base link takes off from the origin, and the takeoff frame lands at the height it left.
+        Left out, the base link takes off from the origin, and the takeoff frame lands: at the height it left, or
+        resting on the ground where the problem has one.
     horizontal_velocity : float
         Of the centre of mass, m/s.
     gravity : float
@@ -118,8 +122,11 @@ class Limits:
         Joint ranges, rad; "full" is the paper's [-pi, pi]. A joint that a mapping leaves out keeps the URDF's range,
         and one without a range in the URDF has the full one.
     velocity, torque : "none", "urdf", one number, mapping or (n,) sequence
-        rad/s and N m; joints left out of a mapping have none.
-    motor : mapping joint -> Motor
+        rad/s and N m. A number is for each motor of ``robot.motors``, a mapping by their names; a leader's value holds
+        for followers that are not named, and motors left out have no limit. A sequence is by planned coordinate:
+        torques are then the generalised ones, of a leader and its followers together.
+    motor : mapping motor -> Motor
+        A leader's holds for followers that are not named.
     orientation_rate : float, optional
         Largest ``|orientation_rate|``, rad/s.
     """

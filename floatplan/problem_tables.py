@@ -6,6 +6,7 @@ Validated with the context ``{"degrees": True}``, every angle comes out in radia
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo
@@ -36,6 +37,7 @@ def _any_of(wanted: str) -> Discriminator:
 
 
 Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Limit: TypeAlias = Annotated[float, Field(strict=True)]
 Whole: TypeAlias = Annotated[int, Field(strict=True)]
 Angle: TypeAlias = Annotated[Number, AfterValidator(_in_radians)]
 Place: TypeAlias = tuple[Number, Number]
@@ -62,7 +64,7 @@ VelocityLimits: TypeAlias = Annotated[
 ]
 TorqueLimits: TypeAlias = Annotated[
     Annotated[dict[str, Number], Tag("<table>")]
-    | Annotated[list[Number | None], Tag("<list>")]
+    | Annotated[list[Limit | None], Tag("<list>")]
     | Annotated[Literal["urdf", "none"], Tag("<word>")]
     | Annotated[Number, Tag("<number>")],
     _any_of("'urdf', 'none', a number, or a table by joint"),
@@ -160,7 +162,7 @@ class LandingTable(Table):
     """``landing = { frame = "hand", height = 0 }``."""
 
     frame: str
-    height: Number = 0.0
+    height: Number | None = None
 
     def landing(self) -> asked.Landing:
         """Return what the table says."""
@@ -225,6 +227,17 @@ class LimitsTable(Table):
             motor={joint: asked.Motor(motor.stall, motor.slope) for joint, motor in self.motor.items()},
             orientation_rate=self.orientation_rate,
         )
+
+
+class RecordedLimitsTable(LimitsTable):
+    """``limits`` of a plan file: where a joint has several motors, with the limit of each one's own torque."""
+
+    motor_torque: dict[str, Number] | None = None
+
+    def limits(self) -> asked.Limits:
+        """Return what the table says; the motors' own limits contain those of the generalised torques."""
+        limits = super().limits()
+        return limits if self.motor_torque is None else replace(limits, torque=self.motor_torque)
 
 
 def _unlimited(values: Any) -> Any:
@@ -300,10 +313,11 @@ class SelfClearanceTable(Table):
 
 
 class ProblemTable(Table):
-    """A problem file less its ``[robot]``: what a plan file holds of the problem."""
+    """A problem file less its ``[robot]``."""
 
     name: Annotated[str, Field(min_length=1)] | None = None
     angles: Literal["rad", "deg"] = "rad"
+    ground: Annotated[bool, Field(strict=True)] = False
     start: PostureTable
     goal: PostureTable
     flight: FlightTable
@@ -311,6 +325,12 @@ class ProblemTable(Table):
     limits: LimitsTable = Field(default_factory=LimitsTable)
     obstacles: list[AnyObstacle] = Field(default_factory=list)
     self_clearance: list[SelfClearanceTable] = Field(default_factory=list)
+
+
+class RecordedProblemTable(ProblemTable):
+    """The problem in a plan file."""
+
+    limits: RecordedLimitsTable = Field(default_factory=RecordedLimitsTable)
 
 
 class ProblemFileTable(ProblemTable):

@@ -119,7 +119,7 @@ class Look:
             return one.from_com(frame)[0]
 
         begin = np.array(problem.takeoff.position) - from_com(problem.takeoff.frame, problem.initial)
-        end_height = problem.landing.height - from_com(problem.landing.frame, problem.final)[1]
+        end_height = problem.landing_height - from_com(problem.landing.frame, problem.final)[1]
         climb = (end_height - begin[1]) / duration + gravity * duration / 2
         path = begin + self.times[:, None] * np.array([problem.flight.horizontal_velocity, climb])
         path[:, 1] -= gravity * self.times**2 / 2

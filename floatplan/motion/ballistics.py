@@ -52,7 +52,7 @@ def ballistics(problem: Problem) -> Ballistics:
     flight = problem.flight
     takeoff = complex(*problem.takeoff.position) - frame_from_com(problem.robot, problem.takeoff_frame, problem.initial)
     landing = frame_from_com(problem.robot, problem.landing_frame, problem.final)
-    height_change = problem.landing.height - landing.imag - takeoff.imag
+    height_change = problem.landing_height - landing.imag - takeoff.imag
     vertical_velocity = height_change / flight.duration + flight.gravity * flight.duration / 2
     return Ballistics(
         position0=read_only([takeoff.real, takeoff.imag]),

@@ -50,13 +50,36 @@ class BaseRate:
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Joint torques (N, n), N m; derivatives by positions, velocities, accelerations (N, n, n) and h (N, n)."""
+    """Torques (N, r), N m; derivatives by positions, velocities, accelerations (N, r, n) and h (N, r)."""
 
     torques: Array
     by_position: Array
     by_velocity: Array
     by_acceleration: Array
     by_momentum: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Moments F (N, m) that turn the bodies, N m, and their derivatives (N, m, 3n + 1).
+
+    The derivatives are by the n positions, velocities and accelerations, and by h.
+    """
+
+    values: Array
+    derivatives: Array
+
+    def gathered(self, turns: Array) -> Torques:
+        """Torques on coordinates by which the bodies turn as ``turns`` (m, r) says."""
+        total = turns.T @ self.derivatives
+        n = (self.derivatives.shape[2] - 1) // 3
+        return Torques(
+            torques=self.values @ turns,
+            by_position=total[..., :n],
+            by_velocity=total[..., n : 2 * n],
+            by_acceleration=total[..., 2 * n : 3 * n],
+            by_momentum=total[..., 3 * n],
+        )
 
 
 class Dynamics:
@@ -100,9 +123,12 @@ class Dynamics:
         )
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
-        """Joint torques (N, n) N m."""
-        rotations = self._rotations(positions)
-        return np.asarray(self._moments(rotations, velocities, accelerations, base_rate)[0] @ self._turns)
+        """Joint torques (N, n) N m: generalised, of a leader and its followers together."""
+        return np.asarray(self.moments(positions, velocities, accelerations, base_rate) @ self._turns)
+
+    def moments(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Moments F (N, m) that turn the bodies, N m."""
+        return self._moments(self._rotations(positions), velocities, accelerations, base_rate)[0]
 
     def _moments(
         self, rotations: ComplexArray, velocities: Array, accelerations: Array, base_rate: Array
@@ -123,7 +149,13 @@ class Dynamics:
     def torque_derivatives(
         self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
     ) -> Torques:
-        """Torques and derivatives; the base acceleration follows from the vanishing sum of the moments."""
+        """Joint torques and their derivatives."""
+        return self.moment_derivatives(positions, velocities, accelerations, base_rate).gathered(self._turns)
+
+    def moment_derivatives(
+        self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
+    ) -> Moments:
+        """Moments and derivatives; the base acceleration follows from the vanishing sum of the moments."""
         rotations = self._rotations(positions)
         moments, gathered, body_rates, body_accelerations, locked_inertia = self._moments(
             rotations, velocities, accelerations, base_rate.rate
@@ -144,11 +176,4 @@ class Dynamics:
         direct[..., 3 * n] = by_base_rate * base_rate.by_momentum[:, None]
         base_response = direct.sum(axis=1) / locked_inertia[:, None]
         direct -= by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :]
-        total = self._turns.T @ direct
-        return Torques(
-            torques=moments @ self._turns,
-            by_position=total[..., :n],
-            by_velocity=total[..., n : 2 * n],
-            by_acceleration=total[..., 2 * n : 3 * n],
-            by_momentum=total[..., 3 * n],
-        )
+        return Moments(moments, direct)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +12,9 @@ from floatplan.arrays import Array, IntArray, read_only
 
 FINENESS = 8  # points of the search grid per node
 NEWTON_STEPS = 4
+GRID = 257  # instants of the first look for the least value of a function that is not smooth
+REFINEMENTS = 4  # times that the look at each candidate narrows, 8-fold each
+LOWEST = 8  # candidates
 
 
 @lru_cache(maxsize=16)
@@ -67,12 +71,44 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     return column, np.where(better, refined, s), np.where(better, value, found)
 
 
-def largest_magnitudes(values: Array) -> Array:
-    """Largest absolute value (r,) on [0, 1] of the interpolants of ``values`` (count, r) at the Chebyshev nodes."""
-    column, _, value = local_minima(np.concatenate((values, -values), axis=1))
-    largest = np.zeros(values.shape[1])
-    np.maximum.at(largest, column % values.shape[1], -value)
-    return largest
+def largest_magnitudes(values: Array) -> tuple[Array, Array]:
+    """Largest absolute values (r,) on [0, 1] of the interpolants of ``values`` (count, r), and where (r,)."""
+    low, at_low, high, at_high = extremes(values)
+    below = -low > high
+    return np.maximum(np.where(below, -low, high), 0.0), np.where(below, at_low, at_high)
+
+
+def extremes(values: Array) -> tuple[Array, Array, Array, Array]:
+    """Least values (r,) on [0, 1] of the interpolants of ``values`` (count, r), where, the largest ones, and where."""
+    r = values.shape[1]
+    column, s, value = local_minima(np.concatenate((values, -values), axis=1))
+    order = np.lexsort((value, column))
+    known, first = np.unique(column[order], return_index=True)
+    least, where = np.full((2, 2 * r), np.nan)
+    least[known], where[known] = value[order][first], s[order][first]
+    return least[:r], where[:r], -least[r:], where[r:]
+
+
+def least_by_grids(values: Callable[[Array], Array], duration: float, instants: Iterable[float]) -> tuple[float, float]:
+    """Least value of a function (N,) of times (N,) in [0, duration], s, and where: grids, ever finer where it is low.
+
+    ``instants`` are looked at too: where the function may jump. Infinite where it is infinite throughout.
+    """
+    grid = np.unique(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
+    found = values(grid)
+    reach = duration / (GRID - 1)
+    for _ in range(REFINEMENTS):
+        padded = np.pad(found, 1, constant_values=np.inf)
+        lowest = np.flatnonzero((found <= padded[:-2]) & (found <= padded[2:]) & np.isfinite(found))
+        lowest = lowest[np.argsort(found[lowest])[:LOWEST]]
+        near = grid[lowest][:, None] + reach * np.linspace(-1, 1, 17)
+        grid = np.unique(np.concatenate((grid[lowest], np.clip(near, 0, duration).ravel())))
+        if not grid.size:
+            return np.inf, 0.0
+        found = values(grid)
+        reach /= 8
+    least = int(np.argmin(found))
+    return float(found[least]), float(grid[least])
 
 
 def _evaluate(coefficients: Array, column: IntArray, s: Array) -> Array:

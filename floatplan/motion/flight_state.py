@@ -16,6 +16,9 @@ class FlightState:
     times : (N,) s
     orientation, orientation_rate : (N,) rad, rad/s
     positions, velocities, accelerations, torques : (N, n) rad, rad/s, rad/s^2, N m
+        Torques are generalised: a leader's is the sum over its group, by ratio.
+    motor_torques : (N, m) N m
+        Each motor's own, in the order of ``robot.motors``.
     com_position, com_velocity : (N, 2) m, m/s; horizontal, vertical
     base_position : (N, 2) m
         Origin of the base link.
@@ -30,6 +33,7 @@ class FlightState:
     velocities: Array
     accelerations: Array
     torques: Array
+    motor_torques: Array
     com_position: Array
     com_velocity: Array
     base_position: Array
@@ -38,8 +42,21 @@ class FlightState:
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
-    """Extremes over the flight: |torque| and |velocity| per joint (n,), N m and rad/s, and the least clearance, m."""
+    """Extremes over the flight, and the instants, s, of those that belong to one.
+
+    Attributes
+    ----------
+    torque, velocity : (n,) N m, rad/s; largest magnitudes, the torques generalised
+    clearance : m; None without obstacles
+    motor_torque : (m,) N m, of the motors' own torques
+    position : (n, 2) rad, lowest and highest
+    velocity_instant, motor_torque_instant : (n,), (m,)
+    """
 
     torque: Array
     velocity: Array
     clearance: float | None
+    motor_torque: Array
+    position: Array
+    velocity_instant: Array
+    motor_torque_instant: Array

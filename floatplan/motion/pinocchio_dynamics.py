@@ -8,6 +8,9 @@ and joint torques are those of a robot that floats. The paper's (15), (A.1) and 
 
 from __future__ import annotations
 
+import threading
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -17,12 +20,23 @@ from floatplan.robot.robot import Robot
 BASE = 3  # coordinates of the planar free-flyer: horizontal, vertical, orientation
 
 
+class Workspace(threading.local):
+    """Pinocchio's ``Data`` of a model, one per thread: its functions write there, and return views of it."""
+
+    def __init__(self, model: Any) -> None:
+        self.data = model.createData()
+
+
 class PinocchioDynamics:
-    """The robot's dynamics over many instants; holds Pinocchio's scratch data, so use one per thread."""
+    """The robot's dynamics over many instants, from any thread.
+
+    The full coordinates of ``robot.model`` are the base's (horizontal, vertical, orientation), then the joints'.
+    """
 
     def __init__(self, robot: Robot) -> None:
+        self._robot = robot
         self._model = robot.model
-        self._data = robot.model.createData()
+        self._workspace = Workspace(robot.model)
         axis = int(np.argmax(np.abs(robot.plane.normal)))
         self._row = 3 + axis
         self._sign = float(np.sign(robot.plane.normal[axis]))
@@ -33,6 +47,9 @@ class PinocchioDynamics:
         self._generalized = np.concatenate((np.eye(len(robot.reference))[:, :BASE], robot.selection), axis=1)
         self.mass = float(robot.tree.mass.sum())
 
+    def __reduce__(self) -> tuple[type[PinocchioDynamics], tuple[Robot]]:
+        return PinocchioDynamics, (self._robot,)
+
     def full_positions(self, positions: Array) -> Array:
         """Configurations (N, nv) of the model, base at the origin, from planned positions (N, n)."""
         return np.asarray(self._reference + positions @ self._selection.T)
@@ -42,7 +59,7 @@ class PinocchioDynamics:
         return self._momentum_map(self.full_positions(positions))
 
     def _momentum_map(self, full: Array) -> Array:
-        model, data, row = self._model, self._data, self._row
+        model, data, row = self._model, self._workspace.data, self._row
         rows = np.empty_like(full)
         for k, q in enumerate(full):
             rows[k] = pin.computeCentroidalMap(model, data, q)[row]
@@ -57,7 +74,7 @@ class PinocchioDynamics:
 
     def base_acceleration(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Accelerations (N, 3) of the base coordinates for which momentum, linear and angular, stays constant."""
-        model, data = self._model, self._data
+        model, data = self._model, self._workspace.data
         full, full_velocities = self._full_state(positions, velocities, base_rate)
         joint_accelerations = accelerations @ self._selection.T
         maps, map_rates = np.empty((2, len(full), 6, full.shape[1]))
@@ -75,14 +92,21 @@ class PinocchioDynamics:
 
     def generalized_forces(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Forces on base and planned coordinates (N, 3+n); the first three vanish up to rounding."""
-        model, data = self._model, self._data
+        return np.asarray(self.full_forces(positions, velocities, accelerations, base_rate) @ self._generalized)
+
+    def full_forces(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
+        """Forces (N, nv) on all coordinates, by RNEA; those of the base vanish up to rounding.
+
+        A joint's is its own torque, N m (force, N, where it slides), also where several are coupled or it is locked.
+        """
+        model, data = self._model, self._workspace.data
         full, full_velocities = self._full_state(positions, velocities, base_rate)
         full_accelerations = accelerations @ self._selection.T
         full_accelerations[:, :BASE] = self.base_acceleration(positions, velocities, accelerations, base_rate)
         forces = np.empty_like(full)
         for k, q in enumerate(full):
             forces[k] = pin.rnea(model, data, q, full_velocities[k], full_accelerations[k])
-        return np.asarray(forces @ self._generalized)
+        return forces
 
     def _full_state(self, positions: Array, velocities: Array, base_rate: Array) -> tuple[Array, Array]:
         full_velocities = velocities @ self._selection.T

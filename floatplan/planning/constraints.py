@@ -6,6 +6,7 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -135,17 +136,21 @@ class SelfClearance:
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit:
-    """``|torque| <= limit`` of the joints that have one, two rows each. Holds: for all t, by exchange of instants."""
+    """``|torque| <= limit``, two rows for each of r torques. Holds: for all t, by exchange of instants.
 
-    joints: tuple[int, ...]
+    A torque is ``ratios @ motor torques``, with ``ratios`` (r, motors): a motor's own, or that of a leader and its
+    followers together.
+    """
+
     names: tuple[str, ...]
+    ratios: Array
     limit: Array
     unit: str = "N m"
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Upper limits, then lower ones."""
-        return tuple(f"torque of {name}" for name in self.names * 2)
+        return self.names * 2
 
     @property
     def scale(self) -> Array:
@@ -158,21 +163,25 @@ class TorqueLimit:
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 -+ torque / limit`` (K, r)."""
-        relative = trajectory.torques[:, list(self.joints)] / self.limit
+        relative = (trajectory.motor_torques @ self.ratios.T) / self.limit
         return np.concatenate((1 - relative, 1 + relative), axis=1)
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        relative = trajectory.torque_jacobian[:, list(self.joints)] / self.limit[:, None]
+        relative = (self.ratios / self.limit[:, None]) @ trajectory.motor_torque_jacobian
         return np.concatenate((-relative, relative), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class MotorLimit:
-    """``|torque| + slope |velocity| <= stall``, as four rows each. Holds: for all t, by exchange of instants."""
+    """``|torque| + slope |velocity| <= stall`` of each motor, as four rows. Holds: for all t, by exchange of instants.
 
-    joints: tuple[int, ...]
+    ``motors`` are indices, ``ratios`` (r, n) the derivatives of their positions by the planned ones.
+    """
+
+    motors: tuple[int, ...]
     names: tuple[str, ...]
+    ratios: Array
     stall: Array
     slope: Array
     unit: str = "N m"
@@ -193,14 +202,14 @@ class MotorLimit:
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 - (+-torque +- slope velocity) / stall`` (K, r)."""
-        torque = trajectory.torques[:, list(self.joints)] / self.stall
-        drag = self.slope * trajectory.motion.velocities[:, list(self.joints)] / self.stall
+        torque = trajectory.motor_torques[:, list(self.motors)] / self.stall
+        drag = self.slope * (trajectory.motion.velocities @ self.ratios.T) / self.stall
         return 1 - np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        torque = trajectory.torque_jacobian[:, list(self.joints)] / self.stall[:, None]
-        drag = (self.slope / self.stall)[:, None] * trajectory.velocity_jacobian[:, list(self.joints)]
+        torque = trajectory.motor_torque_jacobian[:, list(self.motors)] / self.stall[:, None]
+        drag = ((self.slope / self.stall)[:, None] * self.ratios) @ trajectory.velocity_jacobian
         return -np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
 
 
@@ -277,19 +286,41 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
         ObstacleClearance(obstacle, f"obstacle {index} ({obstacle.kind})", model.shapes.links)
         for index, obstacle in enumerate(problem.obstacles)
     ]
+    if problem.ground:
+        blocks.append(ObstacleClearance(problem.ground_plane, "the ground", model.shapes.links))
     for pair in problem.self_clearances:
         first, second = (
             tuple(index for index, link in enumerate(model.shapes.links) if link == name) for name in pair.links
         )
         blocks.append(SelfClearance(first, second, pair.links, pair.margin))
-    for make, limits in ((TorqueLimit, problem.torque_limits), (VelocityLimit, problem.velocity_limits)):
-        limited = np.flatnonzero(np.isfinite(limits))
-        if limited.size:
-            blocks.append(make(tuple(limited.tolist()), tuple(names[i] for i in limited), limits[limited]))
-    limited = np.flatnonzero(np.isfinite(problem.motor_stall))
+    blocks += [*_torque_limits(problem), *_motor_limits(problem)]
+    limited = np.flatnonzero(np.isfinite(problem.velocity_limits))
     if limited.size:
-        stall, slope = problem.motor_stall[limited], problem.motor_slope[limited]
-        blocks.append(MotorLimit(tuple(limited.tolist()), tuple(names[i] for i in limited), stall, slope))
+        limits = problem.velocity_limits[limited]
+        blocks.append(VelocityLimit(tuple(limited.tolist()), tuple(names[i] for i in limited), limits))
     if problem.limits.orientation_rate is not None:
         blocks.append(OrientationRateLimit(problem.limits.orientation_rate))
     return tuple(blocks)
+
+
+def _torque_limits(problem: Problem) -> Iterator[TorqueLimit]:
+    """Limits of the motors' own torques; and of generalised ones, where the motors' own do not imply them."""
+    robot = problem.robot
+    own = np.isfinite(problem.motor_torque_limits)
+    if own.any():
+        names = tuple(f"torque of {robot.motors[i]}" for i in np.flatnonzero(own))
+        yield TorqueLimit(names, np.eye(len(own))[own], problem.motor_torque_limits[own])
+    implied = ((robot.motor_ratios == 0) | own[:, None]).all(axis=0)
+    together = np.isfinite(problem.torque_limits) & ~implied
+    if together.any():
+        names = tuple(f"generalized torque of {robot.joints[i]}" for i in np.flatnonzero(together))
+        yield TorqueLimit(names, robot.motor_ratios.T[together], problem.torque_limits[together])
+
+
+def _motor_limits(problem: Problem) -> Iterator[MotorLimit]:
+    robot = problem.robot
+    limited = np.flatnonzero(np.isfinite(problem.motor_stall))
+    if limited.size:
+        names = tuple(robot.motors[i] for i in limited)
+        stall, slope = problem.motor_stall[limited], problem.motor_slope[limited]
+        yield MotorLimit(tuple(limited.tolist()), names, robot.motor_ratios[limited], stall, slope)

@@ -11,6 +11,7 @@ from floatplan.errors import InputError
 from floatplan.motion.momentum_bounds import angular_momentum_interval
 from floatplan.motion_plan import Plan
 from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.contact import refuse_motion_into_ground
 from floatplan.planning.explanation import explain, proven_impossible
 from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, search
 from floatplan.planning.starts import Start
@@ -52,8 +53,8 @@ def plan(
     Raises
     ------
     InputError
-        ``starts``, ``budget`` or ``jobs`` is not positive; or the robot's joints make so much angular momentum out of
-        the plane that a motion in it would mean nothing.
+        ``starts``, ``budget`` or ``jobs`` is not positive; the robot's joints make so much angular momentum out of
+        the plane that a motion in it would mean nothing; or what stands on the ground moves down at takeoff.
     """
     return planned(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress).plan
 
@@ -82,6 +83,9 @@ def planned(
     began = time.perf_counter()
     refuse_leak(problem.robot)
     bounds = angular_momentum_interval(problem)
+    asked = problem.flight.angular_momentum
+    if asked != "free":
+        refuse_motion_into_ground(problem, sum(bounds) / 2 if isinstance(asked, str) else float(asked))
     prepared = Attempts(problem, bounds, seed)
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
     found = search(

@@ -7,16 +7,16 @@ against the problem that was asked. The plan's record holds the latter alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import read_only
+from floatplan.arrays import Array, read_only
 from floatplan.motion_plan import Plan
 from floatplan.planning.planner import Planned, planned, polished
-from floatplan.problem import Limits, Motor, Problem
+from floatplan.problem import Motor, Problem
 from floatplan.proof.certificate import Certificate
 from floatplan.proof.certify import certify
 from floatplan.proof.findings import Finding
@@ -99,31 +99,37 @@ def shortfalls(certificate: Certificate) -> dict[str, float] | None:
     return missing or None
 
 
-_RELATIVE = ("velocity ", "torque ", "motor ", "orientation_rate")
+_RELATIVE = ("velocity ", "torque ", "generalized_torque ", "motor ", "orientation_rate")
 _MENDED = (*_RELATIVE, OBSTACLE, "self_clearance ", "goal.orientation")
 
 
 def tightened(problem: Problem, missing: Mapping[str, float], turn: float) -> Problem:
     """Return the problem with limits and margins tighter by what is missing, and the goal shifted by ``turn``, rad."""
     more = {label: BEYOND * value for label, value in missing.items()}
-    joints, limits = problem.robot.joints, problem.limits
+    robot, limits = problem.robot, problem.limits
 
-    def less(kind: str, values: Any) -> Any:
-        return np.array([value - more.get(f"{kind} {joint}", 0.0) for joint, value in zip(joints, values, strict=True)])
+    def less(kind: str, names: Sequence[str], values: Array) -> dict[str, float]:
+        return {name: value - more.get(f"{kind} {name}", 0.0) for name, value in zip(names, values, strict=True)}
 
+    torque: Any = less("torque", robot.motors, problem.motor_torque_limits)
+    if not np.isfinite(problem.motor_torque_limits).any():
+        torque = list(less("generalized_torque", robot.joints, problem.torque_limits).values())
     rate = limits.orientation_rate
     return replace(
         problem,
         goal=replace(
             problem.goal, orientation=problem.goal.orientation + (turn if "goal.orientation" in missing else 0.0)
         ),
-        limits=Limits(
-            position=problem.position_limits.tolist(),
-            velocity=less("velocity", problem.velocity_limits),
-            torque=less("torque", problem.torque_limits),
+        limits=replace(
+            limits,
+            velocity=list(less("velocity", robot.joints, problem.velocity_limits).values()),
+            torque=torque,
             motor={
-                joint: Motor(motor.stall - more.get(f"motor {joint}", 0.0), motor.slope)
-                for joint, motor in limits.motor.items()
+                name: Motor(stall, slope)
+                for (name, stall), slope in zip(
+                    less("motor", robot.motors, problem.motor_stall).items(), problem.motor_slope, strict=True
+                )
+                if math.isfinite(stall)
             },
             orientation_rate=None if rate is None else rate - more.get("orientation_rate", 0.0),
         ),

@@ -10,7 +10,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.ballistics import Ballistics, ballistics
 from floatplan.motion.clearance import Distances, LinkShapes, Segments
-from floatplan.motion.dynamics import BaseRate, Dynamics
+from floatplan.motion.dynamics import BaseRate, Dynamics, Moments
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion, basis
@@ -175,17 +175,42 @@ class Trajectory:
 
     @cached_property
     def torques(self) -> Array:
-        """Joint torques (K, n) N m."""
+        """Generalised joint torques (K, n) N m: of a leader and its followers together."""
+        return np.asarray(self._moments @ self.model.tree.turns)
+
+    @cached_property
+    def motor_torques(self) -> Array:
+        """Each motor's own torque (K, m) N m."""
+        return np.asarray(self._moments @ self.model.tree.motor_turns)
+
+    @cached_property
+    def _moments(self) -> Array:
         motion = self.motion
-        return self.model.dynamics.torques(motion.positions, motion.velocities, motion.accelerations, self.rate)
+        return self.model.dynamics.moments(motion.positions, motion.velocities, motion.accelerations, self.rate)
 
     @cached_property
     def torque_jacobian(self) -> Array:
-        """Derivatives (K, n, size) of the torques by x."""
+        """Derivatives (K, n, size) of the generalised torques by x."""
+        return self._gathered(self.model.tree.turns)
+
+    @cached_property
+    def motor_torque_jacobian(self) -> Array:
+        """Derivatives (K, m, size) of the motors' own torques by x."""
+        tree = self.model.tree
+        if tree.motor_turns.shape == tree.turns.shape:  # the same: each planned joint has one motor
+            return self.torque_jacobian
+        return self._gathered(tree.motor_turns)
+
+    @cached_property
+    def _moment_derivatives(self) -> Moments:
         motion = self.motion
-        torques = self.model.dynamics.torque_derivatives(
+        return self.model.dynamics.moment_derivatives(
             motion.positions, motion.velocities, motion.accelerations, self.base_rate
         )
+
+    def _gathered(self, turns: Array) -> Array:
+        """Derivatives (K, r, size) by x of the torques on coordinates that turn the bodies by ``turns`` (m, r)."""
+        torques = self._moment_derivatives.gathered(turns)
         return self.jacobian(
             Partials(
                 by_position=torques.by_position,

@@ -10,13 +10,13 @@ from floatplan.plan_record import PlanRecord
 
 POSTURE = ("orientation", "positions", "velocities", "accelerations")
 KEYS: Mapping[str, Collection[str]] = {
-    "problem": ("name", "start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance"),
+    "problem": ("name", "ground", "start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance"),
     "problem.start": POSTURE,
     "problem.goal": POSTURE,
     "problem.flight": ("duration", "angular_momentum", "takeoff", "landing", "horizontal_velocity", "gravity"),
     "problem.flight.takeoff": ("frame", "position"),
     "problem.flight.landing": ("frame", "height"),
-    "problem.limits": ("position", "velocity", "torque", "motor", "orientation_rate"),
+    "problem.limits": ("position", "velocity", "torque", "motor_torque", "motor", "orientation_rate"),
 }
 MOTOR, PAIR, COUPLING = ("stall", "slope"), ("links", "margin"), ("leader", "ratio", "offset")
 OBSTACLE = ("kind", "margin", "velocity", "window")

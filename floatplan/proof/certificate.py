@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from floatplan.proof.boundary import boundary_findings, flight_findings, orienta
 from floatplan.proof.findings import Finding, Verdict, worst
 from floatplan.proof.inertia import PlanarRobot, planar_robot
 from floatplan.proof.limits import limit_findings, quantities, range_findings, recorded_peaks
-from floatplan.proof.obstacles import Sky, obstacle_finding, self_finding
+from floatplan.proof.obstacles import Sky, ground_finding, obstacle_finding, self_finding
 from floatplan.proof.refine import fly
 from floatplan.proof.shapes import LinkShape, Shape, given_shapes, place_shapes, urdf_shapes
 from floatplan.proof.urdf import read_urdf
@@ -44,7 +44,9 @@ class Certificate:
     clearance_min : float or None
         No link comes nearer to an obstacle, surface to surface, m.
     torque_peak, velocity_peak : (n,)
-        No magnitude exceeds these, N m, rad/s.
+        No magnitude exceeds these, N m, rad/s; torques are generalised: a leader's is the sum over its group.
+    motor_torque_peak : motor's joint -> N m
+        The same of each motor's own torque.
     findings : one per constraint
     subintervals : number of cells of time
     seconds : time that the proof took
@@ -55,6 +57,7 @@ class Certificate:
     clearance_min: float | None
     torque_peak: Array
     velocity_peak: Array
+    motor_torque_peak: Mapping[str, float]
     findings: tuple[Finding, ...]
     subintervals: int
     seconds: float
@@ -72,6 +75,7 @@ class Certificate:
             "clearance_min": self.clearance_min,
             "torque_peak": self.torque_peak.tolist(),
             "velocity_peak": self.velocity_peak.tolist(),
+            "motor_torque_peak": dict(self.motor_torque_peak),
             "findings": [finding.to_dict() for finding in self.findings],
             "subintervals": self.subintervals,
             "seconds": self.seconds,
@@ -128,16 +132,23 @@ def _prove(
     flight = fly(robot, record, _window_ends(obstacles), budget)
     orientation, last = orientation_findings(record, flight)
     ranges, beyond = range_findings(record)
-    limited = quantities(record, flight, beyond)
-    limits, peaks = limit_findings(limited, flight)
-    n = len(record.robot.joints)
+    limited = quantities(robot, record, flight, beyond)
+    limits, peaks = limit_findings(limited.found, flight)
+    velocity, torque, motor = (
+        [peaks[i] for i in chosen] for chosen in (limited.velocities, limited.torques, limited.motors)
+    )
     found = [*orientation, *boundary_findings(record), *flight_findings(robot, record, flight), *ranges, *limits]
-    found.append(recorded_peaks("velocity_peak", record.velocity_peak, peaks[:n]))
-    found.append(recorded_peaks("torque_peak", record.torque_peak, peaks[n : 2 * n]))
+    found.append(recorded_peaks("velocity_peak", record.velocity_peak, velocity))
+    found.append(recorded_peaks("torque_peak", record.torque_peak, torque))
+    if record.motor_torque_peak is not None:
+        claimed = [_claimed(record.motor_torque_peak, name) for name in robot.motors]
+        found.append(recorded_peaks("motor_torque_peak", np.array(claimed), motor))
     clearance = None
-    if obstacles or pairs:
+    if obstacles or pairs or problem.get("ground"):
         chosen = _shapes(robot, shapes)
         sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
+        if problem.get("ground"):
+            found.append(ground_finding(sky, robot))
         if obstacles:
             clear, clearance = _clearances(sky, obstacles)
             found += clear
@@ -148,8 +159,9 @@ def _prove(
         verdict=worst(findings),
         orientation_end=(math.nextafter(low, -math.inf), math.nextafter(high, math.inf)),
         clearance_min=clearance,
-        torque_peak=read_only([-peak.bound for peak in peaks[n : 2 * n]]),
-        velocity_peak=read_only([-peak.bound for peak in peaks[:n]]),
+        torque_peak=read_only([-peak.bound for peak in torque]),
+        velocity_peak=read_only([-peak.bound for peak in velocity]),
+        motor_torque_peak={name: -peak.bound for name, peak in zip(robot.motors, motor, strict=True)},
         findings=findings,
         subintervals=len(flight.cells),
         seconds=time.perf_counter() - began,
@@ -168,6 +180,12 @@ def _check_finite(record: PlanRecord) -> None:
         numbers += np.ravel(part).tolist()
     if not np.isfinite(numbers).all() or not record.duration > 0.0:
         raise InputError("the motion's numbers are not all finite, or its duration is not positive")
+
+
+def _claimed(peaks: Mapping[str, float], motor: str) -> float:
+    if motor not in peaks:
+        raise InputError("is missing", element=f"motor_torque_peak.{motor}")
+    return float(peaks[motor])
 
 
 def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> tuple[Shape, ...]:

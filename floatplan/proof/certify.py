@@ -65,7 +65,7 @@ def certify(
 
 def _shapes(record: PlanRecord, urdf: Path, robot: Robot | None) -> list[LinkShape] | None:
     """The robot's capsules, where the plan has something to keep clear of and the file has collision geometry."""
-    if not (record.problem.get("obstacles") or record.problem.get("self_clearance")):
+    if not any(record.problem.get(key) for key in ("obstacles", "self_clearance", "ground")):
         return None
     robot = robot or recorded_robot(record.robot, urdf=urdf)
     return shapes_of(robot) if "<collision" in robot.xml else None

@@ -130,6 +130,12 @@ class PlanePoints:
         )
         return _may_be_least(height - known - offset.e - change, height + known + offset.e, cells)
 
+    def least_at_start(self) -> float:
+        """The smallest height at the beginning, to within rounding."""
+        point, normal = (Vectors(part.x[0], part.y[0]) for part in (self.point, self.normal))
+        height = (normal.x * point.x + normal.y * point.y + self.offset[0]).at_end(-1.0)
+        return float((height.mid - self.radius.mid).min())
+
     def below(self, forms: Forms, point: IntArray) -> Array:
         """Lower bound over the items."""
         return lower(forms[0])

@@ -7,7 +7,7 @@ Arb; what follows from them uses the constants of :class:`~floatplan.proof.inert
 - ``m_j - i n_j = sum_i C_ij conj(zeta_i) zeta_j``; ``D_0 = sum_j m_j`` and ``D_k = sum_j m_j turns_jk`` in (4);
 - (4) and its derivative: ``sum_j m_j phi_j' = h`` and ``sum_j (m_j phi_j'' + n_j phi_j'^2) = 0``;
 - the torque on body i is ``Q_i = Re(conj(zeta_i) sum_j C_ij zeta_j (phi_j'' + i phi_j'^2))``, and on joint k
-  ``tau_k = sum_i turns_ik Q_i``.
+  ``tau_k = sum_i turns_ik Q_i``; on motor l, ``sum_i motor_turns_il Q_i``.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ from floatplan.proof.inertia import PlanarRobot
 class Joints:
     """What does not depend on the orientation, (K, cells, n) unless said otherwise.
 
-    ``rate`` is theta' and has one item; ``cos`` and ``sin`` are the parts of zeta, (K, cells, m).
+    ``motor_torques`` (K, cells, motors) are the motors' own; ``rate`` is theta' and has one item; ``cos`` and ``sin``
+    are the parts of zeta, (K, cells, m).
     """
 
     positions: Taylor
     velocities: Taylor
-    torques: Taylor
+    motor_torques: Taylor
     rate: Taylor
     cos: Taylor
     sin: Taylor
@@ -68,7 +69,7 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints
     squared = phi_rate * phi_rate
     acceleration = -((shares * turned_twice + twists * squared).sum() * inverse)
     body_torques = _body_torques(robot, cos, sin, turned_twice + acceleration, squared)
-    return Joints(q, dq, body_torques.linear(robot.turns.transposed), rate, cos, sin)
+    return Joints(q, dq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)
 
 
 def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:

@@ -18,7 +18,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import flint
+import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.plan_record import RobotRecord
 from floatplan.proof.enclosure import PRECISION, Balls
@@ -63,6 +65,9 @@ class PlanarRobot:
     Attributes
     ----------
     joints : (n) planned joints
+    motors : (motors) the planned joints, then the coupled ones that the file does not gear to their leader
+    motor_ratios : (motors, n) derivatives of the motors' positions by the planned ones
+    motor_turns : (m, motors) as ``turns``, by the positions of the motors, each on its own
     sigma : +1 or -1
     turns : (m, n)
     inertia : (m, m)
@@ -70,18 +75,23 @@ class PlanarRobot:
     weights : (m) lists of (m) acb
         Place of each body's own origin relative to the centre of mass: ``sum_b weights[body][b] z_b``.
     frames : link or joint name -> Point
+    carriers : frame or link name -> links on which it stands: its own link, then those that this one is fixed to
     segments : link name -> pairs of Points
-        From its origin to the origins of its children's joints; only its origin where that is all there is.
+        From its origin to the origins of its children's joints; only its origin where it has an inertia and no more.
     links : link name -> (body, Placement in the root link at planned positions zero)
     horizontal, vertical : indices of the plane's axes among x, y, z
     """
 
     joints: tuple[str, ...]
+    motors: tuple[str, ...]
+    motor_ratios: Array
+    motor_turns: Balls
     sigma: float
     turns: Balls
     inertia: ComplexBalls
     weights: tuple[tuple[Any, ...], ...]
     frames: Mapping[str, Point]
+    carriers: Mapping[str, tuple[str, ...]]
     segments: Mapping[str, tuple[tuple[Point, Point], ...]]
     links: Mapping[str, tuple[int, Placement]]
     origins: tuple[Any, ...]
@@ -123,6 +133,7 @@ class _Body:
     """A body while it is gathered: its turns, origin in the plane, mass, first moment and parts."""
 
     turns: list[Any]
+    motor_turns: list[Any]
     parent: int
     origin: Any
     mass: Any
@@ -150,7 +161,9 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         def in_plane(point: Any) -> Any:
             return flint.acb(flint.arb(point[horizontal]), sigma * flint.arb(point[vertical]))
 
-        bodies, body_of = _gather(urdf, record, placed, {name: sign * normal for name, sign in signs.items()}, in_plane)
+        motors = _motors(urdf, record)
+        turning = {name: sign * normal for name, sign in signs.items()}
+        bodies, body_of = _gather(urdf, record, placed, turning, motors, in_plane)
         for link in urdf.links.values():
             _add_link(bodies[body_of[link.name]], link, placed[link.name], normal_axis, in_plane)
         weights = _weights(bodies)
@@ -165,6 +178,11 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         segments = {link: _segments(urdf, link, origin_of) for link in urdf.links}
         return PlanarRobot(
             joints=record.joints,
+            motors=motors,
+            motor_ratios=_motor_ratios(record, motors),
+            motor_turns=Balls.from_arb(
+                [flint.arb(turn) for body in bodies for turn in body.motor_turns], (count, len(motors))
+            ),
             sigma=sigma,
             turns=Balls.from_arb(
                 [flint.arb(turn) for body in bodies for turn in body.turns], (count, len(record.joints))
@@ -172,6 +190,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             inertia=_inertia(bodies, weights),
             weights=tuple(tuple(row) for row in weights),
             frames=frames,
+            carriers=_carriers(urdf),
             segments=segments,
             links={link: (body_of[link], placed[link]) for link in urdf.links},
             origins=tuple(body.origin for body in bodies),
@@ -237,15 +256,60 @@ def _segments(urdf: Urdf, link: str, origin_of: Callable[[str, str], Point]) -> 
     start = origin_of(link, link)
     ends = [origin_of(joint.child, link) for joint in urdf.joints if joint.parent == link]
     apart = tuple((start, end) for end in ends if not abs(end.local - start.local) < SHORTEST)
-    return apart or ((start, start),)
+    return apart or (((start, start),) if urdf.links[link].has_inertial else ())
+
+
+def _carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
+    fixed_to = {joint.child: joint.parent for joint in urdf.joints if joint.kind == "fixed"}
+    carriers = {}
+    for link in urdf.links:
+        chain = [link]
+        while chain[-1] in fixed_to:
+            chain.append(fixed_to[chain[-1]])
+        carriers[link] = tuple(chain)
+    return {joint.name: carriers[joint.child] for joint in urdf.joints} | carriers
+
+
+def _motors(urdf: Urdf, record: RobotRecord) -> tuple[str, ...]:
+    """The planned joints, and the coupled ones less those that the file itself couples just so."""
+    by_name = {joint.name: joint for joint in urdf.joints}
+    return (*record.joints, *(name for name in record.coupled if not _is_geared(by_name, record, name)))
+
+
+def _is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
+    """Whether the file's ``<mimic>``, followed to the joint that leads, says what the record's coupling says."""
+    ratio, offset, leader, settled = 1.0, 0.0, name, {*record.joints, *record.locked}
+    for _ in joints:
+        mimic = joints[leader].mimic
+        if mimic is None or leader in settled:
+            break
+        ratio, offset, leader = ratio * mimic.multiplier, offset + ratio * mimic.offset, mimic.leader
+        if leader not in joints:
+            return False
+    coupling = record.coupled[name]
+    said = (coupling["leader"], float(coupling.get("ratio", 1.0)), float(coupling.get("offset", 0.0)))
+    return leader != name and said == (leader, ratio, offset)
+
+
+def _motor_ratios(record: RobotRecord, motors: Sequence[str]) -> Array:
+    ratios = np.zeros((len(motors), len(record.joints)))
+    for index, name in enumerate(motors):
+        coupling = record.coupled.get(name, {"leader": name})
+        ratios[index, record.joints.index(coupling["leader"])] = float(coupling.get("ratio", 1.0))
+    return ratios
 
 
 def _gather(
-    urdf: Urdf, record: RobotRecord, placed: Mapping[str, Placement], signs: Mapping[str, float], in_plane: Any
+    urdf: Urdf,
+    record: RobotRecord,
+    placed: Mapping[str, Placement],
+    signs: Mapping[str, float],
+    motors: Sequence[str],
+    in_plane: Any,
 ) -> tuple[list[_Body], dict[str, int]]:
     """Bodies, parents first, and the body of each link."""
     zero = flint.arb(0)
-    bodies = [_Body([zero] * len(record.joints), -1, flint.acb(0), zero, flint.acb(0), [])]
+    bodies = [_Body([zero] * len(record.joints), [zero] * len(motors), -1, flint.acb(0), zero, flint.acb(0), [])]
     body_of = {urdf.root: 0}
     for joint in urdf.joints:
         parent = body_of[joint.parent]
@@ -255,10 +319,15 @@ def _gather(
         coupling = record.coupled.get(joint.name, {"leader": joint.name})
         turns = list(bodies[parent].turns)
         column = record.joints.index(coupling["leader"])
-        turns[column] = turns[column] + signs[joint.name] * flint.arb(float(coupling.get("ratio", 1.0)))
+        ratio = flint.arb(float(coupling.get("ratio", 1.0)))
+        turns[column] = turns[column] + signs[joint.name] * ratio
+        motor_turns = list(bodies[parent].motor_turns)
+        motor = motors.index(joint.name if joint.name in motors else coupling["leader"])
+        by_motor = flint.arb(1) if joint.name in motors else ratio
+        motor_turns[motor] = motor_turns[motor] + signs[joint.name] * by_motor
         body_of[joint.child] = len(bodies)
         origin = in_plane(placed[joint.child].translation)
-        bodies.append(_Body(turns, parent, origin, zero, flint.acb(0), []))
+        bodies.append(_Body(turns, motor_turns, parent, origin, zero, flint.acb(0), []))
     return bodies, body_of
 
 

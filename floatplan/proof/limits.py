@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,12 +11,14 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.errors import InputError
 from floatplan.plan_record import PlanRecord
 from floatplan.proof import findings as say
 from floatplan.proof.bernstein import bernstein, magnitude
 from floatplan.proof.enclosure import PRECISION, Balls, Taylor, stack
 from floatplan.proof.findings import Finding
 from floatplan.proof.flight import FlightModel
+from floatplan.proof.inertia import PlanarRobot
 from floatplan.proof.search import Forms, Goal, Items, Minimum, smallest
 
 PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
@@ -45,23 +48,42 @@ def range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
     return found, left
 
 
-def quantities(record: PlanRecord, flight: FlightModel, beyond_range: list[int]) -> list[Quantity]:
-    """All limited quantities: n velocities, n torques, then those that are limited."""
-    joints, limits = flight.joints, record.problem["limits"]
-    names = record.robot.joints
+@dataclass(frozen=True, eq=False)
+class Quantities:
+    """All quantities whose peaks are wanted: ``found``; and which of them are velocities (n), torques (n), motors'."""
+
+    found: list[Quantity]
+    velocities: list[int]
+    torques: list[int]
+    motors: list[int]
+
+
+def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, beyond_range: list[int]) -> Quantities:
+    """All limited quantities, and those whose peaks the record claims."""
+    joints, limits, names = flight.joints, record.problem["limits"], record.robot.joints
     found = [
         Quantity(f"velocity {name}", joints.velocities[:, i : i + 1], _limit(limits["velocity"], i))
         for i, name in enumerate(names)
     ]
-    found += [
-        Quantity(f"torque {name}", joints.torques[:, i : i + 1], _limit(limits["torque"], i))
-        for i, name in enumerate(names)
-    ]
+    velocities = list(range(len(found)))
+    own = _own_limits(robot, limits)
+    motors = []
+    for i, name in enumerate(robot.motors):
+        motors.append(len(found))
+        found.append(Quantity(f"torque {name}", joints.motor_torques[:, i : i + 1], own[i]))
+    torques = []
+    for i, name in enumerate(names):
+        several = np.count_nonzero(robot.motor_ratios[:, i]) > 1
+        torques.append(len(found) if several else motors[i])
+        if several:
+            together = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
+            found.append(Quantity(f"generalized_torque {name}", together, _limit(limits["torque"], i)))
     for name, motor in (limits.get("motor") or {}).items():
-        i = names.index(name)
-        slope = Balls.exact(float(motor["slope"]))
-        drop = joints.velocities[:, i : i + 1].times(slope)
-        torque = joints.torques[:, i : i + 1]
+        i = _motor(robot, name, "motor")
+        leader = int(np.argmax(np.abs(robot.motor_ratios[i])))
+        slope = flint.arb(float(motor["slope"])) * float(robot.motor_ratios[i, leader])
+        drop = joints.velocities[:, leader : leader + 1].times(Balls.from_arb([slope], (1,)))
+        torque = joints.motor_torques[:, i : i + 1]
         found.append(Quantity(f"motor {name}", stack([torque + drop, torque - drop]), float(motor["stall"])))
     if limits.get("orientation_rate") is not None:
         found.append(Quantity("orientation_rate", joints.rate, float(limits["orientation_rate"])))
@@ -76,7 +98,26 @@ def quantities(record: PlanRecord, flight: FlightModel, beyond_range: list[int])
         )
         position = joints.positions[:, i : i + 1]
         found.append(Quantity(f"position {names[i]}", position - Taylor.constant(shift, position.order), reach))
-    return found
+    return Quantities(found, velocities, torques, motors)
+
+
+def _own_limits(robot: PlanarRobot, limits: Mapping[str, Any]) -> list[float]:
+    """Limit of each motor's own torque: its own, and that of its joint where it is the joint's only motor."""
+    own = limits.get("motor_torque") or {}
+    for name in own:
+        _motor(robot, name, "motor_torque")
+    values = []
+    for i, name in enumerate(robot.motors):
+        limit = _limit([own[name]], 0) if name in own else math.inf
+        alone = i < len(robot.joints) and np.count_nonzero(robot.motor_ratios[:, i]) == 1
+        values.append(min(limit, _limit(limits["torque"], i)) if alone else limit)
+    return values
+
+
+def _motor(robot: PlanarRobot, name: str, key: str) -> int:
+    if name not in robot.motors:
+        raise InputError("is no motor of the robot", element=f"problem.limits.{key}.{name}")
+    return robot.motors.index(name)
 
 
 def limit_findings(found: list[Quantity], flight: FlightModel) -> tuple[list[Finding], list[Minimum]]:

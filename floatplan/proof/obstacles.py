@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from floatplan.proof.clearance import (
 from floatplan.proof.enclosure import PRECISION, Balls, Taylor
 from floatplan.proof.findings import Finding, Verdict
 from floatplan.proof.flight import FlightModel
+from floatplan.proof.inertia import PlanarRobot
 from floatplan.proof.search import Goal, Minimum, smallest
 from floatplan.proof.shapes import PlacedShapes
 from floatplan.proof.vectors import Vectors
@@ -96,6 +97,28 @@ def obstacle_finding(sky: Sky, index: int, obstacle: Mapping[str, Any]) -> tuple
         return finding, least
     least = replace(least, attained=math.inf)
     return say.at_least(label, least.bound, least.attained, margin, say.CLEARANCE, least.instant), least
+
+
+def ground_finding(sky: Sky, robot: PlanarRobot) -> Finding:
+    """Height of all links over the horizontal line through the lowest point of the link that takes off, at t = 0."""
+    with flint.ctx.workprec(PRECISION):
+        up = (flint.arb(0), flint.arb(sky.sigma))
+
+    def above(level: float, shapes: PlacedShapes) -> PlanePoints:
+        return heights(shapes, sky.direction(up), sky.height_offset((0.0, level), (0.0, 0.0), up))
+
+    frame = sky.record.problem["flight"]["takeoff"]["frame"]
+    standing = _standing(sky.shapes, robot.carriers[frame])
+    level = sky.record.problem["flight"]["takeoff"]["position"][1]
+    if standing:
+        level = above(0.0, sky.shapes.only(standing)).least_at_start()
+    return _finding(sky, "ground", Separation(above(level, sky.shapes)), np.arange(len(sky.flight.cells)), 0.0)[0]
+
+
+def _standing(shapes: PlacedShapes, carriers: Sequence[str]) -> list[int]:
+    """The shapes of the first of some links that has any."""
+    found = ([i for i, shape in enumerate(shapes.shapes) if shape.link == link] for link in carriers)
+    return next((indices for indices in found if indices), [])
 
 
 def self_finding(sky: Sky, pair: Mapping[str, Any]) -> Finding:

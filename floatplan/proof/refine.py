@@ -54,9 +54,9 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
 
 
 def _coarse(joints: Joints, duration: float) -> BoolArray:
-    torque = np.nanmax(joints.torques.size, initial=1e-12)
+    torque = np.nanmax(joints.motor_torques.size, initial=1e-12)
     rate_sharp = joints.rate.e[:, 0] * duration <= ORIENTATION_RADIUS
-    torque_sharp = (joints.torques.e <= TORQUE_RADIUS * torque).all(axis=-1)
+    torque_sharp = (joints.motor_torques.e <= TORQUE_RADIUS * torque).all(axis=-1)
     return np.asarray(~(rate_sharp & torque_sharp))
 
 
@@ -64,7 +64,7 @@ def _take(joints: Joints, cells: IntArray) -> Joints:
     return Joints(
         joints.positions[cells],
         joints.velocities[cells],
-        joints.torques[cells],
+        joints.motor_torques[cells],
         joints.rate[cells],
         joints.cos[cells],
         joints.sin[cells],

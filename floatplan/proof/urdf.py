@@ -50,7 +50,17 @@ class Link:
     mass: Any
     center: Placement
     inertia: Matrix
+    has_inertial: bool
     has_collision: bool
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """The joint that the file makes a joint follow: ``position = multiplier * leader's position + offset``."""
+
+    leader: str
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -63,6 +73,7 @@ class Joint:
     child: str
     origin: Placement
     axis: Vector
+    mimic: Mimic | None
 
 
 @dataclass(frozen=True)
@@ -165,7 +176,9 @@ def _link(element: ElementTree.Element) -> Link:
     inertial = element.find("inertial")
     collides = element.find("collision") is not None
     if inertial is None:
-        return Link(name, flint.arb(0), Placement(IDENTITY, (0, 0, 0)), ((0, 0, 0), (0, 0, 0), (0, 0, 0)), collides)
+        return Link(
+            name, flint.arb(0), Placement(IDENTITY, (0, 0, 0)), ((0, 0, 0), (0, 0, 0), (0, 0, 0)), False, collides
+        )
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     if mass is None or inertia is None:
         raise InputError("its <inertial> lacks a mass or an inertia", element=f'link "{name}"')
@@ -173,7 +186,7 @@ def _link(element: ElementTree.Element) -> Link:
     value = _number(mass.get("value"))
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
-    return Link(name, value, _origin(inertial), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), collides)
+    return Link(name, value, _origin(inertial), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), True, collides)
 
 
 def _joint(element: ElementTree.Element) -> Joint:
@@ -184,7 +197,16 @@ def _joint(element: ElementTree.Element) -> Joint:
     if parent is None or child is None:
         raise InputError("lacks a parent or a child", element=f'joint "{name}"')
     direction = _vector(None if axis is None else axis.get("xyz"), "1 0 0")
-    return Joint(name, kind, _text(parent, "link"), _text(child, "link"), _origin(element), direction)
+    ends = (_text(parent, "link"), _text(child, "link"))
+    return Joint(name, kind, *ends, _origin(element), direction, _mimic(element))
+
+
+def _mimic(element: ElementTree.Element) -> Mimic | None:
+    mimic = element.find("mimic")
+    if mimic is None:
+        return None
+    multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
+    return Mimic(_text(mimic, "joint"), multiplier, offset)
 
 
 def _origin(element: ElementTree.Element) -> Placement:

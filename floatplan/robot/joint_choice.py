@@ -32,13 +32,15 @@ class Choice:
     """What the user and the file leave to move.
 
     ``planned`` are names in order; ``coupled`` maps followers, ``locked`` all other moving joints to their positions
-    (rad or m); ``signs`` holds the direction of every turning joint about the normal, 0 where it is another;
-    ``resting`` the positions of all moving joints if none were planned.
+    (rad or m); ``geared`` are the followers that the file itself couples by ``<mimic>``: they have no motor of their
+    own; ``signs`` holds the direction of every turning joint about the normal, 0 where it is another; ``resting`` the
+    positions of all moving joints if none were planned.
     """
 
     plane: Plane
     planned: tuple[str, ...]
     coupled: Mapping[str, Coupling]
+    geared: frozenset[str]
     locked: Mapping[str, float]
     signs: Mapping[str, float]
     resting: Mapping[str, float]
@@ -48,6 +50,11 @@ class Choice:
     def moving(self) -> tuple[str, ...]:
         """The planned joints and their followers."""
         return (*self.planned, *self.coupled)
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """The planned joints, then the followers that have a motor of their own."""
+        return (*self.planned, *(name for name in self.coupled if name not in self.geared))
 
     def positions_at_zero(self) -> dict[str, float]:
         """Positions of all joints where the planned ones are zero."""
@@ -89,6 +96,8 @@ def choose_joints(
     chosen = oriented_plane(plane_name, [axes[name] for name in planned])
     signs = {name: sign_in_plane(axis, chosen) for name, axis in axes.items()}
     followers = {**user_coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
+    by_file = _mimics(tree, {*user_locked, *planned})
+    geared = frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
     moving = {*planned, *followers}
     _check_moving(tree, planned, followers, axes, chosen)
     warnings = [*tree.warnings, *_explain_tilts(moving, axes, chosen)]
@@ -100,7 +109,7 @@ def choose_joints(
     rest = {name: position for name, position in resting.items() if name not in moving}
     if joints is None:
         warnings += _explain_locks(rest, user_locked, signs)
-    return Choice(chosen, planned, followers, rest, signs, resting, tuple(warnings))
+    return Choice(chosen, planned, followers, geared, rest, signs, resting, tuple(warnings))
 
 
 def _check_moving(

@@ -55,7 +55,11 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Frame:
-    """A named point of the robot: a link's or joint's origin, fixed to a body of the :class:`PlanarTree`, m."""
+    """A named point of the robot: a link's or joint's origin, fixed to a body of the :class:`PlanarTree`, m.
+
+    ``link`` is the link itself, or the joint's child.
+    """
 
     body: int
     local: complex
+    link: str

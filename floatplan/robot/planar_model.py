@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.robot.joint_choice import Choice
+from floatplan.robot.parts import Coupling
 from floatplan.robot.urdf_tree import Origin, UrdfJoint, UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
@@ -47,6 +48,26 @@ def full_coordinates(model: Any, choice: Choice) -> tuple[Array, Array]:
         elif name in column:
             selection[row, column[name]] = 1.0
     return reference, selection
+
+
+def motor_coordinates(model: Any, choice: Choice) -> tuple[Array, Array]:
+    """Return ``transmission`` (nv, motors) and ``motor_ratios`` (motors, n).
+
+    Velocities of the motors are ``motor_ratios @ velocities``; each motor's torque is ``transmission.T`` times the
+    torques of all joints: its own joint's, and those that the file gears to it, by their ratios.
+    """
+    motor = {name: index for index, name in enumerate(choice.motors)}
+    ratios = np.zeros((len(motor), len(choice.planned)))
+    for name, index in motor.items():
+        coupling = choice.coupled.get(name, Coupling(name))
+        ratios[index, choice.planned.index(coupling.leader)] = coupling.ratio
+    transmission = np.zeros((model.nv, len(motor)))
+    for row, name in enumerate(list(model.names)[1:]):
+        if name in motor:
+            transmission[row, motor[name]] = 1.0
+        elif name in choice.geared:
+            transmission[row, motor[choice.coupled[name].leader]] = choice.coupled[name].ratio
+    return transmission, ratios
 
 
 def planar_xml(tree: UrdfTree, choice: Choice) -> str:

@@ -34,6 +34,8 @@ class PlanarTree:
         About the body's own centre of mass and the plane's normal.
     turns : (m, n)
         Derivative of each body's absolute angle by the planned positions: entries 0, +-1, or coupling ratios.
+    motor_turns : (m, motors)
+        Derivative of each body's absolute angle by the positions of the robot's motors, each of them on its own.
     offsets : (m,) rad
         Absolute angle of each body at orientation 0 and planned positions 0.
     turn : float
@@ -47,6 +49,7 @@ class PlanarTree:
     center: ComplexArray
     inertia: Array
     turns: Array
+    motor_turns: Array
     offsets: Array
     turn: float
 

@@ -21,7 +21,7 @@ from floatplan.robot.link_shapes import link_outlines, link_shapes, missing_mesh
 from floatplan.robot.mirror import mirror_couplings
 from floatplan.robot.model_check import check_model
 from floatplan.robot.parts import Capsule, Coupling, Frame, Plane
-from floatplan.robot.planar_model import build_model, full_coordinates
+from floatplan.robot.planar_model import build_model, full_coordinates, motor_coordinates
 from floatplan.robot.planar_tree import PlanarTree
 from floatplan.robot.srdf import reference_posture
 from floatplan.robot.tree_builder import TreeLayout, lay_out, named_frames, planar_tree
@@ -53,6 +53,15 @@ class Robot:
     position_limits : (n, 2) rad, infinite where not given
     velocity_limits : (n,) rad/s, infinite where not given
     torque_limits : (n,) N m, infinite where not given
+        Of the generalised torques: of a leader and its followers together, by their ratios.
+    motors : (m) names
+        The planned joints, then the followers; not those that the file itself gears to their leader by ``<mimic>``.
+    motor_ratios : (m, n)
+        Derivatives of the motors' positions by the planned positions.
+    motor_torque_limits, motor_velocity_limits : (m,) N m, rad/s
+        Of each motor's own joint; infinite where not given.
+    transmission : (nv, m)
+        Each motor's torque is ``transmission.T`` times the torques of all joints of ``model``.
     tree : PlanarTree
     frames : name -> Frame
     resting : (n,) rad, the planned joints' positions in the reference posture, or nearest to zero
@@ -75,6 +84,11 @@ class Robot:
     position_limits: Array
     velocity_limits: Array
     torque_limits: Array
+    motors: tuple[str, ...]
+    motor_ratios: Array
+    motor_torque_limits: Array
+    motor_velocity_limits: Array
+    transmission: Array
     tree: PlanarTree
     frames: Mapping[str, Frame]
     resting: Array
@@ -142,7 +156,10 @@ class Robot:
         model = build_model(tree, choice)
         reference, selection = full_coordinates(model, choice)
         layout = lay_out(tree, choice)
-        position_limits, velocity_limits, torque_limits = planned_limits(tree, choice.planned, choice.coupled)
+        transmission, motor_ratios = motor_coordinates(model, choice)
+        position_limits, velocity_limits, torque_limits = planned_limits(
+            tree, choice.planned, choice.coupled, choice.geared
+        )
         check_model(model, reference, selection, choice.planned, position_limits)
         resting = [choice.resting[name] for name in choice.planned]
         missing = [
@@ -164,6 +181,11 @@ class Robot:
             position_limits=position_limits,
             velocity_limits=velocity_limits,
             torque_limits=torque_limits,
+            motors=choice.motors,
+            motor_ratios=read_only(motor_ratios),
+            motor_torque_limits=read_only([tree.joint[name].effort for name in choice.motors]),
+            motor_velocity_limits=read_only([tree.joint[name].velocity for name in choice.motors]),
+            transmission=read_only(transmission),
             tree=planar_tree(layout),
             frames=named_frames(layout),
             resting=read_only(np.clip(resting, position_limits[:, 0], position_limits[:, 1])),

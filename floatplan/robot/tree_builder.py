@@ -21,11 +21,15 @@ _Number = TypeVar("_Number", bound=np.generic)
 
 @dataclass(frozen=True, eq=False)
 class _Body:
-    """A body: its root link, its angle (turns @ positions + offset), and its origin in the root link's plane."""
+    """A body: its root link, its angle (turns @ positions + offset), and its origin in the root link's plane.
+
+    ``motor_turns`` are those by the positions of the motors.
+    """
 
     name: str
     parent: int
     turns: Array
+    motor_turns: Array
     offset: float
     origin: complex
 
@@ -60,7 +64,8 @@ def lay_out(tree: UrdfTree, choice: Choice) -> TreeLayout:
     positions = choice.positions_at_zero()
     placements = tree.placements(positions)
     column = {name: index for index, name in enumerate(choice.planned)}
-    bodies = [_Body(tree.root, -1, np.zeros(len(choice.planned)), 0.0, 0j)]
+    motor = {name: index for index, name in enumerate(choice.motors)}
+    bodies = [_Body(tree.root, -1, np.zeros(len(choice.planned)), np.zeros(len(motor)), 0.0, 0j)]
     body_of = {tree.root: 0}
     angle = {tree.root: 0.0}
     for joint in tree.joints:
@@ -73,8 +78,13 @@ def lay_out(tree: UrdfTree, choice: Choice) -> TreeLayout:
             coupling = choice.coupled.get(joint.name, Coupling(joint.name))
             turns = bodies[parent].turns.copy()
             turns[column[coupling.leader]] += choice.signs[joint.name] * coupling.ratio
+            motor_turns = bodies[parent].motor_turns.copy()
+            if joint.name in motor:
+                motor_turns[motor[joint.name]] += choice.signs[joint.name]
+            else:
+                motor_turns[motor[coupling.leader]] += choice.signs[joint.name] * coupling.ratio
             origin = in_plane(choice.plane, placements[joint.child].translation)
-            bodies.append(_Body(joint.child, parent, turns, angle[joint.child], origin))
+            bodies.append(_Body(joint.child, parent, turns, motor_turns, angle[joint.child], origin))
     return TreeLayout(tree, choice.plane, tuple(bodies), body_of, placements)
 
 
@@ -106,6 +116,7 @@ def planar_tree(layout: TreeLayout) -> PlanarTree:
         center=_sealed(center),
         inertia=read_only(inertia),
         turns=read_only([body.turns for body in layout.bodies]),
+        motor_turns=read_only([body.motor_turns for body in layout.bodies]),
         offsets=read_only([body.offset for body in layout.bodies]),
         turn=layout.plane.turn,
     )
@@ -123,7 +134,7 @@ def named_frames(layout: TreeLayout) -> Mapping[str, Frame]:
 
 def _frame(layout: TreeLayout, link: str) -> Frame:
     body = layout.body_of[link]
-    return Frame(body, layout.local(body, layout.placements[link].translation))
+    return Frame(body, layout.local(body, layout.placements[link].translation), link)
 
 
 def _anchor(layout: TreeLayout, body: _Body) -> complex:

@@ -47,7 +47,7 @@ def _asked(problem: Problem) -> list[Row]:
         ("goal", _posture(problem.final, robot.joints)),
         ("duration", f"{flight.duration:g} s"),
         ("takes off", f"{problem.takeoff.frame} at {_pair(problem.takeoff.position)} m"),
-        ("lands", f"{problem.landing.frame} at height {problem.landing.height:g} m"),
+        ("lands", f"{problem.landing.frame} at height {problem.landing_height:g} m"),
         ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
         ("momentum", asked if isinstance(asked, str) else f"{asked:g} kg m²/s"),
         ("motion", f"sine polynomials of degree {_degrees(problem)}, least {problem.motion.objective}"),

@@ -1,0 +1,68 @@
+"""Whether what stands on the ground at takeoff and landing can leave and reach it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from floatplan.errors import InputError
+from floatplan.motion.ballistics import ballistics
+from floatplan.motion.dynamics import Dynamics
+from floatplan.problem import JointState, Problem, ProblemError
+
+CONTACT = 1e-7  # [m] over the ground: what is nearer stands on it
+STILL = 1e-9  # [m/s] slower is rounding
+
+
+def refuse_motion_into_ground(problem: Problem, angular_momentum: float) -> None:
+    """Refuse a problem on the ground whose rates at takeoff or landing lead through it.
+
+    Positions, rates and h at both ends are given, so no motion between them can help.
+
+    Raises
+    ------
+    InputError
+        A link that stands on the ground moves down at takeoff, or up at landing.
+    """
+    if not problem.ground:
+        return
+    errors = [*_moving_into_ground(problem, angular_momentum)]
+    if errors:
+        raise ProblemError(errors) if len(errors) > 1 else errors[0]
+
+
+def _moving_into_ground(problem: Problem, angular_momentum: float) -> Iterator[InputError]:
+    for name, state, instant, sign, direction in (
+        ("start", problem.initial, 0.0, 1.0, "down into the ground at takeoff"),
+        ("goal", problem.final, problem.flight.duration, -1.0, "up out of the ground at landing"),
+    ):
+        link, velocity = _slowest_contact(problem, state, instant, sign, angular_momentum)
+        if velocity < -STILL:
+            yield InputError(
+                f"{link} moves {direction}, at {-velocity:.4g} m/s",
+                element=f"{name}.velocities",
+                advice="other rates there, another angular momentum, posture or duration",
+            )
+
+
+def _slowest_contact(
+    problem: Problem, state: JointState, instant: float, sign: float, angular_momentum: float
+) -> tuple[str, float]:
+    """Of the points on the ground the one that is slowest upwards, or downwards for sign -1: its link, m/s."""
+    robot, path = problem.robot, ballistics(problem)
+    tree, shapes = robot.tree, robot.shapes
+    rate = Dynamics(tree).base_rate(state.positions[None], state.velocities[None], angular_momentum)[0]
+    rotations = tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions))
+    swings = 1j * tree.turn * (rate + tree.turns @ state.velocities) * rotations
+    bodies = np.array([shape.body for shape in shapes])
+    com_height = path.positions(np.array([instant]))[0, 1]
+    com_velocity = path.velocities(np.array([instant]))[0, 1]
+    slowest, radius = ("", np.inf), np.array([shape.radius for shape in shapes])
+    for end in ("start", "end"):
+        weights = tree.point_weights(bodies, np.array([getattr(shape, end) for shape in shapes]))
+        height = com_height + (weights @ rotations).imag - radius - problem.ground_plane.point[1]
+        velocity = sign * (com_velocity + (weights @ swings).imag)
+        for index in np.flatnonzero(np.abs(height) < CONTACT):
+            slowest = min(slowest, (shapes[index].link, float(velocity[index])), key=lambda contact: contact[1])
+    return slowest

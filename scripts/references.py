@@ -1,0 +1,41 @@
+"""Writes tests/references.json: what every problem file is answered with. Usage: ``python scripts/references.py``.
+
+``tests/test_references.py`` compares: run this where an answer is meant to change, and say why in the commit.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import floatplan as fp
+
+ROOT = Path(__file__).resolve().parents[1]
+REFERENCES = ROOT / "tests" / "references.json"
+
+
+def problem_names() -> list[str]:
+    """Paths of all problem files below ``problems/``, without their ending."""
+    folder = ROOT / "problems"
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.toml"))
+
+
+def answer(name: str) -> dict[str, Any]:
+    """What a problem file is answered with, as ``floatplan plan`` does."""
+    plan = fp.plan_and_prove(fp.load_problem(ROOT / "problems" / f"{name}.toml"))
+    record = plan.record
+    return {
+        "status": record.status,
+        "verdict": None if record.certificate is None else record.certificate["verdict"],
+        "angular_momentum": record.angular_momentum,
+        "objective": record.objective["value"],
+        "torque_peak": record.torque_peak.tolist(),
+        "velocity_peak": record.velocity_peak.tolist(),
+        "clearance_min": record.clearance_min,
+    }
+
+
+if __name__ == "__main__":
+    answers = {name: answer(name) for name in problem_names()}
+    REFERENCES.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")
