@@ -13,7 +13,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from independent_robot import Flyer, Skeleton
+from independent_robot import Flyer, Skeleton, joint_map
 from numpy.polynomial import polynomial
 from scipy.integrate import solve_ivp
 
@@ -104,9 +104,19 @@ class Look:
         return np.array([flyer.base_rate(q, v, momentum) for q, v in zip(positions, velocities, strict=True)])
 
     @cached_property
-    def torques(self) -> np.ndarray:
-        """Joint torques (K, n)."""
+    def joint_torques(self) -> np.ndarray:
+        """Torques (K, m) of all joints, each its own."""
         return np.array([self.flyer.torques(*state) for state in zip(*self.joints, self.rates, strict=True)])
+
+    @property
+    def torques(self) -> np.ndarray:
+        """Torques (K, n) of the planned coordinates."""
+        return self.joint_torques @ self.flyer.by_planned
+
+    @property
+    def motor_torques(self) -> np.ndarray:
+        """Torques (K, motors) of ``robot.motors``."""
+        return self.joint_torques @ self.flyer.by_motor.T
 
     @cached_property
     def com(self) -> np.ndarray:
@@ -180,8 +190,11 @@ def _joint_limits(look: Look) -> Iterator[Worst]:
         yield _largest(look, "velocity", np.abs(velocities) - problem.velocity_limits, "rad/s")
     if np.isfinite(problem.torque_limits).any():
         yield _largest(look, "torque", np.abs(look.torques) - problem.torque_limits, "N m")
+    if np.isfinite(problem.motor_torque_limits).any():
+        yield _largest(look, "motor torque", np.abs(look.motor_torques) - problem.motor_torque_limits, "N m")
     if np.isfinite(problem.motor_stall).any():
-        used = np.abs(look.torques) + problem.motor_slope * np.abs(velocities)
+        _, ratios = joint_map(look.plan.robot, list(look.plan.robot.motors))
+        used = np.abs(look.motor_torques) + problem.motor_slope * np.abs(velocities @ ratios.T)
         yield _largest(look, "speed-dependent torque", used - problem.motor_stall, "N m")
     if problem.limits.orientation_rate is not None:
         excess = np.abs(look.rates)[:, None] - problem.limits.orientation_rate

@@ -21,6 +21,18 @@ from floatplan.proof.shapes import shapes_of
 POSE, TWIST = 7, 6  # coordinates and velocities of a free-flyer
 
 
+def motor_map(robot: fp.Robot, names: list[str]) -> np.ndarray:
+    """Torques (motors, m) of ``robot.motors`` by those of joints: what the file couples is moved by its leader's."""
+    by_joint = np.zeros((len(robot.motors), len(names)))
+    for column, name in enumerate(names):
+        if name in robot.motors:
+            by_joint[robot.motors.index(name), column] = 1.0
+        elif name in robot.coupled:
+            coupling = robot.coupled[name]
+            by_joint[robot.motors.index(coupling.leader), column] = coupling.ratio
+    return by_joint
+
+
 def joint_map(robot: fp.Robot, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Positions (m,) of joints at planned positions zero, and their derivatives (m, n) by those."""
     rest, by_planned = np.zeros(len(names)), np.zeros((len(names), len(robot.joints)))
@@ -49,7 +61,9 @@ class Flyer:
         self.data = self.model.createData()
         self.joints = list(self.model.joints)[2:]
         self.columns = [joint.idx_v for joint in self.joints]
-        self.rest, self.by_planned = joint_map(robot, list(self.model.names)[2:])
+        names = list(self.model.names)[2:]
+        self.rest, self.by_planned = joint_map(robot, names)
+        self.by_motor = motor_map(robot, names)
         self.normal = np.array(robot.plane.normal)
         self.free = np.zeros((TWIST, 3))  # the base's velocities in the plane
         self.free[:3, 0], self.free[:3, 1] = robot.plane.horizontal, robot.plane.vertical
@@ -74,7 +88,7 @@ class Flyer:
     def torques(
         self, positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray, rate: float
     ) -> np.ndarray:
-        """Torques (n,) of the planned coordinates for which no wrench acts on the base in the plane."""
+        """Torques (m,) of all joints, each its own, for which no wrench acts on the base in the plane."""
         full = self.configuration(0.0, positions)
         velocity, acceleration = np.zeros(self.model.nv), np.zeros(self.model.nv)
         velocity[self.columns], acceleration[self.columns] = (
@@ -86,8 +100,7 @@ class Flyer:
         inertia = np.triu(inertia) + np.triu(inertia, 1).T
         wrench = self.free.T @ pin.rnea(self.model, self.data, full, velocity, acceleration)[:TWIST]
         acceleration[:TWIST] = -self.free @ np.linalg.solve(self.free.T @ inertia @ self.free, wrench)
-        torques = pin.rnea(self.model, self.data, full, velocity, acceleration)[self.columns]
-        return np.asarray(self.by_planned.T @ torques)
+        return np.array(pin.rnea(self.model, self.data, full, velocity, acceleration)[self.columns])
 
 
 class Skeleton:

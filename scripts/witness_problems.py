@@ -206,25 +206,28 @@ def _as_plan(problem: Problem, variables: DecisionVariables, z: np.ndarray, mome
 
 
 def _limits(rng: np.random.Generator, plan: fp.Plan) -> fp.Limits:
-    """Limits just above the peaks of a motion: all that is said of motors is said here."""
-    n = len(plan.robot.joints)
+    """Limits just above the peaks of a motion; torque limits by planned coordinate or by motor."""
+    robot = plan.robot
 
     def asked(probability: float) -> bool:
         return bool(rng.random() < probability)
 
     def headroom(peaks: np.ndarray) -> np.ndarray:
-        return peaks * rng.uniform(*HEADROOM, n)
+        return peaks * rng.uniform(*HEADROOM, len(peaks))
 
-    leaders = {coupling.leader for coupling in plan.robot.coupled.values()}
-    alone = [index for index, name in enumerate(plan.robot.joints) if name not in leaders]
-    torque = headroom(_peaks(plan, lambda state: state.torques)) if asked(0.6) else "none"
+    torque: object = "none"
+    if asked(0.6):
+        torque = headroom(_peaks(plan, lambda state: state.torques))
+        if len(robot.motors) > len(robot.joints) and asked(0.5):
+            each = headroom(_peaks(plan, lambda state: state.motor_torques))
+            torque = dict(zip(robot.motors, each.tolist(), strict=True))
     velocity = headroom(_peaks(plan, lambda state: state.velocities)) if asked(0.5) else "none"
     rate = _peaks(plan, lambda state: state.orientation_rate[:, None])[0] * rng.uniform(*HEADROOM)
     return fp.Limits(
         position="urdf" if asked(0.5) else _written_ranges(plan),
         torque=torque,
         velocity=velocity,
-        motor={plan.robot.joints[index]: _met_motor(rng, plan, index) for index in alone} if asked(0.4) else {},
+        motor=dict(_met_motors(rng, plan)) if asked(0.4) else {},
         orientation_rate=float(rate) if asked(0.4) else None,
     )
 
@@ -235,14 +238,17 @@ def _written_ranges(plan: fp.Plan) -> dict[str, tuple[float, float]]:
     return {name: (low, high) for name, (low, high) in zip(plan.robot.joints, limits, strict=True)}
 
 
-def _met_motor(rng: np.random.Generator, plan: fp.Plan, joint: int) -> fp.Motor:
-    """The motor of a random slope whose line the motion just meets."""
-    torque, velocity = (
-        _peaks(plan, quantity)[joint] for quantity in (lambda state: state.torques, lambda state: state.velocities)
+def _met_motors(rng: np.random.Generator, plan: fp.Plan) -> Iterator[tuple[str, fp.Motor]]:
+    """Motors of random slopes whose lines the motion just meets."""
+    robot = plan.robot
+    torques = _peaks(plan, lambda state: state.motor_torques)
+    rates = _peaks(plan, lambda state: state.velocities @ robot.motor_ratios.T)
+    slopes = rng.uniform(0.05, 1.5, len(robot.motors)) * torques / rates
+    stalls = _peaks(
+        plan, lambda state: np.abs(state.motor_torques) + slopes * np.abs(state.velocities @ robot.motor_ratios.T)
     )
-    slope = float(rng.uniform(0.05, 1.5) * torque / velocity)
-    stall = _peaks(plan, lambda state: np.abs(state.torques) + slope * np.abs(state.velocities))[joint]
-    return fp.Motor(float(stall), slope)
+    for name, stall, slope in zip(robot.motors, stalls.tolist(), slopes.tolist(), strict=True):
+        yield name, fp.Motor(stall, slope)
 
 
 def _peaks(plan: fp.Plan, quantity: Callable[[object], np.ndarray]) -> np.ndarray:
