@@ -10,7 +10,7 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
-from floatplan.planning.constraints import Constraint
+from floatplan.planning.constraints import Constraint, applies, window_ends
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.objectives import (
@@ -20,10 +20,24 @@ from floatplan.planning.objectives import (
     SquaredTorque,
     whitened_variables,
 )
-from floatplan.planning.trajectory import FlightModel, Sampling, Trajectory, trajectory
+from floatplan.planning.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.problem import Problem
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
+
+
+GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
+
+
+def steerable(s: Array) -> BoolArray:
+    """Which instants (K,) of [0, 1] are far enough from the ends of the flight for anything to be changed."""
+    return np.asarray((s > GIVEN) & (s < 1 - GIVEN))
+
+
+def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
+    """Return a sampling at nodes, at the ends of the constraints' windows as they are, and at ``extra`` instants."""
+    instants = np.union1d(extra, window_ends(constraints))
+    return sample_also(nodes, width, instants) if instants.size else nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +58,8 @@ class FlightProgram:
     @cached_property
     def _watched(self) -> tuple[BoolArray, ...]:
         """Of each constraint, at which instants (K,) it applies; at the ends nothing can be changed."""
-        times = self.variables.polynomials.duration * self.sampling.s
-        inside = (self.sampling.s > 0) & (self.sampling.s < 1)
-        return tuple(np.asarray(inside & block.exists(times)) for block in self.constraints)
+        inside = steerable(self.sampling.s)
+        return tuple(np.asarray(inside & applies(block, self.sampling.s)) for block in self.constraints)
 
     def trajectory(self, x: Array) -> Trajectory:
         """Motion of x at the instants of the sampling."""

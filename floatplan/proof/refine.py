@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import IntArray
+from floatplan.arrays import Array, IntArray
 from floatplan.plan_record import PlanRecord
 from floatplan.proof.cells import Cells
 from floatplan.proof.flight import FlightModel, Joints, assemble, joint_models, merge
@@ -21,8 +21,8 @@ ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
 TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
 
-def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budget: int) -> FlightModel:
-    """Enclose the whole flight on cells that have the given instants among their ends.
+def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, float]], budget: int) -> FlightModel:
+    """Enclose the whole flight on cells that end where the windows, which lie within it, do.
 
     Cells are halved until their share of the orientation's radius and their torques' radii are as small as sought, or
     the ``budget`` of cells is spent.
@@ -30,9 +30,8 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
     duration = record.duration
     grid = np.linspace(0.0, duration, FIRST_CELLS + 1)
     grid[-1] = duration
-    inside = [instant for instant in instants if 0.0 < instant < duration]
-    grid = np.array(sorted({*grid.tolist(), *inside}))
-    low, high = grid[:-1], grid[1:]
+    edges = sorted({*grid.tolist(), *(end for window in windows for end in window)})
+    low, high = _cells_between(edges, {first for first, last in windows if first == last})
     done: list[tuple[Cells, Joints]] = []
     count = 0
     while True:
@@ -51,6 +50,12 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
         low, middle, high = low[coarse], middle[coarse], high[coarse]
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
     return assemble(record, *merge(done))
+
+
+def _cells_between(edges: list[float], instants: set[float]) -> tuple[Array, Array]:
+    """Ends of the cells between rising edges, and of those that are but one of these instants."""
+    ends = np.array(sorted([*edges, *instants]))
+    return ends[:-1], ends[1:]
 
 
 def _coarse(joints: Joints, duration: float) -> BoolArray:
