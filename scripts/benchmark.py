@@ -1,7 +1,7 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
-Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality random forward obstacle growth
-startup; all of them where none is named. Needs the extra ``bench``.
+Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality random forward obstacle witness
+growth startup; all of them where none is named. Needs the extra ``bench``.
 
 Times are medians of runs that take turns, each turn begun by another, so that what disturbs the machine disturbs all
 alike; ratios are medians of the ratios within each turn.
@@ -28,6 +28,7 @@ from pathlib import Path
 import long_chains
 import numpy as np
 import pinocchio as pin
+import witness_benchmark
 from forward_problems import GRADES, forward_problems
 from generated_problems import random_problem, random_problems
 from independent import INSTANTS, Worst, violations, worst_violation
@@ -56,6 +57,7 @@ class Counts:
     slow_turns: int = 5
     generated: int = 300
     compared: int = 50
+    witnesses: int = 400
     starts: int = 12
     subprocesses: int = 5
     instants: int = INSTANTS
@@ -64,7 +66,7 @@ class Counts:
 
 
 FULL = Counts()
-QUICK = Counts(turns=5, slow_turns=2, generated=30, compared=6, subprocesses=2, instants=4000)
+QUICK = Counts(turns=5, slow_turns=2, generated=30, compared=6, witnesses=30, subprocesses=2, instants=4000)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -379,6 +381,13 @@ def obstacle(counts: Counts) -> None:
     _compared(counts)
 
 
+def witness(counts: Counts) -> None:
+    """Problems over all features together."""
+    heading(f"witness: {counts.witnesses} problems drawn around a motion that solves them")
+    witness_benchmark.main(counts.witnesses, instants=min(counts.instants, witness_benchmark.INSTANTS))
+    print("  Bar: 98 % within 5 s of processor time each.\n")
+
+
 def _lost_clearance(plan: fp.Plan, instants: int) -> float:
     """By how much a motion comes nearer to an obstacle than it may, m."""
     checks = violations(plan, instants)
@@ -478,6 +487,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "random": random_section,
     "forward": forward,
     "obstacle": obstacle,
+    "witness": witness,
     "growth": growth,
     "startup": startup,
 }

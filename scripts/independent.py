@@ -1,30 +1,27 @@
 """Looks at a plan at many instants by code that is not the planner's, and says by how much anything is violated.
 
-From a plan it takes the problem, the robot's URDF text, the coefficients of (12) and h: nothing computed from them.
-Links are placed in space by the URDF's own transforms, dynamics are Pinocchio's on a free-flyer, the orientation is
-scipy's integration of (4), joint motions are numpy's polynomials, distances are the formulas below.
+From a plan it takes the problem, the robot's URDF text, the coefficients of (12) and h: nothing computed from them, but
+for the capsules around collision geometry. Dynamics and places are those of :mod:`independent_robot`, the orientation
+is scipy's integration of (4), joint motions are numpy's polynomials, distances are the formulas below.
 """
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
-import pinocchio as pin
+from independent_robot import Flyer, Skeleton, joint_map
 from numpy.polynomial import polynomial
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 
 INSTANTS = 20_000
 TOLERANCE = 1e-12  # of the integration
 STEPS = 150  # at least, of the integration: its own estimate of the error can be off by 10^4
-POSE, TWIST = 7, 6  # coordinates and velocities of a free-flyer
 
 
 @dataclass(frozen=True)
@@ -40,112 +37,13 @@ class Worst:
         return f"{self.label}: {self.amount:.2e} {self.unit} at {self.time:.4f} s"
 
 
-class Flyer:
-    """A robot floating in space, its base free in all six directions."""
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """The S capsules of a link: ``start, end`` (S, K, 2) m, ``radius`` (S,) m."""
 
-    def __init__(self, robot: fp.Robot) -> None:
-        if "<collision" in robot.xml or robot.coupled or robot.locked:
-            raise ValueError(f"{robot.name} is more than a chain of plain links")
-        self.model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
-        self.model.gravity = pin.Motion.Zero()
-        self.data = self.model.createData()
-        joints = [self.model.joints[self.model.getJointId(name)] for name in robot.joints]
-        self.configuration_columns = [joint.idx_q for joint in joints]
-        self.velocity_columns = [joint.idx_v for joint in joints]
-        self.normal = np.array(robot.plane.normal)
-        self.row = 3 + int(np.argmax(np.abs(self.normal)))
-        self.sign = float(np.sign(self.normal[self.row - 3]))
-
-    def configuration(self, orientation: float, positions: np.ndarray) -> np.ndarray:
-        """Configuration with the base at the origin, turned by the orientation about the plane's normal."""
-        full = pin.neutral(self.model)
-        full[3:POSE] = pin.Quaternion(pin.AngleAxis(float(orientation), self.normal)).coeffs()
-        full[self.configuration_columns] = positions
-        return full
-
-    def base_rate(self, positions: np.ndarray, velocities: np.ndarray, momentum: float) -> float:
-        """(4) solved for theta0'."""
-        row = pin.computeCentroidalMap(self.model, self.data, self.configuration(0.0, positions))[self.row]
-        return float((momentum - self.sign * row[self.velocity_columns] @ velocities) / row[self.row])
-
-    def torques(
-        self, positions: np.ndarray, velocities: np.ndarray, accelerations: np.ndarray, rate: float
-    ) -> np.ndarray:
-        """Joint torques for which no wrench acts on the base."""
-        full = self.configuration(0.0, positions)
-        velocity, acceleration = np.zeros(self.model.nv), np.zeros(self.model.nv)
-        velocity[self.velocity_columns], acceleration[self.velocity_columns] = velocities, accelerations
-        velocity[3:TWIST] = rate * self.normal
-        inertia = pin.crba(self.model, self.data, full)[:TWIST, :TWIST]
-        inertia = np.triu(inertia) + np.triu(inertia, 1).T
-        wrench = pin.rnea(self.model, self.data, full, velocity, acceleration)[:TWIST]
-        acceleration[:TWIST] = -np.linalg.solve(inertia, wrench)
-        return pin.rnea(self.model, self.data, full, velocity, acceleration)[self.velocity_columns]
-
-
-class Skeleton:
-    """The links of a URDF placed in space at K instants, with the root link's origin at the origin.
-
-    Attributes
-    ----------
-    rotations : link -> (K, 3, 3)
-    origins : link -> (K, 3)
-    segments : (parent, child) links whose origins differ: the parent's links of the paper
-    """
-
-    def __init__(self, robot: fp.Robot, orientation: np.ndarray, positions: np.ndarray) -> None:
-        document = ET.fromstring(robot.xml)
-        self._plane = np.array([robot.plane.horizontal, robot.plane.vertical])
-        self._links = {link.get("name"): link for link in document.iter("link")}
-        joints = list(document.iter("joint"))
-        root = (set(self._links) - {joint.find("child").get("link") for joint in joints}).pop()
-        turned = Rotation.from_rotvec(orientation[:, None] * np.array(robot.plane.normal)).as_matrix()
-        self.rotations, self.origins = {root: turned}, {root: np.zeros((len(orientation), 3))}
-        self.segments = []
-        waiting = [root]
-        while waiting:
-            parent = waiting.pop(0)
-            for joint in (joint for joint in joints if joint.find("parent").get("link") == parent):
-                child = joint.find("child").get("link")
-                offset, turn = _origin(joint)
-                self.origins[child] = self.origins[parent] + self.rotations[parent] @ offset
-                self.rotations[child] = self.rotations[parent] @ turn
-                if joint.get("name") in robot.joints:
-                    angle = positions[:, robot.joints.index(joint.get("name"))]
-                    axis = np.array(_numbers(joint.find("axis").get("xyz")))
-                    spin = Rotation.from_rotvec(angle[:, None] * axis / np.linalg.norm(axis)).as_matrix()
-                    self.rotations[child] = self.rotations[child] @ spin
-                if offset.any():
-                    self.segments.append((parent, child))
-                waiting.append(child)
-
-    @cached_property
-    def com(self) -> np.ndarray:
-        """Centre of mass (K, 3)."""
-        mass, moment = 0.0, 0.0
-        for name, link in self._links.items():
-            inertial = link.find("inertial")
-            if inertial is not None:
-                share = float(inertial.find("mass").get("value"))
-                mass += share
-                moment = moment + share * (self.origins[name] + self.rotations[name] @ _origin(inertial)[0])
-        return moment / mass
-
-    def from_com(self, link: str) -> np.ndarray:
-        """Place (K, 2) in the plane of a link's origin, relative to the centre of mass."""
-        return (self.origins[link] - self.com) @ self._plane.T
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(number) for number in text.split()]
-
-
-def _origin(element: ET.Element) -> tuple[np.ndarray, np.ndarray]:
-    """Translation (3,) and rotation (3, 3) of an element's origin."""
-    origin = element.find("origin")
-    given = {} if origin is None else origin.attrib
-    turn = Rotation.from_euler("xyz", _numbers(given.get("rpy", "0 0 0"))).as_matrix()
-    return np.array(_numbers(given.get("xyz", "0 0 0"))), turn
+    start: np.ndarray
+    end: np.ndarray
+    radius: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +104,19 @@ class Look:
         return np.array([flyer.base_rate(q, v, momentum) for q, v in zip(positions, velocities, strict=True)])
 
     @cached_property
-    def torques(self) -> np.ndarray:
-        """Joint torques (K, n)."""
+    def joint_torques(self) -> np.ndarray:
+        """Torques (K, m) of all joints, each its own."""
         return np.array([self.flyer.torques(*state) for state in zip(*self.joints, self.rates, strict=True)])
+
+    @property
+    def torques(self) -> np.ndarray:
+        """Torques (K, n) of the planned coordinates."""
+        return self.joint_torques @ self.flyer.by_planned
+
+    @property
+    def motor_torques(self) -> np.ndarray:
+        """Torques (K, motors) of ``robot.motors``."""
+        return self.joint_torques @ self.flyer.by_motor.T
 
     @cached_property
     def com(self) -> np.ndarray:
@@ -228,16 +136,12 @@ class Look:
         return path
 
     @cached_property
-    def links(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Segments' ends (K, S, 2) of each link: from its origin to those of its children elsewhere."""
-        skeleton = Skeleton(self.plan.robot, self.orientation, self.joints[0])
-        ends: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-        for parent, child in skeleton.segments:
-            placed = (self.com + skeleton.from_com(parent), self.com + skeleton.from_com(child))
-            ends.setdefault(parent, []).append(placed)
-        return {
-            link: tuple(np.stack(side, axis=1) for side in zip(*pairs, strict=True)) for link, pairs in ends.items()
-        }
+    def links(self) -> dict[str, Placed]:
+        """Capsules of each link, placed."""
+        shapes: dict[str, list[tuple[np.ndarray, np.ndarray, float]]] = {}
+        for link, start, end, radius in Skeleton(self.plan.robot, self.orientation, self.joints[0]).capsules():
+            shapes.setdefault(link, []).append((self.com + start, self.com + end, radius))
+        return {link: Placed(*map(np.stack, zip(*each, strict=True))) for link, each in shapes.items()}
 
 
 def violations(plan: fp.Plan, instants: int = INSTANTS) -> list[Worst]:
@@ -286,8 +190,11 @@ def _joint_limits(look: Look) -> Iterator[Worst]:
         yield _largest(look, "velocity", np.abs(velocities) - problem.velocity_limits, "rad/s")
     if np.isfinite(problem.torque_limits).any():
         yield _largest(look, "torque", np.abs(look.torques) - problem.torque_limits, "N m")
+    if np.isfinite(problem.motor_torque_limits).any():
+        yield _largest(look, "motor torque", np.abs(look.motor_torques) - problem.motor_torque_limits, "N m")
     if np.isfinite(problem.motor_stall).any():
-        used = np.abs(look.torques) + problem.motor_slope * np.abs(velocities)
+        _, ratios = joint_map(look.plan.robot, list(look.plan.robot.motors))
+        used = np.abs(look.motor_torques) + problem.motor_slope * np.abs(velocities @ ratios.T)
         yield _largest(look, "speed-dependent torque", used - problem.motor_stall, "N m")
     if problem.limits.orientation_rate is not None:
         excess = np.abs(look.rates)[:, None] - problem.limits.orientation_rate
@@ -300,19 +207,21 @@ def _clearances(look: Look) -> Iterator[Worst]:
         yield _largest(look, label, margin - distance, "m")
     for pair in problem.self_clearances:
         first, second = (look.links[link] for link in pair.links)
-        for i, j in product(range(first[0].shape[1]), range(second[0].shape[1])):
-            distance = _between(first[0][:, [i]], first[1][:, [i]], second[0][:, [j]], second[1][:, [j]])
-            yield _largest(look, f"clearance of {pair.links[0]} to {pair.links[1]}", pair.margin - distance, "m")
+        for i, j in product(range(len(first.radius)), range(len(second.radius))):
+            distance = _between(first.start[i], first.end[i], second.start[j], second.end[j])
+            lacking = pair.margin - distance + first.radius[i] + second.radius[j]
+            yield _largest(look, f"clearance of {pair.links[0]} to {pair.links[1]}", lacking[:, None], "m")
 
 
 def _obstacle_distances(look: Look) -> Iterator[tuple[str, float, np.ndarray]]:
     """A label, the margin and the distances (K, S), of every link to every obstacle; infinite where that is not."""
     for index, obstacle in enumerate(look.plan.problem.obstacles):
-        shift = look.times[:, None, None] * np.array(obstacle.velocity)
+        shift = look.times[:, None] * np.array(obstacle.velocity)
         low, high = obstacle.window or (0.0, look.plan.duration)
         exists = (look.times >= low) & (look.times <= high)
-        for link, ends in look.links.items():
-            distance = np.where(exists[:, None], _distance(ends[0] - shift, ends[1] - shift, obstacle), np.inf)
+        for link, placed in look.links.items():
+            apart = _distance(placed.start - shift, placed.end - shift, obstacle).T - placed.radius
+            distance = np.where(exists[:, None], apart, np.inf)
             yield f"clearance of {link} to obstacle {index}", obstacle.margin, distance
 
 
@@ -322,7 +231,7 @@ def _largest(look: Look, label: str, excess: np.ndarray, unit: str) -> Worst:
 
 
 def _distance(start: np.ndarray, end: np.ndarray, obstacle: object) -> np.ndarray:
-    """Distance (K, S) from segments to an obstacle's surface."""
+    """Distance (S, K) from segments to an obstacle's surface."""
     if isinstance(obstacle, fp.Circle):
         return _to_point(start, end, np.array(obstacle.center)) - obstacle.radius
     if isinstance(obstacle, fp.HalfPlane):

@@ -27,10 +27,12 @@ from floatplan.planning.constraints import (
     SelfClearance,
     TorqueLimit,
     VelocityLimit,
+    applies,
     constraints,
+    window_ends,
 )
 from floatplan.planning.objectives import CoefficientNorm, SquaredAcceleration, SquaredTorque
-from floatplan.planning.program import FlightProgram, decision_variables, objective, sine_polynomials
+from floatplan.planning.program import FlightProgram, decision_variables, objective, sine_polynomials, watching
 from floatplan.planning.trajectory import flight_model, sample_also, sample_nodes, trajectory
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
@@ -44,7 +46,7 @@ RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 CONSTRAINTS = {
     "circle": ObstacleClearance(CIRCLE, "circle", LINKS),
     "half-plane": ObstacleClearance(GROUND, "ground", LINKS),
-    "bar": ObstacleClearance(BAR, "bar", LINKS),
+    "bar": ObstacleClearance(BAR, "bar", LINKS, window=BAR.window),
     "self": SelfClearance((0,), (2, 3), ("shank", "arms"), 0.05),
     "torque": TorqueLimit(("torque of q1", "generalized torque of q3"), GROUPS, LIMITS),
     "velocity": VelocityLimit(JOINTS, ("q1", "q3"), LIMITS),
@@ -209,10 +211,26 @@ class TestConstraints:
         assert slack.min(axis=1) == pytest.approx(4.0 - np.abs(motion.rate), abs=1e-12)
 
     def test_obstacles_exist_in_their_windows(self):
-        times = np.array([0.0, 0.2, 0.5, 0.8, 0.81])
-        assert CONSTRAINTS["bar"].exists(times).tolist() == [False, True, True, True, False]
+        s = np.array([0.0, 0.2, 0.5, 0.8, 0.81])
+        assert applies(CONSTRAINTS["bar"], s).tolist() == [False, True, True, True, False]
         for name in CONSTRAINTS.keys() - {"bar"}:
-            assert CONSTRAINTS[name].exists(times).all()
+            assert applies(CONSTRAINTS[name], s).all()
+        assert window_ends(CONSTRAINTS.values()) == (0.2, 0.8)
+
+    @pytest.mark.parametrize("window", [(-1.0, 0.45), (0.45, 7.0), (-1.0, 7.0), (0.0, 5e-324), (0.3, 0.3000001)])
+    def test_windows_are_fractions_of_the_flight(self, problem, window):
+        obstacle = replace(BAR, window=window)
+        (block,) = constraints(replace(problem, obstacles=(obstacle,)), flight_model(problem))
+        expected = np.clip(np.array(window) / problem.flight.duration, 0.0, 1.0)
+        assert block.window == tuple(expected)
+        assert applies(block, expected).all()
+
+    def test_window_ends_are_instants_of_the_program_as_they_are(self):
+        nodes = sample_nodes(24, 3)
+        ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
+        block = ObstacleClearance(BAR, "bar", LINKS, window=ends)
+        sampling = watching(nodes, 3, (block, CONSTRAINTS["circle"]), np.array([0.5]))
+        assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
 
     def test_margin_is_subtracted(self, flight, x):
         motion = trajectory(*flight, x)
@@ -232,9 +250,9 @@ class TestConstraints:
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         made = constraints(asked, flight_model(asked))
-        kinds = [ObstacleClearance, ObstacleClearance, SelfClearance, TorqueLimit, VelocityLimit, MotorLimit]
+        kinds = [ObstacleClearance, ObstacleClearance, SelfClearance, TorqueLimit, MotorLimit, VelocityLimit]
         assert [type(block) for block in made] == [*kinds, OrientationRateLimit]
-        assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
+        assert [len(block.labels) for block in made] == [4, 8, 1, 6, 4, 2, 2]
         assert constraints(problem, flight_model(problem)) == ()
         named = {label for block in made for label in block.labels}
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named

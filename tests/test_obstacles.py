@@ -167,6 +167,40 @@ class TestWindows:
         assert plan.ok, plan.explanation
         assert plan.clearances(np.linspace(0.7, 0.705, 501)).min() > 0.02 - AT_EDGE
 
+    def test_motion_that_is_nearest_at_a_window_s_end_is_found_at_once(self) -> None:
+        plan = fp.plan(fp.load_problem(Path(__file__).parent / "cases" / "window.toml"), budget=BUDGET)
+        assert plan.ok, plan.explanation
+        assert plan.solver["starts"] == 1
+        assert fp.certify(plan).proved
+
+    @pytest.mark.parametrize(
+        "window",
+        [(0.0, 5e-324), (-1.0, 5e-324), (-1.0, 0.0), (1.4, 2.4), (0.7, np.nextafter(0.7, 1)), (-1.0, 0.7), (0.7, 9.0)],
+    )
+    @pytest.mark.parametrize("center", [(1.485, 3.342), (0.5, 0.5)])
+    def test_windows_of_an_instant_and_beyond_the_flight(
+        self, window: tuple[float, float], center: tuple[float, float]
+    ) -> None:
+        problem = problem_of("obstacle")
+        pole = replace(problem.obstacles[0], window=window, center=center)
+        plan = fp.plan(replace(problem, obstacles=(pole,)), budget=BUDGET)
+        assert plan.ok, plan.explanation
+        ends = np.clip(window, 0.0, plan.duration)
+        assert plan.clearances(ends).min() >= pole.margin - AT_EDGE
+        certificate = fp.certify(plan)
+        assert certificate.proved
+        assert certificate.clearance_min == pytest.approx(plan.peaks.clearance, abs=1e-5)
+
+    @pytest.mark.parametrize(("window", "end"), [((-1.0, 5e-324), 0.0), ((-1.0, 0.0), 0.0), ((1.4, 2.0), 1.4)])
+    def test_obstacle_that_covers_the_robot_at_its_one_instant(self, window: tuple[float, float], end: float) -> None:
+        problem = problem_of("handstand")
+        place = fp.plan(problem).at([end]).com_position[0]
+        ball = fp.Circle(center=(float(place[0]), float(place[1])), radius=0.1, window=window)
+        plan = fp.plan(replace(problem, obstacles=(ball,)), budget=BUDGET)
+        assert not plan.ok
+        assert "impossible" in plan.explanation
+        assert fp.certify(plan).verdict == "refuted"
+
 
 class TestMovingObstacles:
     def test_one_that_flies_beside_the_robot_is_as_one_that_stands_where_it_flies(self) -> None:

@@ -9,8 +9,9 @@ import time
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_free_flyer import FreeFlyer, axes_turned_in_file, random_states, relative_error
+from robot_free_flyer import FreeFlyer, random_states, relative_error
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree, inertial, joint, robot_text
+from straight_axes import axes_turned_in_file
 
 import floatplan as fp
 from floatplan.motion.dynamics import Dynamics

@@ -8,8 +8,9 @@ from importlib import metadata
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_free_flyer import FreeFlyer, axes_turned_in_file, random_states, relative_error
+from robot_free_flyer import FreeFlyer, random_states, relative_error
 from robot_samples import TWO_LINKS, joint, robot_text
+from straight_axes import axes_turned_in_file
 
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import Dynamics

@@ -21,11 +21,11 @@ from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import Nearest, reduce_violations
 from floatplan.planning.objectives import Objective, objective_value
 from floatplan.planning.program import (
-    BACK_OFF,
     FlightProgram,
     decision_variables,
     instants_beside_nodes,
     objective,
+    watching,
 )
 from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
 from floatplan.planning.sqp import Solution
@@ -35,12 +35,12 @@ from floatplan.planning.trajectory import (
     Sampling,
     Trajectory,
     flight_model,
-    sample_also,
     sample_nodes,
     trajectory,
 )
 from floatplan.problem import Bar, Circle, Problem
 from floatplan.problem_parts import Objective as ObjectiveName
+from floatplan.tolerances import ORIENTATION
 
 EASY_ITERATIONS = 40
 CONSTRAINED_LEVEL = 2  # index into NODE_COUNTS, at least, where constraints are watched
@@ -49,7 +49,6 @@ CLOSER = 2  # levels of NODE_COUNTS, by which constraints are watched more close
 WATCHED_AT_MOST = 6  # index into NODE_COUNTS
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
-ORIENTATION_MISSED = 1e-9  # rad, at the end: more than this is no plan
 UNRESOLVED = 1e-6  # tail of the Legendre coefficients of theta0', relative to its largest value: its square is lost
 
 
@@ -184,8 +183,8 @@ class Attempts:
             return outcome
         nodes = sample_nodes(NODE_COUNTS[level], start.variables.polynomials.width)
         beside = instants_beside_nodes(start.variables, self.constraints)
-        watched = sample_also(nodes, start.variables.polynomials.width, beside) if beside.size else nodes
-        program = FlightProgram(self.model, start.variables, watched, make_objective(nodes), self.constraints)
+        sampling = watching(nodes, start.variables.polynomials.width, self.constraints, beside)
+        program = FlightProgram(self.model, start.variables, sampling, make_objective(nodes), self.constraints)
         for nearest in self._nearly_feasible(start, program, is_first, stop):
             if nearest.squares < PROMISING:
                 found = follow(nearest.x)
@@ -226,5 +225,8 @@ class Attempts:
         if motion.unresolved > UNRESOLVED:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, nodes, solution.x)
-        lacking = max(missed if missed > ORIENTATION_MISSED else 0.0, -min(worst.least + BACK_OFF / 20, 0.0))
+        kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
+        lacking = max(missed if missed > ORIENTATION else 0.0, float(-worst.value[worst.value < kept].min(initial=0.0)))
+        if lacking <= 0 and solution.status == "infeasible":
+            solution = replace(solution, status="feasible")  # kept, though not as well inside as the search aims
         return Outcome(variables, solution, lacking, worst, number, degrees, self.problem.motion.objective)

@@ -6,9 +6,9 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -16,8 +16,13 @@ from floatplan.arrays import Array, BoolArray
 from floatplan.motion.clearance import Distances, obstacle_distances, pair_distances
 from floatplan.planning.trajectory import FlightModel, Trajectory
 from floatplan.problem import HalfPlane, Obstacle, Problem
+from floatplan.tolerances import CLEARANCE, RELATIVE
 
 LENGTH_SCALE = 0.1  # m: a clearance that is worth as much as the whole of a torque or rate limit
+
+
+Window: TypeAlias = tuple[float, float]  # fractions of the flight, within [0, 1], both included
+ALWAYS: Window = (0.0, 1.0)
 
 
 class Constraint(Protocol):
@@ -28,6 +33,8 @@ class Constraint(Protocol):
     labels : (r,) names for a person
     unit : of ``value * scale``
     scale : (r,)
+    tolerance : of a value
+    window : instants between which the block applies
     """
 
     @property
@@ -42,8 +49,13 @@ class Constraint(Protocol):
     def scale(self) -> Array:
         """Natural units per unit of the value (r,)."""
 
-    def exists(self, times: Array) -> BoolArray:
-        """Whether (K,) the block applies at times (K,) s."""
+    @property
+    def tolerance(self) -> float:
+        """What a value may be below zero where the row counts as kept: the certificate's tolerance."""
+
+    @property
+    def window(self) -> Window:
+        """Between which instants the block applies."""
 
     def values(self, trajectory: Trajectory) -> Array:
         """Values (K, r)."""
@@ -67,7 +79,9 @@ class ObstacleClearance:
     obstacle: Obstacle
     name: str
     links: tuple[str, ...]
+    window: Window = ALWAYS
     unit: str = "m"
+    tolerance: float = CLEARANCE / LENGTH_SCALE
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -79,11 +93,6 @@ class ObstacleClearance:
     def scale(self) -> Array:
         """Metres per unit."""
         return np.full(len(self.labels), LENGTH_SCALE)
-
-    def exists(self, times: Array) -> BoolArray:
-        """Within the obstacle's window."""
-        low, high = self.obstacle.window or (-np.inf, np.inf)
-        return np.asarray((times >= low) & (times <= high))
 
     def values(self, trajectory: Trajectory) -> Array:
         """Distances less the margin (K, r)."""
@@ -107,7 +116,9 @@ class SelfClearance:
     second: tuple[int, ...]
     names: tuple[str, str]
     margin: float
+    window: Window = ALWAYS
     unit: str = "m"
+    tolerance: float = CLEARANCE / LENGTH_SCALE
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -118,10 +129,6 @@ class SelfClearance:
     def scale(self) -> Array:
         """Metres per unit."""
         return np.full(len(self.labels), LENGTH_SCALE)
-
-    def exists(self, times: Array) -> BoolArray:
-        """Always."""
-        return np.ones(len(times), dtype=bool)
 
     def values(self, trajectory: Trajectory) -> Array:
         """Distances less the margin (K, r)."""
@@ -150,7 +157,9 @@ class TorqueLimit:
     names: tuple[str, ...]
     ratios: Array
     limit: Array
+    window: Window = ALWAYS
     unit: str = "N m"
+    tolerance: float = RELATIVE
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -161,10 +170,6 @@ class TorqueLimit:
     def scale(self) -> Array:
         """The limits."""
         return np.tile(self.limit, 2)
-
-    def exists(self, times: Array) -> BoolArray:
-        """Always."""
-        return np.ones(len(times), dtype=bool)
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 -+ torque / limit`` (K, r)."""
@@ -189,7 +194,9 @@ class MotorLimit:
     ratios: Array
     stall: Array
     slope: Array
+    window: Window = ALWAYS
     unit: str = "N m"
+    tolerance: float = RELATIVE
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -200,10 +207,6 @@ class MotorLimit:
     def scale(self) -> Array:
         """Stall torques."""
         return np.tile(self.stall, 4)
-
-    def exists(self, times: Array) -> BoolArray:
-        """Always."""
-        return np.ones(len(times), dtype=bool)
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 - (+-torque +- slope velocity) / stall`` (K, r)."""
@@ -225,7 +228,9 @@ class VelocityLimit:
     joints: tuple[int, ...]
     names: tuple[str, ...]
     limit: Array
+    window: Window = ALWAYS
     unit: str = "rad/s"
+    tolerance: float = RELATIVE
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -236,10 +241,6 @@ class VelocityLimit:
     def scale(self) -> Array:
         """The limits."""
         return np.tile(self.limit, 2)
-
-    def exists(self, times: Array) -> BoolArray:
-        """Always."""
-        return np.ones(len(times), dtype=bool)
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 -+ velocity / limit`` (K, r)."""
@@ -257,7 +258,9 @@ class OrientationRateLimit:
     """``|theta0'| <= limit``, as two rows. Holds: for all t, by exchange of instants."""
 
     limit: float
+    window: Window = ALWAYS
     unit: str = "rad/s"
+    tolerance: float = RELATIVE
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -268,10 +271,6 @@ class OrientationRateLimit:
     def scale(self) -> Array:
         """The limit."""
         return np.full(2, self.limit)
-
-    def exists(self, times: Array) -> BoolArray:
-        """Always."""
-        return np.ones(len(times), dtype=bool)
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 -+ theta0' / limit`` (K, 2)."""
@@ -284,11 +283,35 @@ class OrientationRateLimit:
         return np.stack((-relative, relative), axis=1)
 
 
+def applies(block: Constraint, s: Array) -> BoolArray:
+    """Whether (K,) a block applies at instants (K,) of [0, 1]."""
+    low, high = block.window
+    return np.asarray((s >= low) & (s <= high))
+
+
+def window_ends(blocks: Iterable[Constraint]) -> tuple[float, ...]:
+    """Ends of the blocks' windows, rising, the ends of the flight left out."""
+    return tuple(sorted({end for block in blocks for end in block.window if end not in ALWAYS}))
+
+
+def _window(obstacle: Obstacle, duration: float) -> Window:
+    """The window of an obstacle, as far as the flight lasts."""
+    if obstacle.window is None:
+        return ALWAYS
+    low, high = obstacle.window
+    return max(low / duration, 0.0), min(high / duration, 1.0)
+
+
 def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     """All constraints of a problem that need watching."""
     names = problem.robot.joints
     blocks: list[Constraint] = [
-        ObstacleClearance(obstacle, f"obstacle {index} ({obstacle.kind})", model.shapes.links)
+        ObstacleClearance(
+            obstacle,
+            f"obstacle {index} ({obstacle.kind})",
+            model.shapes.links,
+            _window(obstacle, problem.flight.duration),
+        )
         for index, obstacle in enumerate(problem.obstacles)
     ]
     if problem.ground:

@@ -6,14 +6,13 @@ import numpy as np
 
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.constraints import Constraint, ObstacleClearance, SelfClearance
+from floatplan.planning.constraints import Constraint, ObstacleClearance, SelfClearance, applies
 from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import Found
 from floatplan.planning.trajectory import Trajectory, sample_also, sample_nodes, trajectory
 from floatplan.problem import Problem
-
-AT_AN_END = 1e-8  # of a row's scale: what the ends of the flight may lack before they are called impossible
+from floatplan.tolerances import ORIENTATION
 
 
 def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
@@ -65,10 +64,10 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
         if start.variables.reach and not isinstance(block, ObstacleClearance | SelfClearance):
             continue
         values = block.values(motion)[-2:]
-        exists = block.exists(motion.times[-2:])
+        exists = applies(block, motion.sampling.s[-2:])
         for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
             row = int(np.argmin(values[end]))
-            if exists[end] and values[end, row] < -AT_AN_END:
+            if exists[end] and values[end, row] < -block.tolerance:
                 amount = -values[end, row] * block.scale[row]
                 sentences.append(
                     f"At {verb} the {name} itself is impossible: {block.labels[row]} lacks {amount:.4g} {block.unit}"
@@ -102,7 +101,7 @@ def _nearest(prepared: Attempts, found: Found) -> list[str]:
     tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
     missed = motion.final_orientation - prepared.model.final_orientation
     sentences = []
-    if abs(missed) > 1e-9:
+    if abs(missed) > ORIENTATION:
         sentences.append(f"The nearest motion found misses the goal's orientation by {missed:+.6g} rad.")
     if best.worst.value.size and best.worst.least < 0:
         index = int(np.argmin(best.worst.value))

@@ -11,7 +11,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.momentum_bounds import inertia_extremes
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
-from floatplan.planning.constraints import Constraint, is_settled_at_ends
+from floatplan.planning.constraints import Constraint, applies, is_settled_at_ends, window_ends
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.objectives import (
@@ -21,10 +21,24 @@ from floatplan.planning.objectives import (
     SquaredTorque,
     whitened_variables,
 )
-from floatplan.planning.trajectory import FlightModel, Sampling, Trajectory, trajectory
+from floatplan.planning.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.problem import Problem
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
+
+
+GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
+
+
+def steerable(s: Array) -> BoolArray:
+    """Which instants (K,) of [0, 1] are far enough from the ends of the flight for anything to be changed."""
+    return np.asarray((s > GIVEN) & (s < 1 - GIVEN))
+
+
+def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
+    """Return a sampling at nodes, at the ends of the constraints' windows as they are, and at ``extra`` instants."""
+    instants = np.union1d(extra, window_ends(constraints))
+    return sample_also(nodes, width, instants) if instants.size else nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +59,9 @@ class FlightProgram:
     @cached_property
     def _watched(self) -> tuple[BoolArray, ...]:
         """Of each constraint, at which instants (K,) it applies; at the ends only a free h changes anything."""
-        times = self.variables.polynomials.duration * self.sampling.s
-        inside = (self.sampling.s > 0) & (self.sampling.s < 1)
+        inside = steerable(self.sampling.s)
         return tuple(
-            np.asarray((inside | _depends_on_momentum_at_ends(self.variables, block)) & block.exists(times))
+            np.asarray((inside | _depends_on_momentum_at_ends(self.variables, block)) & applies(block, self.sampling.s))
             for block in self.constraints
         )
 

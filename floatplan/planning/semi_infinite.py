@@ -14,13 +14,13 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.constraints import Constraint
+from floatplan.planning.constraints import Constraint, applies, window_ends
 from floatplan.planning.curvature import curvature
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.feasibility import reduce_violations
 from floatplan.planning.nonlinear_program import Evaluation, Settings
 from floatplan.planning.objectives import Objective
-from floatplan.planning.program import BACK_OFF, FlightProgram, instants_beside_nodes
+from floatplan.planning.program import BACK_OFF, FlightProgram, instants_beside_nodes, steerable, watching
 from floatplan.planning.sqp import Solution, minimise
 from floatplan.planning.trajectory import (
     FlightModel,
@@ -39,6 +39,7 @@ HOLDS = (
     -0.5 * BACK_OFF
 )  # of the backed-off rows: nothing worse than this between the nodes; the constraint itself holds
 WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
+SAME_INSTANT = 1e-6  # of the duration
 BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
 MOST_ROUNDS = 24
 MOST_ITERATIONS = 240  # in all rounds together
@@ -78,33 +79,27 @@ def local_minima(
     """
     if not constraints:
         return NOTHING_NEAR
-    width, duration = variables.polynomials.width, variables.polynomials.duration
+    width = variables.polynomials.width
 
     def values(sampling: Sampling) -> list[Array]:
         motion = trajectory(model, variables, sampling, x)
         result = []
         for block in constraints:
             rows = block.values(motion)[sampling.nodes :]
-            exists = block.exists(motion.times[sampling.nodes :])
+            exists = applies(block, sampling.s[sampling.nodes :])
             result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
         return result
 
-    window_ends = tuple(time / duration for block in constraints for time in _window(block))
-    first_look = _first_look(nodes, width, window_ends)
+    first_look = _first_look(nodes, width, window_ends(constraints))
     return _refined(
         values(first_look), first_look.s[nodes:], lambda s: values(sample_also(sample_nodes(nodes, width), width, s))
     )
 
 
 @lru_cache(maxsize=64)
-def _first_look(nodes: int, width: int, window_ends: tuple[float, ...]) -> Sampling:
-    instants = np.unique(np.clip((*np.linspace(0, 1, FIRST_LOOK), *window_ends), 0, 1))
+def _first_look(nodes: int, width: int, ends: tuple[float, ...]) -> Sampling:
+    instants = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
     return sample_also(sample_nodes(nodes, width), width, instants)
-
-
-def _window(block: Constraint) -> tuple[float, ...]:
-    obstacle = getattr(block, "obstacle", None)
-    return obstacle.window or () if obstacle is not None else ()
 
 
 def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
@@ -156,7 +151,7 @@ def solve(
     def program_at(level: int, extra: Array) -> FlightProgram:
         nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
         beside = np.concatenate((always, extra))
-        sampling = sample_also(nodes, variables.polynomials.width, beside) if beside.size else nodes
+        sampling = watching(nodes, variables.polynomials.width, constraints, beside)
         return FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
 
     always, extra = instants_beside_nodes(variables, constraints), np.empty(0)
@@ -187,7 +182,7 @@ def solve(
             break
         if constraints:
             worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
-            inside = (worst.s > 0) & (worst.s < 1)
+            inside = steerable(worst.s)
             if finished and not (inside & (worst.value < BACK_OFF + HOLDS)).any():
                 break
             extra = _still_near(worst, extra, inside)
@@ -240,11 +235,16 @@ def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[]
 
 def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
     """Instants to watch next: the local minima that matter, and of the old instants those beside one of them."""
-    new = np.unique(np.round(worst.s[inside & (worst.value < WATCHED)], 6))
+    new = np.unique(worst.s[inside & (worst.value < WATCHED)])
     if not extra.size or not new.size:
-        return new
+        return _thinned(new)
     beside = np.abs(extra[:, None] - new).min(axis=1) < BESIDE
-    return np.unique(np.concatenate((extra[beside], new)))
+    return _thinned(np.unique(np.concatenate((extra[beside], new))))
+
+
+def _thinned(instants: Array) -> Array:
+    """Of rising instants (K,) those that are ``SAME_INSTANT`` apart: rows at one instant twice say nothing more."""
+    return instants[np.diff(instants, prepend=-np.inf) > SAME_INSTANT]
 
 
 @lru_cache(maxsize=32)

@@ -15,7 +15,7 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.planning.constraints import Constraint
+from floatplan.planning.constraints import Constraint, applies
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.program import decision_variables, sine_polynomials
 from floatplan.planning.trajectory import FlightModel, Trajectory, crowd
@@ -154,7 +154,7 @@ def _violations(together: Trajectory, constraints: tuple[Constraint, ...], motio
     """Sum over rows and nodes of squared violations (S,) of a crowd."""
     total = np.zeros(motions)
     for block in constraints:
-        lacking = np.minimum(block.values(together), 0) * block.exists(together.times)[:, None]
+        lacking = np.minimum(block.values(together), 0) * applies(block, together.sampling.s)[:, None]
         total += (lacking**2).reshape(motions, -1).sum(axis=1)
     return total
 

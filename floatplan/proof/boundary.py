@@ -15,6 +15,7 @@ from floatplan.proof.findings import Finding
 from floatplan.proof.flight import FlightModel
 from floatplan.proof.inertia import PlanarRobot
 from floatplan.proof.shapes import turned
+from floatplan.tolerances import BOUNDARY, ORIENTATION, PLACE
 
 KINDS = ("positions", "velocities", "accelerations")
 
@@ -24,7 +25,7 @@ def boundary_findings(record: PlanRecord) -> list[Finding]:
     found = []
     for end, instant in (("start", 0.0), ("goal", record.duration)):
         states = _joint_states(record, instant)
-        for kind, values, tolerance in zip(KINDS, states, say.BOUNDARY, strict=True):
+        for kind, values, tolerance in zip(KINDS, states, BOUNDARY, strict=True):
             wanted = _listed(record, record.problem[end], end, kind)
             found.append(say.near(f"{end}.{kind}", values, wanted, tolerance, instant))
     return found
@@ -61,10 +62,10 @@ def orientation_findings(record: PlanRecord, flight: FlightModel) -> tuple[list[
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
     found = [
-        say.near("goal.orientation", last, [goal], say.ORIENTATION, record.duration),
+        say.near("goal.orientation", last, [goal], ORIENTATION, record.duration),
         _same("orientation.start", recorded["start"], start, 0.0),
         _same("orientation.goal", recorded["goal"], goal, record.duration),
-        say.near("recorded orientation.end", last, [recorded["end"]], say.ORIENTATION, record.duration),
+        say.near("recorded orientation.end", last, [recorded["end"]], ORIENTATION, record.duration),
     ]
     return found, last
 
@@ -76,8 +77,8 @@ def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightModel)
     place = _frame_place(robot, record, flight, takeoff["frame"], last=False)
     landed = _frame_place(robot, record, flight, landing["frame"], last=True)
     found = [
-        say.near("takeoff.position", place, takeoff["position"], say.PLACE, 0.0),
-        say.near("landing.height", landed[1:], [landing["height"]], say.PLACE, duration),
+        say.near("takeoff.position", place, takeoff["position"], PLACE, 0.0),
+        say.near("landing.height", landed[1:], [landing["height"]], PLACE, duration),
         _same("com.gravity", com["gravity"], asked["gravity"], None),
         _same("com.velocity0", com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]

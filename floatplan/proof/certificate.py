@@ -154,7 +154,7 @@ def _prove(
 ) -> Certificate:
     problem = record.problem
     obstacles, pairs = problem.get("obstacles") or [], problem.get("self_clearance") or []
-    flight = fly(robot, record, _window_ends(obstacles), budget)
+    flight = fly(robot, record, _windows(obstacles, record.duration), budget)
     orientation, last = orientation_findings(record, flight)
     ranges, beyond = range_findings(record)
     limited = quantities(robot, record, flight, beyond)
@@ -246,8 +246,11 @@ def _undecided(clear: Sequence[Finding], unknown_meshes: Sequence[str]) -> list[
     return unknown + [replace(finding, verdict="undecided") for finding in clear]
 
 
-def _window_ends(obstacles: Sequence[Any]) -> list[float]:
-    return [float(end) for obstacle in obstacles if obstacle.get("window") for end in obstacle["window"]]
+def _windows(obstacles: Sequence[Any], duration: float) -> list[tuple[float, float]]:
+    """When obstacles exist that do not always exist, as far as the flight lasts."""
+    asked = [obstacle["window"] for obstacle in obstacles if obstacle.get("window")]
+    within = [(max(float(first), 0.0), min(float(last), duration)) for first, last in asked]
+    return [(first, last) for first, last in within if first <= last]
 
 
 def _finite(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What the certificate says about one constraint, and the tolerances that belong to the statement.
+"""What the certificate says about one constraint, and the tolerances of what the file says of itself.
 
 A limit or a tolerance that is not finite proves nothing, and a bound that is not known is infinite.
 """
@@ -15,12 +15,6 @@ from floatplan.proof.enclosure import Balls
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
 
-ORIENTATION = 1e-8  # [rad] at the end of the flight
-BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
-CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
-PLACE = 1e-8  # [m] takeoff frame, landing frame
-RELATIVE = 1e-9  # [-] of limits of velocity, torque and orientation rate
-RANGE = 1e-12  # [rad] of joint ranges
 SAME = 1e-12  # [-] two numbers in the file that say the same
 RECORDED_PEAK = 2e-3  # [-] recorded torque and velocity peaks, which were found on a grid
 RECORDED_CLEARANCE = 2e-4  # [m]

@@ -23,6 +23,8 @@ from floatplan.proof.cells import ORDER, Cells, recentred
 from floatplan.proof.enclosure import ROUND, Balls, Taylor, cos_sin, integral, join_cells, reciprocal, up
 from floatplan.proof.inertia import PlanarRobot
 
+SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
+
 
 @dataclass(frozen=True, eq=False)
 class Joints:
@@ -90,9 +92,15 @@ def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Ta
 def _polynomials(record: PlanRecord, cells: Cells) -> tuple[Taylor, Taylor, Taylor]:
     """p, p' and p'' of (12) on the cells, recentred in Arb."""
     polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
-    balls = recentred(polynomials, cells, record.coefficients.shape[1])
+    length = record.coefficients.shape[1]
+    balls = recentred(polynomials, cells, length)
     c, e = balls.mid, balls.rad
     p = Taylor.polynomial(c, e, ORDER)
+    if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
+        rates = [polynomial.derivative() for polynomial in polynomials]
+        both = (recentred(each, cells, length) for each in (rates, [rate.derivative() for rate in rates]))
+        dp, ddp = (Taylor.polynomial(each.mid, each.rad, ORDER) for each in both)
+        return p, dp, ddp
     inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
     dp, ddp = (_derivative(c, e, times, inverse[:, None]) for times in (1, 2))
     return p, dp, ddp
@@ -128,6 +136,6 @@ def merge(parts: list[tuple[Cells, Joints]]) -> tuple[Cells, Joints]:
     """Join the models of several batches of cells in the order of time."""
     low = np.concatenate([cells.low for cells, _ in parts])
     high = np.concatenate([cells.high for cells, _ in parts])
-    order = np.argsort(low)
+    order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
     models = {f.name: join_cells([getattr(joints, f.name) for _, joints in parts], order) for f in fields(Joints)}
     return Cells.between(low[order], high[order]), Joints(**models)

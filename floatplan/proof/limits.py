@@ -20,6 +20,7 @@ from floatplan.proof.findings import Finding
 from floatplan.proof.flight import FlightModel
 from floatplan.proof.inertia import PlanarRobot
 from floatplan.proof.search import Forms, Goal, Items, Minimum, smallest
+from floatplan.tolerances import RANGE, RELATIVE
 
 PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
 
@@ -41,7 +42,7 @@ def range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
             centre, amplitude = flint.arb(float(record.centre[index])), abs(float(record.amplitude[index]))
             beyond = flint.arb.max(centre + amplitude - high, low - (centre - amplitude))
             bound = float(beyond.upper()) + 2.0**-60
-            if bound <= say.RANGE:
+            if bound <= RANGE:
                 found.append(Finding(f"position {record.robot.joints[index]}", "proved", bound, None, 0.0))
             else:
                 left.append(index)
@@ -162,7 +163,7 @@ def _at_point(values: tuple[Balls, ...], member: IntArray) -> Array:
 def _tolerance(quantity: Quantity) -> float:
     if math.isinf(quantity.limit):
         return 0.0
-    return say.RANGE if quantity.label.startswith("position ") else say.RELATIVE * quantity.limit
+    return RANGE if quantity.label.startswith("position ") else RELATIVE * quantity.limit
 
 
 def _ranges(record: PlanRecord) -> list[tuple[float, float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import flint
@@ -33,6 +33,7 @@ from floatplan.proof.inertia import PlanarRobot
 from floatplan.proof.search import Goal, Minimum, smallest
 from floatplan.proof.shapes import PlacedShapes
 from floatplan.proof.vectors import Vectors
+from floatplan.tolerances import CLEARANCE
 
 CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
 
@@ -92,11 +93,7 @@ def obstacle_finding(sky: Sky, index: int, obstacle: Mapping[str, Any]) -> tuple
     separation, window = _separation(sky, obstacle), obstacle.get("window")
     label = f"obstacles[{index}] {obstacle['kind']}"
     margin = float(obstacle.get("margin") or 0.0)
-    finding, least = _finding(sky, label, separation, _existing(sky, window), margin)
-    if window is None or window[0] <= least.instant <= window[1]:
-        return finding, least
-    least = replace(least, attained=math.inf)
-    return say.at_least(label, least.bound, least.attained, margin, say.CLEARANCE, least.instant), least
+    return _finding(sky, label, separation, _existing(sky, window), margin)
 
 
 def ground_finding(sky: Sky, robot: PlanarRobot) -> Finding:
@@ -183,24 +180,23 @@ def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
 
 
 def _existing(sky: Sky, window: Any) -> IntArray:
-    """Cells in which an obstacle exists; cells end where windows do. A window of one instant takes its neighbours."""
+    """Cells in which an obstacle exists: cells end where windows do, and a window of one instant is one."""
     cells = sky.flight.cells
     if window is None:
         return np.arange(len(cells))
     first, last = float(window[0]), float(window[1])
     if not first <= last:
         raise ValueError(f"the window {window} ends before it begins")
-    inside = np.flatnonzero((cells.high > first) & (cells.low < last))
-    return inside if len(inside) else np.flatnonzero((cells.high >= first) & (cells.low <= last))
+    return np.flatnonzero((cells.low >= first) & (cells.high <= last))
 
 
 def _finding(sky: Sky, label: str, separation: Separation, cells: IntArray, margin: float) -> tuple[Finding, Minimum]:
     pairs = separation.pairs
     members = len(pairs.radius.mid)
-    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - say.CLEARANCE]))
+    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
     groups = np.zeros(members, dtype=np.int64)
     least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, sky.flight.cells)[0]
-    finding = say.at_least(label, least.bound, least.attained, margin, say.CLEARANCE, least.instant)
+    finding = say.at_least(label, least.bound, least.attained, margin, CLEARANCE, least.instant)
     if finding.verdict != "proved" or len(cells) == 0:
         return finding, least
     verdict = _uncrossed(separation, int(cells[0]), least)

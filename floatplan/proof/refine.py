@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import IntArray
+from floatplan.arrays import Array, IntArray
 from floatplan.plan_record import PlanRecord
 from floatplan.proof.cells import Cells
 from floatplan.proof.flight import FlightModel, Joints, assemble, joint_models, merge
@@ -23,15 +22,17 @@ ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
 TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
 
-def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budget: int) -> FlightModel:
-    """Enclose the whole flight on cells that have the given instants among their ends.
+def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, float]], budget: int) -> FlightModel:
+    """Enclose the whole flight on cells that end where the windows, which lie within it, do.
 
     Cells are halved until their share of the orientation's radius and their torques' radii are as small as sought, or
     the ``budget`` of cells is spent.
     """
     duration = record.duration
-    grid = np.array(_grid(duration, instants))
-    low, high = grid[:-1], grid[1:]
+    grid = np.linspace(0.0, duration, FIRST_CELLS + 1)
+    grid[-1] = duration
+    edges = sorted({*grid.tolist(), *(end for window in windows for end in window)})
+    low, high = _cells_between(edges, {first for first, last in windows if first == last})
     done: list[tuple[Cells, Joints]] = []
     count = 0
     while True:
@@ -52,28 +53,10 @@ def fly(robot: PlanarRobot, record: PlanRecord, instants: Sequence[float], budge
     return assemble(record, *merge(done))
 
 
-def _grid(duration: float, instants: Sequence[float]) -> list[float]:
-    """The ends of the first cells, which are no shorter than :data:`SHORTEST` of the flight.
-
-    Of the given instants, one that lies nearer than that to an end, but not on it, is moved away from it: a window
-    that it ends becomes longer, and what holds in the longer one holds in it.
-    """
-    apart = SHORTEST * duration
-    ends = [0.0, duration]
-
-    def add(instant: float) -> bool:
-        free = 0.0 < instant < duration and min(abs(instant - end) for end in ends) >= apart
-        if free:
-            ends.append(instant)
-        return free
-
-    for instant in instants:
-        if not add(instant) and instant not in ends:
-            nearest = min(ends, key=lambda end: abs(instant - end))
-            add(nearest + math.copysign(2.0 * apart, instant - nearest))
-    for instant in np.linspace(0.0, duration, FIRST_CELLS + 1).tolist():
-        add(instant)
-    return sorted(ends)
+def _cells_between(edges: list[float], instants: set[float]) -> tuple[Array, Array]:
+    """Ends of the cells between rising edges, and of those that are but one of these instants."""
+    ends = np.array(sorted([*edges, *instants]))
+    return ends[:-1], ends[1:]
 
 
 def _coarse(joints: Joints, duration: float) -> BoolArray:

@@ -1,0 +1,71 @@
+"""Problems drawn around a witness: the motion solves them, and together they have every feature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from witness_problems import VERIFIED, Witness, verified, witness_problem
+
+import floatplan as fp
+
+SEEDS = range(16)
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> list[Witness]:
+    folder = tmp_path_factory.mktemp("witnesses")
+    return [witness_problem(seed, folder) for seed in SEEDS]
+
+
+def test_together_they_have_every_feature(drawn: list[Witness]) -> None:
+    problems = [witness.problem for witness in drawn]
+    texts = [problem.robot.xml for problem in problems]
+    obstacles = [obstacle for problem in problems for obstacle in problem.obstacles]
+    assert {problem.robot.plane.name for problem in problems} == {"xy", "xz", "yz"}
+    assert {problem.motion.objective for problem in problems} == {"coefficients", "torque", "acceleration"}
+    assert {obstacle.kind for obstacle in obstacles} == {"circle", "half-plane", "capsule"}
+    for tag in ("<box", "<cylinder", "<sphere", "<capsule", "<mesh", "<mimic", 'type="prismatic"'):
+        assert any(tag in text for text in texts), tag
+    for has in (
+        lambda problem: problem.robot.coupled,
+        lambda problem: problem.robot.locked,
+        lambda problem: problem.robot.tilt > 0,
+        lambda problem: problem.self_clearances,
+        lambda problem: np.isfinite(problem.torque_limits).any(),
+        lambda problem: np.isfinite(problem.velocity_limits).any(),
+        lambda problem: np.isfinite(problem.motor_stall).any(),
+        lambda problem: problem.limits.orientation_rate,
+        lambda problem: problem.flight.angular_momentum == "free",
+        lambda problem: problem.flight.angular_momentum == "midpoint",
+        lambda problem: len(set(problem.degrees)) > 1,
+        lambda problem: any(obstacle.window for obstacle in problem.obstacles),
+        lambda problem: any(any(obstacle.velocity) for obstacle in problem.obstacles),
+    ):
+        assert any(has(problem) for problem in problems)
+
+
+def test_a_seed_draws_one_problem(drawn: list[Witness], tmp_path: Path) -> None:
+    again = witness_problem(3, tmp_path)
+    assert again.problem.robot.xml == drawn[3].problem.robot.xml
+    np.testing.assert_array_equal(again.plan.coefficients, drawn[3].plan.coefficients)
+
+
+def test_verification_sees_a_witness_that_misses(drawn: list[Witness]) -> None:
+    """A limit just below the witness's peak, and an obstacle moved on to it, are violations."""
+    witness = next(one for one in drawn if np.isfinite(one.problem.torque_limits).all())
+    limits = replace(witness.problem.limits, torque=witness.plan.peaks.torque * 0.999)
+    assert verified(replace(witness.plan, problem=replace(witness.problem, limits=limits))).label == "torque"
+    place = witness.plan.at(np.array([0.1])).com_position[0]
+    circle = fp.Circle(center=(float(place[0]), float(place[1])), radius=0.3)
+    hit = verified(replace(witness.plan, problem=replace(witness.problem, obstacles=(circle,))))
+    assert hit.amount > 0.05
+    assert hit.label.startswith("clearance")
+
+
+def test_the_certificate_proves_witnesses_too(drawn: list[Witness]) -> None:
+    for witness in drawn[:4]:
+        assert verified(witness.plan).amount <= VERIFIED
+        assert fp.certify(witness.plan).verdict == "proved"
