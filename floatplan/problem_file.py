@@ -111,7 +111,9 @@ def _torque_limits(problem: Problem, own: dict[str, float] | None) -> Any:
     joints, limits = problem.robot.joints, problem.torque_limits.tolist()
     if own is not None or len(problem.robot.motors) == len(joints):
         return own or {joint: limit for joint, limit in zip(joints, limits, strict=True) if math.isfinite(limit)}
-    return limits if np.isfinite(limits).any() else None
+    if not np.isfinite(limits).any():
+        return None
+    return [limit if math.isfinite(limit) else "none" for limit in limits]
 
 
 def _of_motors(problem: Problem) -> dict[str, Any]:

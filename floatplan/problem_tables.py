@@ -37,7 +37,6 @@ def _any_of(wanted: str) -> Discriminator:
 
 
 Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Limit: TypeAlias = Annotated[float, Field(strict=True)]
 Whole: TypeAlias = Annotated[int, Field(strict=True)]
 Angle: TypeAlias = Annotated[Number, AfterValidator(_in_radians)]
 Place: TypeAlias = tuple[Number, Number]
@@ -62,9 +61,13 @@ VelocityLimits: TypeAlias = Annotated[
     | Annotated[Angle, Tag("<number>")],
     _any_of("'urdf', 'none', a number, or a table by joint"),
 ]
+TorqueLimit: TypeAlias = Annotated[
+    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
+    _any_of("a number or 'none'"),
+]
 TorqueLimits: TypeAlias = Annotated[
     Annotated[dict[str, Number], Tag("<table>")]
-    | Annotated[list[Limit | None], Tag("<list>")]
+    | Annotated[list[TorqueLimit | None], Tag("<list>")]
     | Annotated[Literal["urdf", "none"], Tag("<word>")]
     | Annotated[Number, Tag("<number>")],
     _any_of("'urdf', 'none', a number, or a table by joint"),
@@ -219,7 +222,7 @@ class LimitsTable(Table):
     orientation_rate: Angle | None = None
 
     def limits(self) -> asked.Limits:
-        """Return what the table says; ``null`` in a list is no limit."""
+        """Return what the table says; ``null`` or ``"none"`` in a list is no limit."""
         return asked.Limits(
             position=self.position,
             velocity=_unlimited(self.velocity),
@@ -241,7 +244,7 @@ class RecordedLimitsTable(LimitsTable):
 
 
 def _unlimited(values: Any) -> Any:
-    return [math.inf if value is None else value for value in values] if isinstance(values, list) else values
+    return [math.inf if value in (None, "none") else value for value in values] if isinstance(values, list) else values
 
 
 class ObstacleTable(Table):

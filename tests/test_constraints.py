@@ -205,6 +205,7 @@ class TestConstraints:
             slack = (CONSTRAINTS[name].values(motion) * CONSTRAINTS[name].scale).reshape(-1, 2, 2)
             assert slack.min(axis=1) == pytest.approx(LIMITS - np.abs(state), abs=1e-11)
         slack = (CONSTRAINTS["motor"].values(motion) * CONSTRAINTS["motor"].scale).reshape(-1, 4, 2)
+        torque, velocity = motion.motor_torques[:, JOINTS], motion.motion.velocities @ RATIOS.T
         expected = LIMITS - np.abs(torque) - CONSTRAINTS["motor"].slope * np.abs(velocity)
         assert slack.min(axis=1) == pytest.approx(expected, abs=1e-11)
         slack = CONSTRAINTS["orientation rate"].values(motion) * 4.0
@@ -250,9 +251,9 @@ class TestConstraints:
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         made = constraints(asked, flight_model(asked))
-        kinds = [ObstacleClearance, ObstacleClearance, SelfClearance, TorqueLimit, MotorLimit, VelocityLimit]
+        kinds = [ObstacleClearance, ObstacleClearance, SelfClearance, TorqueLimit, VelocityLimit, MotorLimit]
         assert [type(block) for block in made] == [*kinds, OrientationRateLimit]
-        assert [len(block.labels) for block in made] == [4, 8, 1, 6, 4, 2, 2]
+        assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
         assert constraints(problem, flight_model(problem)) == ()
         named = {label for block in made for label in block.labels}
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named

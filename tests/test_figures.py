@@ -307,7 +307,7 @@ def test_an_unknown_format_is_refused_before_anything_is_written(handstand: fp.P
 
 
 def test_names_are_printed_as_they_are(handstand: fp.Plan) -> None:
-    robot = dataclasses.replace(handstand.robot, joints=("_left$knee", "$hip$"))
+    robot = dataclasses.replace(handstand.robot, joints=("_left$knee", "$hip$"), motors=("_left$knee", "$hip$"))
     problem = dataclasses.replace(handstand.problem)
     object.__setattr__(problem, "robot", robot)
     figure = figures(dataclasses.replace(handstand, problem=problem))["torques"]

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from flight_reference import drawn_plan, random_coefficients
-from robot_free_flyer import axes_turned_in_file
 from robot_samples import TWO_LINKS, joint, robot_text
+from straight_axes import axes_turned_in_file
 
 import floatplan as fp
 from floatplan.arrays import read_only
@@ -162,7 +162,7 @@ def test_motions_are_read_only_and_answers_are_the_caller_s(gymnast):
     motion = plan.full_motion(TIMES)
     names = [name for name, member in vars(FullMotion).items() if isinstance(member, cached_property)]
     arrays = [getattr(motion, name) for name in names if not name.startswith("_")]
-    assert len(arrays) == 10
+    assert len(arrays) == 11
     assert not any(array.flags.writeable for array in arrays)
     first = plan.q(TIMES)
     first[:] = 0

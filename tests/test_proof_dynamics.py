@@ -86,7 +86,9 @@ def assert_agrees(robot, record, instants):
         torques, rate = pinocchio_flight(robot, record, t)
         start = joints.motor_torques.at_end(-1.0)
         scale = max(1.0, np.abs(torques).max())
-        assert np.abs(start.mid[0] - torques).max() <= 1e-12 * scale + start.rad.max()
+        ratios = robot.motor_ratios
+        off = np.abs(start.mid[0] @ ratios - torques)
+        assert (off <= 1e-12 * scale + start.rad[0] @ np.abs(ratios)).all()
         assert start.rad.max() <= 1e-9 * scale
         assert joints.rate.at_end(-1.0).mid[0, 0] == pytest.approx(rate, rel=1e-12, abs=1e-12)
 

@@ -104,7 +104,7 @@ def test_numbers_are_rounded_and_gaps_are_null() -> None:
 
 def test_it_says_what_was_asked_found_and_proved(handstand: fp.Plan) -> None:
     data = report_data(handstand)
-    assert [section["title"] for section in data["sections"]] == ["Asked", "Found", "Proved"]
+    assert [section["title"] for section in data["sections"]] == ["Asked", "Found", "Proved", "Use of limits"]
     assert data["verdict"] == {"word": "planned, not proved yet", "tone": "open"}
     assert 'urdf = "' in data["problem"]
     findings = [{"label": "torque", "verdict": "proved", "bound": 1.0, "instant": None, "limit": None}]

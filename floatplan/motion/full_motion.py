@@ -66,7 +66,7 @@ class FullMotion:
         driven = robot.transmission[BASE:].any(axis=1)
         torques[:, driven] = 0.0
         torques[:, [self.joints.index(name) for name in robot.motors]] = self.state.motor_torques
-        return torques
+        return read_only(torques)
 
     @cached_property
     def base_position(self) -> Array:
