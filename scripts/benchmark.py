@@ -1,7 +1,7 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
-Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality random forward obstacle witness
-growth startup; all of them where none is named. Needs the extra ``bench``.
+Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random forward
+obstacle witness growth startup; all of them where none is named. Needs the extra ``bench``.
 
 Times are medians of runs that take turns, each turn begun by another, so that what disturbs the machine disturbs all
 alike; ratios are medians of the ratios within each turn.
@@ -23,8 +23,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
+from itertools import islice, pairwise
 from pathlib import Path
 
+import free_problems
 import long_chains
 import numpy as np
 import pinocchio as pin
@@ -33,6 +35,7 @@ from forward_problems import GRADES, forward_problems
 from generated_problems import random_problem, random_problems
 from independent import INSTANTS, Worst, violations, worst_violation
 from peers import NODES, Answer, Ipopt, Slsqp
+from starts_problems import starts_problems
 
 import floatplan as fp
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -45,6 +48,8 @@ PROBLEMS = ROOT / "problems"
 CHAINS = (5, 8, 12, 20)
 CALLS = 5  # of a function in its turn
 LONG = 0.1  # s, after which there are no more of them
+SCAN_BUDGET = 2.0  # s for each given h, most of which have no plan
+WITHIN = 1.001  # of the scan's best objective
 HOLDS = 1e-6  # of the natural unit: a constraint violated by no more holds
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 
@@ -59,6 +64,9 @@ class Counts:
     compared: int = 50
     witnesses: int = 400
     starts: int = 12
+    repeated: int = 100
+    free: int = 50
+    scanned: int = free_problems.SCANNED
     subprocesses: int = 5
     instants: int = INSTANTS
     chains: tuple[int, ...] = CHAINS
@@ -66,7 +74,18 @@ class Counts:
 
 
 FULL = Counts()
-QUICK = Counts(turns=5, slow_turns=2, generated=30, compared=6, witnesses=30, subprocesses=2, instants=4000)
+QUICK = Counts(
+    turns=5,
+    slow_turns=2,
+    generated=30,
+    compared=6,
+    witnesses=30,
+    repeated=12,
+    free=6,
+    scanned=7,
+    subprocesses=2,
+    instants=4000,
+)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -294,6 +313,50 @@ def quality(counts: Counts) -> None:
     table(["problem", "best known", "floatplan", f"--starts {counts.starts}", "SLSQP", "IPOPT"], rows)
 
 
+NUMBERS_OF_STARTS = (1, 2, 4, 8)
+SAME_NUMBER = 1e-9  # relative difference of objectives that are the same
+
+
+def starts_section(counts: Counts) -> None:
+    """More starts are never worse."""
+    heading(f"starts: {counts.repeated} problems planned with {', '.join(map(str, NUMBERS_OF_STARTS))} starts")
+    rows = []
+    for problem in islice(starts_problems(), counts.repeated):
+        plans = [fp.plan(problem, starts=starts) for starts in NUMBERS_OF_STARTS]
+        values = [plan.objective_value if plan.ok else np.inf for plan in plans]
+        worse = any(more > less * (1 + SAME_NUMBER) for less, more in pairwise(values))
+        rows.append((problem.motion.objective, worse, plans[-1].ok and values[-1] < values[0] * (1 - 1e-6)))
+    names = list(dict.fromkeys(name for name, _, _ in rows))
+    table(
+        ["objective", "problems", "worse with more starts", f"better with {NUMBERS_OF_STARTS[-1]} than with 1"],
+        [[name, *(sum(column) for column in zip(*[(1, *row[1:]) for row in rows if row[0] == name], strict=True))]
+         for name in names],
+    )  # fmt: skip
+    print("  Bar: none worse.\n")
+
+
+def free_section(counts: Counts) -> None:
+    """A free h beside a scan of given ones."""
+    heading(f"free: {counts.free} problems that {counts.scanned} given h solve, planned with h free")
+    compared: list[tuple[free_problems.Scan, free_problems.Timed]] = []
+    unsolved = 0
+    for problem in free_problems.free_problems():
+        given = free_problems.scan(problem, counts.scanned, SCAN_BUDGET)
+        unsolved += not given.solved
+        if given.solved:
+            compared.append((given, free_problems.timed(problem)))
+        if len(compared) == counts.free:
+            break
+    lost = sum(not free.plan.ok for _, free in compared)
+    as_good = sum(free.plan.ok and free.plan.objective_value <= WITHIN * given.best for given, free in compared)
+    ratio = statistics.median(free.seconds / given.seconds for given, free in compared)
+    print(f"  {unsolved} more problems have no solution that the scan finds")
+    print(f"  not solved with h free: {lost} of {len(compared)}")
+    print(f"  objective within 0.1 % of the scan's best, or better: {as_good} of {len(compared)}")
+    print(f"  processor time over that of the median given-h plan: {ratio:.2f} (median)\n")
+    print("  Bar: 0; 47 of 50; 3.\n")
+
+
 def timed_plans(problems: Sequence[fp.Problem]) -> list[tuple[fp.Plan, float]]:
     """Plan each problem once by default settings: plans and seconds."""
     answers = []
@@ -484,6 +547,8 @@ def _certificates(counts: Counts) -> None:
 SECTIONS: dict[str, Callable[[Counts], None]] = {
     "speed": speed,
     "quality": quality,
+    "starts": starts_section,
+    "free": free_section,
     "random": random_section,
     "forward": forward,
     "obstacle": obstacle,

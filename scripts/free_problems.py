@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from forward_problems import Drawn, draw, obstacle_between
@@ -57,16 +59,12 @@ def _limits(rng: np.random.Generator, drawn: Drawn, guess: fp.Plan, kind: str) -
     )
 
 
-def free_problems(count: int) -> list[fp.Problem]:
-    """Return ``count`` problems."""
-    problems: list[fp.Problem] = []
-    seed = 0
-    while len(problems) < count:
+def free_problems() -> Iterator[fp.Problem]:
+    """Yield problems without end, the kinds and objectives in turn; some of them have no solution at all."""
+    for seed in count():
         problem = free_problem(seed)
         if problem is not None:
-            problems.append(problem)
-        seed += 1
-    return problems
+            yield problem
 
 
 @dataclass(frozen=True)
@@ -94,13 +92,13 @@ class Scan:
     seconds: float
 
 
-def scan(problem: fp.Problem, count: int = SCANNED, budget: float | None = None) -> Scan:
-    """Plan a problem with ``count`` given h, spread over (9) and somewhat beyond."""
+def scan(problem: fp.Problem, given: int = SCANNED, budget: float | None = None) -> Scan:
+    """Plan a problem with ``given`` values of h, spread over (9) and somewhat beyond."""
     low, high = angular_momentum_interval(problem)
     middle, reach = (low + high) / 2, BEYOND * (high - low) / 2
     plans = [
         timed(replace(problem, flight=replace(problem.flight, angular_momentum=float(h))), budget)
-        for h in np.linspace(middle - reach, middle + reach, count)
+        for h in np.linspace(middle - reach, middle + reach, given)
     ]
     solved = [one.plan for one in plans if one.plan.ok]
     best = min(solved, key=lambda plan: plan.objective_value, default=None)

@@ -29,6 +29,8 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
     [
         ("speed", "SLSQP own ms"),
         ("quality", "25.0411"),
+        ("starts", "worse with more starts"),
+        ("free", "with h free: 0 of 1"),
         ("random", "of 1"),
         ("forward", "easy"),
         ("obstacle", "cut into the margin"),
@@ -45,6 +47,9 @@ def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys
         compared=1,
         witnesses=1,
         starts=2,
+        repeated=1,
+        free=1,
+        scanned=21,
         subprocesses=1,
         instants=400,
         chains=(3,),
