@@ -42,13 +42,14 @@ def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], e
 
 @dataclass(frozen=True, eq=False)
 class FlightProgram:
-    """Minimise an objective subject to (14) and to the constraints, at the instants of a sampling."""
+    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
 
     model: FlightModel
     variables: DecisionVariables
     sampling: Sampling
     objective: Objective
     constraints: tuple[Constraint, ...] = ()
+    back_off: float = BACK_OFF
 
     @property
     def metric(self) -> Array:
@@ -91,7 +92,7 @@ class FlightProgram:
             return np.empty(0)
         rows = [1 - x[-1:], 1 + x[-1:]] if self.variables.reach else []
         for block, watched in zip(self.constraints, self._watched, strict=True):
-            rows.append((block.values(motion) - BACK_OFF)[watched].ravel())
+            rows.append((block.values(motion) - self.back_off)[watched].ravel())
         return np.concatenate(rows)
 
     def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
