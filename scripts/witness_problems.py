@@ -23,7 +23,7 @@ from floatplan.motion.momentum_bounds import angular_momentum_interval
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.decision_variables import DecisionVariables
 from floatplan.planning.program import decision_variables, sine_polynomials
-from floatplan.planning.trajectory import flight_model, sample_nodes, trajectory
+from floatplan.planning.trajectory import Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.problem import Obstacle, Problem
 from floatplan.problem_parts import OBJECTIVES
 
@@ -32,6 +32,7 @@ GAP = (0.003, 0.020)  # m, of clearances
 RADII = (0.02, 0.35)  # m
 DEEP_ENOUGH = 0.01  # m, by which the plain motion hits an obstacle that is in its way
 MOST_TURN = 7.0  # rad
+UNRESOLVED = 1e-9  # tail of theta0' at the most nodes there are, relative to its largest value
 FEWEST_KINDS = 2  # of constraints in a problem
 GRID, ZOOMS = 801, 4  # instants of the first look for an extremum, and how often the look narrows 16-fold
 VERIFIED_AT = 300  # instants, beside the ends of windows
@@ -126,7 +127,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
 
     def flown(momentum: float) -> Problem:
         """The problem with this h given and the goal where the motion ends."""
-        goal = replace(problem.goal, orientation=_final_orientation(problem, variables, z, momentum))
+        goal = replace(problem.goal, orientation=_finest(problem, variables, z, momentum).final_orientation)
         return replace(problem, goal=goal, flight=replace(problem.flight, angular_momentum=momentum))
 
     momentum = float(rng.uniform(*bounds))
@@ -134,7 +135,8 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
         at = [sum(angular_momentum_interval(flown(value))) / 2 - value for value in (0.0, 1.0)]  # linear in h
         momentum = at[0] / (at[0] - at[1])
     solved = flown(momentum)
-    if not abs(solved.final.orientation - solved.initial.orientation) < MOST_TURN:
+    turn = abs(solved.final.orientation - solved.initial.orientation)
+    if not turn < MOST_TURN or _finest(problem, variables, z, momentum).unresolved > UNRESOLVED:
         return None
     if kind != "given":
         solved = replace(solved, flight=replace(solved.flight, angular_momentum=kind))
@@ -180,10 +182,10 @@ def _degree(rng: np.random.Generator, joints: int) -> object:
     return tuple(int(degree) for degree in degrees)
 
 
-def _final_orientation(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> float:
+def _finest(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> Trajectory:
     given = replace(variables, middle=momentum, reach=0.0)
     nodes = sample_nodes(NODE_COUNTS[-1], variables.polynomials.width)
-    return trajectory(flight_model(problem), given, nodes, given.variables(z, momentum)).final_orientation
+    return trajectory(flight_model(problem), given, nodes, given.variables(z, momentum))
 
 
 def _as_plan(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> fp.Plan:

@@ -288,3 +288,26 @@ class TestCommandLine:
         plan = fp.plan(CASES["momentum far outside"].make(), budget=0.5)
         low, high = angular_momentum_interval(problem_of(B))
         assert f"[{low:.6g}, {high:.6g}]" in plan.explanation
+
+
+def test_a_limit_that_is_hardly_missed_is_no_reason_for_more_freedom() -> None:
+    """One free number, which the goal's orientation settles: the motion is the only one, and its peaks are known."""
+    problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
+    peaks = fp.plan(problem).peaks.torque
+    asked = replace(problem, limits=replace(problem.limits, torque=peaks * (1 - 2e-5)))
+    plan = fp.plan(asked, budget=BUDGET)
+    assert not plan.ok
+    assert "freedom" not in plan.explanation
+    wish = re.search(r"It would be a plan with .*the limit on the .*torque of \S+ (\S+) N m higher", plan.explanation)
+    assert wish, plan.explanation
+    assert 0 < float(wish[1]) <= 2.1e-5 * peaks.max()
+
+
+def test_the_goal_that_only_touches_a_limit_is_reached() -> None:
+    """No room to aim inside: the only motion there is just meets its torque limits."""
+    problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
+    peaks = fp.plan(problem).peaks.torque
+    plan = fp.plan(replace(problem, limits=replace(problem.limits, torque=peaks)), budget=BUDGET)
+    assert plan.ok, plan.explanation
+    assert plan.status == "optimal"
+    assert fp.certify(plan).proved

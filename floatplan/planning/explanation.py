@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -13,6 +15,8 @@ from floatplan.planning.search import Found
 from floatplan.planning.trajectory import Trajectory, sample_also, sample_nodes, trajectory
 from floatplan.problem import Problem
 from floatplan.tolerances import ORIENTATION
+
+HARDLY = 1e-3  # of a row's scale: what lacks no more is nearly a plan
 
 
 def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
@@ -36,16 +40,48 @@ def explain(
         sentences.append("The search was interrupted.")
     elif found.ran_out_of_time:
         sentences.append("The search ran out of time; a larger budget may help.")
-    freedom = _more_freedom(problem)
-    if freedom and not reasons and found.best.variables.coefficients:
-        sentences.append(f"More freedom may help: {' or '.join(freedom)}.")
+    if not reasons and found.best.variables.coefficients:
+        sentences += _hardly_missed(prepared, found) or _more_freedom(problem)
     return " ".join(sentences)
 
 
+def _hardly_missed(prepared: Attempts, found: Found) -> list[str]:
+    """What would make a plan of a nearest motion that lacks next to nothing: more freedom is no answer to that."""
+    best, missed = found.best, _missed_turn(prepared, found)
+    if not best.lacking < HARDLY:
+        return []
+    wishes = [f"the goal's orientation {missed:+.6g} rad further"] if missed else []
+    for number, block in enumerate(prepared.constraints):
+        rows = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
+        if rows.size:
+            row = int(best.worst.row[rows[np.argmin(best.worst.value[rows])]])
+            amount = f"{_rounded_up(-best.worst.value[rows].min() * block.scale[row])} {block.unit}"
+            if isinstance(block, ObstacleClearance | SelfClearance):
+                wishes.append(f"the {block.labels[row]} {amount} smaller")
+            else:
+                wishes.append(f"the limit on the {block.labels[row]} {amount} higher")
+    return [f"It would be a plan with {' and '.join(wishes)}; another seed, or more starts, may find one without that."]
+
+
+def _rounded_up(amount: float) -> str:
+    """A positive number to two digits, not below it."""
+    return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
+
+
+def _missed_turn(prepared: Attempts, found: Found) -> float:
+    """By how much the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
+    motion = found.best.solution.evaluation.detail
+    assert isinstance(motion, Trajectory)
+    missed = motion.final_orientation - prepared.model.final_orientation
+    return missed if abs(missed) > ORIENTATION else 0.0
+
+
 def _more_freedom(problem: Problem) -> list[str]:
-    """What the problem fixes of the motion without need."""
+    """Advice on what the problem fixes of the motion without need."""
     freedom = [] if problem.raises_degree else ['motion.degree = "auto"']
-    return freedom if problem.flight.angular_momentum == "free" else [*freedom, 'flight.angular_momentum = "free"']
+    if problem.flight.angular_momentum != "free":
+        freedom.append('flight.angular_momentum = "free"')
+    return [f"More freedom may help: {' or '.join(freedom)}."] if freedom else []
 
 
 def _impossible_ends(prepared: Attempts) -> list[str]:
@@ -99,9 +135,9 @@ def _nearest(prepared: Attempts, found: Found) -> list[str]:
     motion = best.solution.evaluation.detail
     assert isinstance(motion, Trajectory)
     tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
-    missed = motion.final_orientation - prepared.model.final_orientation
+    missed = _missed_turn(prepared, found)
     sentences = []
-    if abs(missed) > ORIENTATION:
+    if missed:
         sentences.append(f"The nearest motion found misses the goal's orientation by {missed:+.6g} rad.")
     if best.worst.value.size and best.worst.least < 0:
         index = int(np.argmin(best.worst.value))

@@ -43,13 +43,14 @@ def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], e
 
 @dataclass(frozen=True, eq=False)
 class FlightProgram:
-    """Minimise an objective subject to (14) and to the constraints, at the instants of a sampling."""
+    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
 
     model: FlightModel
     variables: DecisionVariables
     sampling: Sampling
     objective: Objective
     constraints: tuple[Constraint, ...] = ()
+    back_off: float = BACK_OFF
 
     @property
     def metric(self) -> Array:
@@ -94,7 +95,7 @@ class FlightProgram:
         if not self.constraints:
             return np.empty(0)
         watched = zip(self.constraints, self._watched, strict=True)
-        return np.concatenate([(block.values(motion) - BACK_OFF)[instants].ravel() for block, instants in watched])
+        return np.concatenate([(block.values(motion) - self.back_off)[instants].ravel() for block, instants in watched])
 
     def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
         if not self.constraints:

@@ -30,14 +30,14 @@ from floatplan.planning.trajectory import (
     sample_nodes,
     trajectory,
 )
+from floatplan.tolerances import ORIENTATION
 
 QUADRATURE_ERROR = 1e-13  # rad, of theta0(T), at which the nodes are enough
 FIRST_LOOK = 129  # instants of the first look between the nodes
 CLOSER_LOOKS = 4  # times that the look at each local minimum narrows, 8-fold each
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
-HOLDS = (
-    -0.5 * BACK_OFF
-)  # of the backed-off rows: nothing worse than this between the nodes; the constraint itself holds
+INSIDE_ENOUGH = 0.5  # of what the search aims inside: nothing is nearer to its limit between the nodes
+TIGHT = 10 * BACK_OFF  # of violation: what lacks no more may have no room to be inside
 WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
 SAME_INSTANT = 1e-6  # of the duration
 BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
@@ -152,9 +152,10 @@ def solve(
         nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
         beside = np.concatenate((always, extra))
         sampling = watching(nodes, variables.polynomials.width, constraints, beside)
-        return FlightProgram(model, variables, sampling, make_objective(nodes), constraints)
+        return FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off)
 
-    always, extra = instants_beside_nodes(variables, constraints), np.empty(0)
+    back_off, extra = BACK_OFF, np.empty(0)
+    always = instants_beside_nodes(variables, constraints)
     for level in range(max(first_level, _cheap_level(len(model.tree.mass))), len(NODE_COUNTS)):
         program = program_at(level, extra)
         start = program.evaluate(x)
@@ -176,14 +177,16 @@ def solve(
         was_last, stage = stage.settings == settings, next(stages, stage)
         needed = max(level, nodes_needed(motion, stage.quadrature_error))
         finished = was_last and needed == level
-        if solution.status == "infeasible" and (was_last or start.worst_violation > HOPELESS):
-            break
         if iterations > MOST_ITERATIONS:
             break
+        if solution.status == "infeasible" and (was_last or start.worst_violation > HOPELESS):
+            if not (constraints and back_off and start.worst_violation < TIGHT):
+                break
+            back_off, finished = 0.0, False
         if constraints:
             worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
             inside = steerable(worst.s)
-            if finished and not (inside & (worst.value < BACK_OFF + HOLDS)).any():
+            if finished and not (inside & (worst.value < _kept(constraints, back_off)[worst.block])).any():
                 break
             extra = _still_near(worst, extra, inside)
         elif finished:
@@ -223,7 +226,8 @@ def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[]
     nearest = reduce_violations(program, solution.x, stop)
     if nearest.squares > solution.evaluation.worst_violation**2:
         return solution
-    status = "feasible" if nearest.evaluation.worst_violation <= BACK_OFF / 4 else "infeasible"
+    turned = np.abs(nearest.evaluation.equality).max() <= ORIENTATION / 2
+    status = "feasible" if turned and nearest.evaluation.worst_violation <= program.back_off / 4 else "infeasible"
     return replace(
         solution,
         x=nearest.x,
@@ -231,6 +235,11 @@ def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[]
         status=status,
         evaluations=solution.evaluations + nearest.evaluations,
     )
+
+
+def _kept(constraints: tuple[Constraint, ...], back_off: float) -> Array:
+    """Least value, by block, of a motion that keeps the constraints between the nodes: inside, if that is aimed at."""
+    return np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
 
 
 def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
