@@ -51,9 +51,10 @@ def row(name: str, plan: fp.Plan) -> list[str]:
     if plan.certificate is None:
         return [name, "no plan", *["-"] * (len(COLUMNS) - 2)]
     certificate = fp.certify(plan)
-    limits, goal = plan.problem.torque_limits, plan.problem.final.orientation
+    limits, goal = plan.problem.motor_torque_limits, plan.problem.final.orientation
     limited = np.isfinite(limits)
-    share = (certificate.torque_peak / limits)[limited].max() if limited.any() else None
+    peaks = np.array(list(certificate.motor_torque_peak.values()))
+    share = (peaks / limits)[limited].max() if limited.any() else None
     ball = max(abs(end - goal) for end in certificate.orientation_end)
     clearance = certificate.clearance_min
     return [

@@ -53,8 +53,8 @@ class Entry:
     @property
     def torque_share(self) -> float | None:
         """Largest peak torque over its limit; None where the URDF gives none."""
-        limits = self.plan.problem.torque_limits
-        shares = (self.plan.peaks.torque / limits)[np.isfinite(limits)]
+        limits = self.plan.problem.motor_torque_limits
+        shares = (self.plan.peaks.motor_torque / limits)[np.isfinite(limits)]
         return float(shares.max()) if len(shares) else None
 
     def row(self) -> list[str]:
