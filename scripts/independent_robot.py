@@ -110,7 +110,8 @@ class Skeleton:
     ----------
     rotations : link -> (K, 3, 3)
     origins : link -> (K, 3)
-    segments : (parent, child) links whose origins differ: the parent's links of the paper
+    segments : (link, end (K, 3))
+        From a link's origin to those of its children's joints, the paper's links, and of its own, where they differ.
     """
 
     def __init__(self, robot: fp.Robot, orientation: np.ndarray, positions: np.ndarray) -> None:
@@ -131,10 +132,13 @@ class Skeleton:
                 offset, turn = _origin(joint)
                 self.origins[child] = self.origins[parent] + self.rotations[parent] @ offset
                 self.rotations[child] = self.rotations[parent] @ turn
+                end = self.origins[child]
+                if np.abs((end - self.origins[parent]) @ self._plane.T).max() > 0:
+                    self.segments.append((parent, end))
                 if joint.get("type") != "fixed":
                     self._move(joint, child, positions)
-                if np.abs(self.from_root(child) - self.from_root(parent)).max() > 0:
-                    self.segments.append((parent, child))
+                if np.abs((self.origins[child] - end) @ self._plane.T).max() > 0:
+                    self.segments.append((child, end))
                 waiting.append(child)
 
     def _move(self, joint: ET.Element, child: str, positions: np.ndarray) -> None:
@@ -160,10 +164,6 @@ class Skeleton:
                 moment = moment + share * (self.origins[name] + self.rotations[name] @ _origin(inertial)[0])
         return moment / mass
 
-    def from_root(self, link: str) -> np.ndarray:
-        """Place (K, 2) in the plane of a link's origin, relative to the root link's."""
-        return self.origins[link] @ self._plane.T
-
     def from_com(self, link: str) -> np.ndarray:
         """Place (K, 2) in the plane of a link's origin, relative to the centre of mass."""
         return (self.origins[link] - self.com) @ self._plane.T
@@ -181,9 +181,9 @@ class Skeleton:
                 turn = self.rotations[link] @ home.rotations[link][0].T
                 start, end = (self.from_com(link) + turn @ (self._plane.T @ end) @ self._plane.T for end in ends)
                 yield link, start, end, radius
-        for link, child in self.segments:
+        for link, end in self.segments:
             if link not in fitted:
-                yield link, self.from_com(link), self.from_com(child), 0.0
+                yield link, self.from_com(link), (end - self.com) @ self._plane.T, 0.0
         beginnings = {link for link, _ in self.segments}
         for name, link in self._links.items():
             if name not in fitted | beginnings and link.find("inertial") is not None:
