@@ -41,12 +41,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from floatplan.certificate.certificate import Certificate
+    from floatplan.certificate.certify import certify
     from floatplan.errors import FloatplanError, InputError
     from floatplan.motion.flight_state import FlightState
-    from floatplan.motion_plan import Plan, load_plan
     from floatplan.planning.planner import plan
-    from floatplan.planning.proving import plan_and_prove
-    from floatplan.problem import (
+    from floatplan.planning.repair import plan_and_prove
+    from floatplan.plans.plan import Plan, load_plan
+    from floatplan.problem.file import load_problem, save_problem
+    from floatplan.problem.parts import (
         Bar,
         Circle,
         Flight,
@@ -56,25 +59,22 @@ if TYPE_CHECKING:
         Motion,
         Motor,
         Posture,
-        Problem,
         SelfClearance,
         Takeoff,
     )
-    from floatplan.problem_file import load_problem, save_problem
-    from floatplan.proof.certificate import Certificate
-    from floatplan.proof.certify import certify
-    from floatplan.proof.replay import Replay, replay
+    from floatplan.problem.problem import Problem
     from floatplan.robot.robot import Coupling, Robot
+    from floatplan.simulation.replay import Replay, replay
 
     __version__: str
 
 _HOME = {
     "floatplan.errors": ("FloatplanError", "InputError"),
     "floatplan.motion.flight_state": ("FlightState",),
-    "floatplan.motion_plan": ("Plan", "load_plan"),
+    "floatplan.plans.plan": ("Plan", "load_plan"),
     "floatplan.planning.planner": ("plan",),
-    "floatplan.planning.proving": ("plan_and_prove",),
-    "floatplan.problem": (
+    "floatplan.planning.repair": ("plan_and_prove",),
+    "floatplan.problem.parts": (
         "Bar",
         "Circle",
         "Flight",
@@ -84,14 +84,14 @@ _HOME = {
         "Motion",
         "Motor",
         "Posture",
-        "Problem",
         "SelfClearance",
         "Takeoff",
     ),
-    "floatplan.problem_file": ("load_problem", "save_problem"),
-    "floatplan.proof.certificate": ("Certificate",),
-    "floatplan.proof.certify": ("certify",),
-    "floatplan.proof.replay": ("Replay", "replay"),
+    "floatplan.problem.problem": ("Problem",),
+    "floatplan.problem.file": ("load_problem", "save_problem"),
+    "floatplan.certificate.certificate": ("Certificate",),
+    "floatplan.certificate.certify": ("certify",),
+    "floatplan.simulation.replay": ("Replay", "replay"),
     "floatplan.robot.robot": ("Coupling", "Robot"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

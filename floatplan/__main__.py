@@ -1,6 +1,6 @@
 """``python -m floatplan``."""
 
-from floatplan.cli import main
+from floatplan.cli.commands import main
 
 if __name__ == "__main__":
     main()

@@ -1,7 +1,7 @@
 """What counts as kept: one tolerance for one statement, the same for the search and for the certificate.
 
-The search aims inside its constraints (:data:`floatplan.planning.program.BACK_OFF`); what it ends with is judged by
-these, as the certificate judges it.
+The search aims inside its constraints (``BACK_OFF`` of the transcription); what it ends with is judged
+by these, as the certificate judges it.
 """
 
 ORIENTATION = 1e-8  # [rad] at the end of the flight

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 
 import floatplan as fp
 from floatplan.arrays import Array
+from floatplan.view.figures.snapshots import picture_box
 from floatplan.view.postures import postures
-from floatplan.view.snapshots import picture_box
 from floatplan.view.style import new_figure, styled
 
 ROOT = Path(__file__).resolve().parents[1]

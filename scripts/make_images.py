@@ -14,11 +14,11 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.plan_record import write_whole
-from floatplan.view.curves import Flown, draw_configuration, draw_torques, plan_names
-from floatplan.view.figures import figures
+from floatplan.files import write_atomically
+from floatplan.view.figures.curves import Flown, draw_configuration, draw_torques, plan_names
+from floatplan.view.figures.figures import figures
+from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
 from floatplan.view.postures import postures
-from floatplan.view.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
 from floatplan.view.style import GREY, new_figure, palette, styled
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -128,7 +128,7 @@ def sheet(columns: Sequence[Sequence[Image.Image]]) -> Image.Image:
 def save(picture: Image.Image, path: Path) -> None:
     content = io.BytesIO()
     picture.quantize(COLOURS, dither=Image.Dither.NONE).save(content, format="PNG", optimize=True)
-    write_whole(path, content.getvalue())
+    write_atomically(path, content.getvalue())
     print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1000} kB")
 
 

@@ -15,14 +15,14 @@ from unittest import mock
 from PIL import Image
 
 import floatplan as fp
-from floatplan.plan_record import write_whole
-from floatplan.proof.certify import certify
-from floatplan.view.report import write_report
-from floatplan.view.scene import write_scene
+from floatplan.certificate.certify import certify
+from floatplan.files import write_atomically
+from floatplan.view.report.report import write_report
+from floatplan.view.scene.scene import write_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 SLOWER = 20  # a scene that is to be photographed: without a graphics card a picture takes a second
 PATIENCE = 120  # s that a scene has to load and to be in mid-flight
 CLEAR = "for (const one of document.querySelectorAll('[class*=Notification]')) one.remove()"
@@ -106,7 +106,7 @@ def save(content: bytes, path: Path) -> None:
     picture.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=4, dither=Image.Dither.NONE).save(
         stream, format="PNG", optimize=True
     )
-    write_whole(path, stream.getvalue())
+    write_atomically(path, stream.getvalue())
     print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1000} kB")
 
 

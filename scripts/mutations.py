@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("tests/helpers", "benchmarks")]
 
-from proof_judge import Judge
-from proof_mutations import base_plans, mutate
+from proof_judge import Judge  # noqa: E402
+from proof_mutations import base_plans, mutate  # noqa: E402
 
-from floatplan.plan_record import PlanRecord
-from floatplan.proof.certificate import certify
+from floatplan.certificate.certificate import certify  # noqa: E402
+from floatplan.plans.record import PlanRecord  # noqa: E402
 
 BATCH = 50
 KEPT = 0.99

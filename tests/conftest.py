@@ -34,7 +34,7 @@ def root() -> Path:
 @pytest.fixture
 def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run]:
     """Run the command line in an empty working directory; any exception that it lets through fails the test."""
-    from floatplan.cli import app
+    from floatplan.cli.commands import app
 
     here = tmp_path / "here"
     here.mkdir()

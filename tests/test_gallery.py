@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.proof.certificate import certify
-from floatplan.proof.shapes import shapes_of
-from floatplan.robot.example_robots import PREFIX, robots_folder
-from floatplan.robot.planarity import MEANINGLESS, WORTH_A_WARNING
+from floatplan.certificate.certificate import certify
+from floatplan.certificate.certify import shapes_of
+from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
+from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "problems" / "gallery"

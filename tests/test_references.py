@@ -7,7 +7,7 @@ import json
 import pytest
 from references import REFERENCES, answer, problem_names
 
-from floatplan.robot.example_robots import robots_folder
+from floatplan.robot.urdf.example_robots import robots_folder
 
 SAME = 1e-6  # relative, of objectives and h; where the search ended at an optimum
 ALIKE = 1e-2  # relative, of all; where it ended at some feasible motion, which rounding decides

@@ -16,21 +16,20 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.constraints import Constraint, constraints
-from floatplan.planning.decision_variables import DecisionVariables
-from floatplan.planning.feasibility import Nearest, reduce_violations
-from floatplan.planning.objectives import Objective, objective_value
-from floatplan.planning.program import (
+from floatplan.optimization.feasibility import Nearest, reduce_violations
+from floatplan.optimization.sqp import Solution
+from floatplan.planning.starts import Start, starts
+from floatplan.planning.transcription.constraints import Constraint, constraints
+from floatplan.planning.transcription.exchange import FINE, Worst, local_minima, nodes_needed, solve
+from floatplan.planning.transcription.objectives import Objective, objective_value
+from floatplan.planning.transcription.program import (
     FlightProgram,
     decision_variables,
     instants_beside_nodes,
     objective,
     watching,
 )
-from floatplan.planning.semi_infinite import FINE, Worst, local_minima, nodes_needed, solve
-from floatplan.planning.sqp import Solution
-from floatplan.planning.starts import Start, starts
-from floatplan.planning.trajectory import (
+from floatplan.planning.transcription.trajectory import (
     FlightModel,
     Sampling,
     Trajectory,
@@ -38,8 +37,10 @@ from floatplan.planning.trajectory import (
     sample_nodes,
     trajectory,
 )
-from floatplan.problem import Bar, Circle, Problem
-from floatplan.problem_parts import Objective as ObjectiveName
+from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.problem.parts import Bar, Circle
+from floatplan.problem.parts import Objective as ObjectiveName
+from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
 
 EASY_ITERATIONS = 40

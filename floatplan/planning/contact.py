@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from floatplan.errors import InputError
-from floatplan.motion.ballistics import ballistics
-from floatplan.motion.dynamics import Dynamics
-from floatplan.problem import JointState, Problem, ProblemError
+from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.problem.checks import ProblemError
+from floatplan.problem.parts import JointState
+from floatplan.problem.problem import Problem
 
 CONTACT = 1e-7  # [m] over the ground: what is nearer stands on it
 STILL = 1e-9  # [m/s] slower is rounding

@@ -8,12 +8,12 @@ import numpy as np
 
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.constraints import Constraint, ObstacleClearance, SelfClearance, applies
 from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import Found
-from floatplan.planning.trajectory import Trajectory, sample_also, sample_nodes, trajectory
-from floatplan.problem import Problem
+from floatplan.planning.transcription.constraints import Constraint, ObstacleClearance, SelfClearance, applies
+from floatplan.planning.transcription.trajectory import Trajectory, sample_also, sample_nodes, trajectory
+from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
 
 HARDLY = 1e-3  # of a row's scale: what lacks no more is nearly a plan

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
-from floatplan.motion.momentum_bounds import angular_momentum_interval, inertia_extremes
-from floatplan.planning.trajectory import FlightModel
-from floatplan.problem import Bar, Circle, HalfPlane, Obstacle, Problem
+from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
+from floatplan.planning.transcription.trajectory import FlightModel
+from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.problem import Problem
 
 PATH_INSTANTS = 2001
 POINTS_PER_SHAPE = 9  # of each link's shape: candidates for the point that stays nearest to the centre of mass

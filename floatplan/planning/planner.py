@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.motion.momentum_bounds import angular_momentum_interval
-from floatplan.motion_plan import Plan
+from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.contact import refuse_motion_into_ground
 from floatplan.planning.explanation import explain, proven_impossible
 from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, search
 from floatplan.planning.starts import Start
-from floatplan.problem import Problem
-from floatplan.robot.planarity import refuse_leak
+from floatplan.plans.plan import Plan
+from floatplan.problem.problem import Problem
+from floatplan.robot.leak import refuse_leak
 
 
 def plan(

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
-from floatplan.planning.nonlinear_program import Derivatives
 from floatplan.planning.starts import MOMENTUM_SHARES, Start
-from floatplan.planning.trajectory import Trajectory
+from floatplan.planning.transcription.trajectory import Trajectory
 from floatplan.planning.work import USUAL
-from floatplan.problem import Problem
+from floatplan.problem.problem import Problem
 
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event

@@ -15,11 +15,11 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.planning.constraints import Constraint, applies
-from floatplan.planning.decision_variables import DecisionVariables
-from floatplan.planning.program import decision_variables, sine_polynomials
-from floatplan.planning.trajectory import FlightModel, Trajectory, crowd
-from floatplan.problem import Problem
+from floatplan.planning.transcription.constraints import Constraint, applies
+from floatplan.planning.transcription.program import decision_variables, sine_polynomials
+from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, crowd
+from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.problem.problem import Problem
 
 CROWD = 160  # motions
 LARGEST_CROWD = 640  # where there are constraints: each crowd is twice as large as the one before

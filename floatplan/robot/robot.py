@@ -13,22 +13,22 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.robot.capsule_fit import Outline
-from floatplan.robot.example_robots import urdf_path
-from floatplan.robot.joint_choice import Choice, choose_joints, largest_turn, with_axes_in_plane
-from floatplan.robot.joint_limits import planned_limits
-from floatplan.robot.link_shapes import link_outlines, link_shapes, mesh_digests, missing_meshes, unread_geometry
-from floatplan.robot.mirror import mirror_couplings
-from floatplan.robot.model_check import check_model
-from floatplan.robot.outlines import KINDS
 from floatplan.robot.parts import Capsule, Coupling, Frame, Plane
-from floatplan.robot.planar_model import build_model, full_coordinates, motor_coordinates
-from floatplan.robot.planar_tree import PlanarTree
-from floatplan.robot.srdf import reference_posture
-from floatplan.robot.tree_builder import TreeLayout, lay_out, named_frames, planar_tree
-from floatplan.robot.urdf_check import check_urdf
-from floatplan.robot.urdf_read import UrdfText, read_urdf
-from floatplan.robot.urdf_tree import UrdfTree
+from floatplan.robot.planar.choice import Choice, choose_joints, largest_turn, with_axes_in_plane
+from floatplan.robot.planar.layout import TreeLayout, lay_out, named_frames, planar_tree
+from floatplan.robot.planar.limits import planned_limits
+from floatplan.robot.planar.mirror import mirror_couplings
+from floatplan.robot.planar.model import build_model, full_coordinates, motor_coordinates
+from floatplan.robot.planar.model_check import check_model
+from floatplan.robot.planar.tree import PlanarTree
+from floatplan.robot.shapes.capsules import Outline
+from floatplan.robot.shapes.links import link_outlines, link_shapes, mesh_digests, missing_meshes, unread_geometry
+from floatplan.robot.shapes.outlines import KINDS
+from floatplan.robot.urdf.check import check_urdf
+from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.robot.urdf.read import UrdfText, read_urdf
+from floatplan.robot.urdf.srdf import reference_posture
+from floatplan.robot.urdf.tree import UrdfTree
 
 __all__ = ["Capsule", "Coupling", "Frame", "PlanarTree", "Plane", "Robot"]
 

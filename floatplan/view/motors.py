@@ -6,7 +6,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.motion.flight_state import FlightState
-from floatplan.motion_plan import Plan
+from floatplan.plans.plan import Plan
 from floatplan.view.style import palette
 
 ALIKE = 0.01  # of a leader's peak: followers that differ by less are not drawn

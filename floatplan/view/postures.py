@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.motion.clearance import LinkShapes, obstacle_distances
-from floatplan.motion_plan import Plan
-from floatplan.problem import JointState, Obstacle
+from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.plans.plan import Plan
+from floatplan.problem.parts import JointState, Obstacle
 from floatplan.robot.robot import Frame, Robot
 
 ARC = 12  # corners of a half circle

@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.lines import Line2D
 
 from floatplan.arrays import Array
-from floatplan.problem import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.view.postures import Postures, stadium
 from floatplan.view.style import INK, faded
 

@@ -1,0 +1,86 @@
+"""A plan in, a certificate out: the plan may be alive, a record, or a file.
+
+What is proved depends on the record, the URDF and its meshes alone. A loaded robot is needed only for the capsules
+around collision geometry, which the certificate takes as given.
+"""
+
+from __future__ import annotations
+
+import cmath
+from pathlib import Path
+from typing import Protocol
+
+from floatplan.certificate.certificate import BUDGET, Certificate, prove
+from floatplan.certificate.planar.shapes import LinkShape
+from floatplan.plans.record import PlanRecord, load_record
+from floatplan.plans.recorded_robot import check_meshes, find_urdf, recorded_robot
+from floatplan.plans.schema import checked
+from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.example_robots import urdf_path
+
+
+class Recorded(Protocol):
+    """A plan with its record and its robot, such as :class:`floatplan.Plan`."""
+
+    @property
+    def record(self) -> PlanRecord:
+        """The plan as data."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that flies."""
+
+
+def certify(
+    plan: Recorded | PlanRecord | str | Path, *, urdf: str | Path | None = None, budget: int = BUDGET
+) -> Certificate:
+    """Prove or refute a plan for every instant of its flight.
+
+    Parameters
+    ----------
+    plan : Plan, PlanRecord, or path of a plan file
+    urdf : path, optional
+        The robot's file, where it is no longer where the plan says. Its SHA-256 has to be the recorded one.
+    budget : int
+        Most cells of time; with fewer than it needs, the proof may end undecided.
+
+    Returns
+    -------
+    Certificate
+        Its ``verdict`` is "proved", "refuted" or "undecided"; see ``docs/certificate.md`` for the statement.
+
+    Raises
+    ------
+    InputError
+        The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
+    """
+    if isinstance(plan, PlanRecord):
+        record, file, robot = plan, None, None
+    elif isinstance(plan, str | Path):
+        record, file, robot = load_record(plan), plan, None
+    else:
+        record, file, robot = plan.record, None, plan.robot
+    path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
+    record = checked(record)
+    if not record.asks_clearance:
+        return prove(record, path, budget=budget)
+    robot = robot or recorded_robot(record.robot, file, path)
+    check_meshes(robot, record.robot, file)
+    unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
+    return prove(record, path, shapes=_shapes(robot), unknown_meshes=unknown, budget=budget)
+
+
+def _shapes(robot: Robot) -> list[LinkShape] | None:
+    """The robot's capsules, where its file has collision geometry."""
+    return shapes_of(robot) if "<collision" in robot.xml else None
+
+
+def shapes_of(robot: Robot) -> list[LinkShape]:
+    """Shapes of a loaded robot, such as the capsules around its collision geometry, as ``certify`` takes them."""
+    found: list[LinkShape] = []
+    for shape in robot.shapes:
+        origin = robot.frames[shape.link].local
+        turn = cmath.exp(1j * robot.tree.turn * float(robot.tree.offsets[shape.body]))
+        start, end = ((place - origin) * turn for place in (shape.start, shape.end))
+        found.append((shape.link, (start.real, start.imag), (end.real, end.imag), shape.radius))
+    return found

@@ -1,0 +1,1 @@
+"""What is proved of a flight in a plane."""

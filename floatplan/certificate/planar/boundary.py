@@ -1,0 +1,118 @@
+"""What holds at single instants, and what the numbers of the file say twice: (2), (3), (6), (13)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import flint
+import numpy as np
+
+from floatplan.certificate import findings as say
+from floatplan.certificate.enclosure import PRECISION, Balls
+from floatplan.certificate.findings import Finding
+from floatplan.certificate.planar.flight import FlightModel
+from floatplan.certificate.planar.inertia import PlanarRobot
+from floatplan.certificate.planar.shapes import turned
+from floatplan.plans.record import PlanRecord
+from floatplan.tolerances import BOUNDARY, ORIENTATION, PLACE
+
+KINDS = ("positions", "velocities", "accelerations")
+
+
+def boundary_findings(record: PlanRecord) -> list[Finding]:
+    """Positions, velocities and accelerations at both ends, (13), in Arb."""
+    found = []
+    for end, instant in (("start", 0.0), ("goal", record.duration)):
+        states = _joint_states(record, instant)
+        for kind, values, tolerance in zip(KINDS, states, BOUNDARY, strict=True):
+            wanted = _listed(record, record.problem[end], end, kind)
+            found.append(say.near(f"{end}.{kind}", values, wanted, tolerance, instant))
+    return found
+
+
+def _joint_states(record: PlanRecord, instant: float) -> tuple[Balls, ...]:
+    """Positions, velocities and accelerations of the joints at an instant."""
+    states: list[list[Any]] = [[], [], []]
+    with flint.ctx.workprec(PRECISION):
+        t = flint.arb(instant)
+        rows = zip(record.coefficients.tolist(), record.centre.tolist(), record.amplitude.tolist(), strict=True)
+        for row, centre, amplitude in rows:
+            polynomial = flint.arb_poly(row)
+            p, dp = polynomial(t), polynomial.derivative()(t)
+            ddp = polynomial.derivative().derivative()(t)
+            sine, cosine = p.sin_cos()
+            states[0].append(centre + amplitude * sine)
+            states[1].append(amplitude * cosine * dp)
+            states[2].append(amplitude * (cosine * ddp - sine * dp * dp))
+        return tuple(Balls.from_arb(values, (len(values),)) for values in states)
+
+
+def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, kind: str) -> Any:
+    values = np.array(posture[kind], dtype=np.float64)
+    if values.shape != (len(record.robot.joints),) or not np.isfinite(values).all():
+        raise ValueError(f"problem.{end}.{kind} should be one number per joint")
+    return values
+
+
+def orientation_findings(record: PlanRecord, flight: FlightModel) -> tuple[list[Finding], Balls]:
+    """The orientation at the end, and what the file says of it."""
+    last = flight.orientation.at_end(1.0)[-1]
+    goal = float(record.problem["goal"]["orientation"])
+    recorded = record.orientation
+    start = float(record.problem["start"]["orientation"])
+    found = [
+        say.near("goal.orientation", last, [goal], ORIENTATION, record.duration),
+        _same("orientation.start", recorded["start"], start, 0.0),
+        _same("orientation.goal", recorded["goal"], goal, record.duration),
+        say.near("recorded orientation.end", last, [recorded["end"]], ORIENTATION, record.duration),
+    ]
+    return found, last
+
+
+def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightModel) -> list[Finding]:
+    """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height."""
+    asked, com, duration = record.problem["flight"], record.com, record.duration
+    takeoff, landing = asked["takeoff"], asked["landing"]
+    place = _frame_place(robot, record, flight, takeoff["frame"], last=False)
+    landed = _frame_place(robot, record, flight, landing["frame"], last=True)
+    found = [
+        say.near("takeoff.position", place, takeoff["position"], PLACE, 0.0),
+        say.near("landing.height", landed[1:], [landing["height"]], PLACE, duration),
+        _same("com.gravity", com["gravity"], asked["gravity"], None),
+        _same("com.velocity0", com["velocity0"][0], asked["horizontal_velocity"], 0.0),
+    ]
+    if not isinstance(asked["angular_momentum"], str):
+        found.append(_same("angular_momentum", record.angular_momentum, asked["angular_momentum"], None))
+    return found
+
+
+def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
+    """The centre of mass's path, in the plane's mirror image where sigma is -1: polynomials of t."""
+    (x, y), (dx, dy) = record.com["position0"], record.com["velocity0"]
+    half_gravity = flint.arb(record.com["gravity"]) / 2
+    return flint.arb_poly([x, dx]), flint.arb_poly([sigma * y, sigma * dy, -sigma * half_gravity])
+
+
+def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, frame: str, *, last: bool) -> Balls:
+    """Place (2,) of a frame at the beginning or the end, horizontal and vertical."""
+    if frame not in robot.frames:
+        raise ValueError(f'the robot has no frame "{frame}"')
+    cell, u, instant = (len(flight.cells) - 1, 1.0, record.duration) if last else (0, -1.0, 0.0)
+    pick = slice(cell, cell + 1)
+    weights = robot.point_weights([robot.frames[frame]])
+    point = turned(weights, flight.joints.cos[pick], flight.joints.sin[pick])
+    cos, sin = flight.cos[pick], flight.sin[pick]
+    world = (cos * point.x - sin * point.y, cos * point.y + sin * point.x)
+    x, y = (model.at_end(u)[0, 0] for model in world)
+    with flint.ctx.workprec(PRECISION):
+        t = flint.arb(instant)
+        com = [polynomial(t) for polynomial in com_polynomials(record, robot.sigma)]
+        values = [com[0] + flint.arb(float(x.mid), float(x.rad)), com[1] + flint.arb(float(y.mid), float(y.rad))]
+        return Balls.from_arb([values[0], robot.sigma * values[1]], (2,))
+
+
+def _same(label: str, number: float, other: float, instant: float | None) -> Finding:
+    """Two numbers of the file that should be one."""
+    scale = max(1.0, abs(number), abs(other))
+    return say.near(label, Balls.exact([number]), [other], say.SAME * scale, instant)

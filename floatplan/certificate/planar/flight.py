@@ -1,0 +1,141 @@
+"""The motion in Taylor models: joints (12), angular momentum (4), orientation (18) and torques, on cells of time.
+
+All models have the shape (K, cells, items). Joint motions come from the polynomials of the plan file, recentred in
+Arb; what follows from them uses the constants of :class:`~floatplan.certificate.planar.inertia.PlanarRobot`. With
+``zeta_b = exp(i sum_k turns_bk q_k)`` and ``phi_b' = theta' + sum_k turns_bk q_k'``:
+
+- ``m_j - i n_j = sum_i C_ij conj(zeta_i) zeta_j``; ``D_0 = sum_j m_j`` and ``D_k = sum_j m_j turns_jk`` in (4);
+- (4) and its derivative: ``sum_j m_j phi_j' = h`` and ``sum_j (m_j phi_j'' + n_j phi_j'^2) = 0``;
+- the torque on body i is ``Q_i = Re(conj(zeta_i) sum_j C_ij zeta_j (phi_j'' + i phi_j'^2))``, and on joint k
+  ``tau_k = sum_i turns_ik Q_i``; on motor l, ``sum_i motor_turns_il Q_i``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import flint
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.certificate.cells import ORDER, Cells, recentred
+from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, join_cells, reciprocal, up
+from floatplan.certificate.planar.inertia import PlanarRobot
+from floatplan.plans.record import PlanRecord
+
+SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """What does not depend on the orientation, (K, cells, n) unless said otherwise.
+
+    ``motor_torques`` (K, cells, motors) are the motors' own; ``rate`` is theta' and has one item; ``cos`` and ``sin``
+    are the parts of zeta, (K, cells, m).
+    """
+
+    positions: Taylor
+    velocities: Taylor
+    motor_torques: Taylor
+    rate: Taylor
+    cos: Taylor
+    sin: Taylor
+
+
+@dataclass(frozen=True, eq=False)
+class FlightModel:
+    """The flight on all cells in the order of time; ``orientation`` has one item."""
+
+    cells: Cells
+    joints: Joints
+    orientation: Taylor
+    cos: Taylor
+    sin: Taylor
+
+
+def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints:
+    """Enclose joints, orientation rate and torques on cells."""
+    p, dp, ddp = _polynomials(record, cells)
+    amplitude = Balls.exact(record.amplitude)
+    cosine, sine = cos_sin(p)
+    q = sine.times(amplitude) + Taylor.constant(Balls.exact(np.broadcast_to(record.centre, p.e.shape)), ORDER)
+    dq = (cosine * dp).times(amplitude)
+    ddq = (cosine * ddp - sine * (dp * dp)).times(amplitude)
+    cos, sin = cos_sin(q.linear(robot.turns))
+    shares, twists = _momentum_shares(robot, cos, sin)
+    turned, turned_twice = dq.linear(robot.turns), ddq.linear(robot.turns)
+    inverse = reciprocal(shares.sum())
+    h = Taylor.constant(Balls.exact(np.full((len(cells.low), 1), record.angular_momentum)), ORDER)
+    rate = (h - (shares * turned).sum()) * inverse
+    phi_rate = turned + rate
+    squared = phi_rate * phi_rate
+    acceleration = -((shares * turned_twice + twists * squared).sum() * inverse)
+    body_torques = _body_torques(robot, cos, sin, turned_twice + acceleration, squared)
+    return Joints(q, dq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)
+
+
+def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:
+    """``m_j = sum_i c_ij cos(x_ij)`` and ``n_j = sum_i c_ij sin(x_ij)``, where ``x_ij = phi_i - phi_j - a_ij``."""
+    a, b = robot.inertia.re.transposed, robot.inertia.im.transposed
+    re = cos.linear(a) + sin.linear(b)  # of sum_i C_ij conj(zeta_i)
+    im = cos.linear(b) - sin.linear(a)
+    return re * cos - im * sin, -(re * sin + im * cos)
+
+
+def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Taylor, squared: Taylor) -> Taylor:
+    a, b = robot.inertia.re, robot.inertia.im
+    re = cos * acceleration - sin * squared
+    im = cos * squared + sin * acceleration
+    return cos * (re.linear(a) - im.linear(b)) + sin * (re.linear(b) + im.linear(a))
+
+
+def _polynomials(record: PlanRecord, cells: Cells) -> tuple[Taylor, Taylor, Taylor]:
+    """p, p' and p'' of (12) on the cells, recentred in Arb."""
+    polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
+    length = record.coefficients.shape[1]
+    balls = recentred(polynomials, cells, length)
+    c, e = balls.mid, balls.rad
+    p = Taylor.polynomial(c, e, ORDER)
+    if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
+        rates = [polynomial.derivative() for polynomial in polynomials]
+        both = (recentred(each, cells, length) for each in (rates, [rate.derivative() for rate in rates]))
+        dp, ddp = (Taylor.polynomial(each.mid, each.rad, ORDER) for each in both)
+        return p, dp, ddp
+    inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
+    dp, ddp = (_derivative(c, e, times, inverse[:, None]) for times in (1, 2))
+    return p, dp, ddp
+
+
+def _derivative(c: Array, e: Array, times: int, inverse: Balls) -> Taylor:
+    for _ in range(times):
+        degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
+        e = up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
+        c = c[1:] * degrees
+    if len(c) == 0:
+        c, e = np.zeros((1, *c.shape[1:])), np.zeros((1, *c.shape[1:]))
+    model = Taylor.polynomial(c, e, ORDER)
+    for _ in range(times):
+        model = model.times(inverse)
+    return model
+
+
+def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightModel:
+    """Integrate the orientation over the cells, which follow each other without gaps from t = 0."""
+    increments = integral(joints.rate).times(cells.half[:, None])
+    steps = increments.at_end(1.0)
+    ends = record.orientation["start"] + np.concatenate([[0.0], np.cumsum(steps.mid[:, 0])])
+    rounding = 2.0 * ROUND * np.arange(1, len(ends)) * np.abs(ends).max()
+    radii = up(np.concatenate([[0.0], np.cumsum(steps.rad[:, 0])])[:-1] + rounding)
+    starts = Taylor.constant(Balls(ends[:-1, None], radii[:, None]), ORDER)
+    orientation = increments + starts
+    cos, sin = cos_sin(orientation)
+    return FlightModel(cells, joints, orientation, cos, sin)
+
+
+def merge(parts: list[tuple[Cells, Joints]]) -> tuple[Cells, Joints]:
+    """Join the models of several batches of cells in the order of time."""
+    low = np.concatenate([cells.low for cells, _ in parts])
+    high = np.concatenate([cells.high for cells, _ in parts])
+    order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
+    models = {f.name: join_cells([getattr(joints, f.name) for _, joints in parts], order) for f in fields(Joints)}
+    return Cells.between(low[order], high[order]), Joints(**models)

@@ -1,0 +1,269 @@
+"""The robot as the certificate reads it: links, inertias and joints straight from the URDF, in Arb.
+
+No code is shared with ``floatplan.robot``. The parameters are the doubles nearest to the file's decimals, as every URDF
+reader takes them; what is computed from them is enclosed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn, TypeAlias
+from xml.etree import ElementTree
+
+import flint
+
+from floatplan.certificate.enclosure import PRECISION
+from floatplan.errors import InputError
+
+Vector: TypeAlias = tuple[Any, Any, Any]
+Matrix: TypeAlias = tuple[Vector, Vector, Vector]
+IDENTITY: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A rigid displacement: ``x -> rotation x + translation``."""
+
+    rotation: Matrix
+    translation: Vector
+
+    def __mul__(self, other: Placement) -> Placement:
+        """Do ``other`` first."""
+        columns = [rotate(self.rotation, column) for column in zip(*other.rotation, strict=True)]
+        return Placement(_rows(columns), self.point(other.translation))
+
+    def point(self, point: Vector) -> Vector:
+        """Return the displaced point."""
+        turned = rotate(self.rotation, point)
+        return (turned[0] + self.translation[0], turned[1] + self.translation[1], turned[2] + self.translation[2])
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (kg m^2) about them."""
+
+    name: str
+    mass: Any
+    center: Placement
+    inertia: Matrix
+    has_inertial: bool
+    has_collision: bool
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """The joint that the file makes a joint follow: ``position = multiplier * leader's position + offset``."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint: its child's frame is at ``origin`` times the motion about (or along) ``axis``."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Placement
+    axis: Vector
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """Links and joints of a file; joints come after the joint that carries their parent."""
+
+    links: Mapping[str, Link]
+    joints: tuple[Joint, ...]
+    root: str
+
+
+class _PlainTree(ElementTree.TreeBuilder):
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
+        raise InputError("declares a document type (<!DOCTYPE>), where entities could hide")
+
+
+def read_urdf(path: Path, sha256: str) -> Urdf:
+    """Read a URDF file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, has another SHA-256, or is not a tree of links and joints with finite numbers.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError(
+            "is not the file that was planned with: its SHA-256 differs",
+            source=path,
+            element="robot.sha256",
+            advice="plan again, or restore the file",
+        )
+    try:
+        parser = ElementTree.XMLParser(target=_PlainTree())
+        parser.feed(content)
+        with flint.ctx.workprec(PRECISION):
+            return _tree(parser.close())
+    except InputError as error:
+        raise error.within(path) from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"is no URDF: {error}", source=path) from None
+
+
+def rotate(rotation: Matrix, vector: Vector) -> Vector:
+    """Matrix times vector."""
+    x, y, z = vector
+    first, second, third = (row[0] * x + row[1] * y + row[2] * z for row in rotation)
+    return first, second, third
+
+
+def motion(joint: Joint, position: float) -> Placement:
+    """Displacement of a joint at a position (rad or m)."""
+    if joint.kind == "prismatic":
+        a = unit_axis(joint)
+        return Placement(IDENTITY, (a[0] * position, a[1] * position, a[2] * position))
+    if position == 0.0:
+        return Placement(IDENTITY, (0, 0, 0))
+    return Placement(_turn(unit_axis(joint), flint.arb(position)), (0, 0, 0))
+
+
+def _tree(root: ElementTree.Element) -> Urdf:
+    links: dict[str, Link] = {}
+    for element in root.findall("link"):
+        link = _link(element)
+        if link.name in links:
+            raise InputError("there are two of this name", element=f'link "{link.name}"')
+        links[link.name] = link
+    joints = [_joint(element) for element in root.findall("joint")]
+    children = [joint.child for joint in joints]
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise InputError(f'there is no link "{end}"', element=f'joint "{joint.name}"')
+    roots = [name for name in links if name not in children]
+    if len(roots) != 1 or len(set(children)) != len(children) or len({j.name for j in joints}) != len(joints):
+        raise InputError("is not one tree: it needs one root link, one joint to each other link, and distinct names")
+    return Urdf(links, _parents_first(joints, roots[0]), roots[0])
+
+
+def _parents_first(joints: list[Joint], root: str) -> tuple[Joint, ...]:
+    below: dict[str, list[Joint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    ordered: list[Joint] = []
+    waiting = list(reversed(below.get(root, [])))
+    while waiting:
+        joint = waiting.pop()
+        ordered.append(joint)
+        waiting += reversed(below.get(joint.child, []))
+    if len(ordered) != len(joints):
+        raise InputError("is not one tree: some joints form a loop")
+    return tuple(ordered)
+
+
+def _link(element: ElementTree.Element) -> Link:
+    name = _text(element, "name")
+    inertial = element.find("inertial")
+    collides = element.find("collision") is not None
+    if inertial is None:
+        return Link(
+            name, flint.arb(0), Placement(IDENTITY, (0, 0, 0)), ((0, 0, 0), (0, 0, 0), (0, 0, 0)), False, collides
+        )
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or inertia is None:
+        raise InputError("its <inertial> lacks a mass or an inertia", element=f'link "{name}"')
+    xx, xy, xz, yy, yz, zz = (_number(inertia.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    value = _number(mass.get("value"))
+    if not value >= 0:
+        raise InputError("its mass is negative", element=f'link "{name}"')
+    return Link(name, value, _origin(inertial), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), True, collides)
+
+
+def _joint(element: ElementTree.Element) -> Joint:
+    name, kind = _text(element, "name"), _text(element, "type")
+    if kind not in ("revolute", "continuous", "prismatic", "fixed"):
+        raise InputError(f'its type "{kind}" is none that floatplan plans with', element=f'joint "{name}"')
+    parent, child, axis = element.find("parent"), element.find("child"), element.find("axis")
+    if parent is None or child is None:
+        raise InputError("lacks a parent or a child", element=f'joint "{name}"')
+    direction = _vector(None if axis is None else axis.get("xyz"), "1 0 0")
+    ends = (_text(parent, "link"), _text(child, "link"))
+    return Joint(name, kind, *ends, _origin(element), direction, _mimic(element))
+
+
+def _mimic(element: ElementTree.Element) -> Mimic | None:
+    mimic = element.find("mimic")
+    if mimic is None:
+        return None
+    multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
+    return Mimic(_text(mimic, "joint"), multiplier, offset)
+
+
+def _origin(element: ElementTree.Element) -> Placement:
+    origin = element.find("origin")
+    if origin is None:
+        return Placement(IDENTITY, (0, 0, 0))
+    roll, pitch, yaw = _vector(origin.get("rpy"), "0 0 0")
+    rotation = IDENTITY
+    for axis, angle in (((1, 0, 0), roll), ((0, 1, 0), pitch), ((0, 0, 1), yaw)):
+        if not angle.is_zero():
+            rotation = (Placement(_turn(axis, angle), (0, 0, 0)) * Placement(rotation, (0, 0, 0))).rotation
+    return Placement(rotation, _vector(origin.get("xyz"), "0 0 0"))
+
+
+def _turn(axis: Vector, angle: Any) -> Matrix:
+    """Rodrigues' rotation about a unit axis."""
+    x, y, z = axis
+    sine, cosine = angle.sin_cos()
+    rest = 1 - cosine
+    return (
+        (cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine),
+        (y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine),
+        (z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest),
+    )
+
+
+def unit_axis(joint: Joint) -> Vector:
+    """The joint's axis in its own frame, made a unit vector."""
+    x, y, z = joint.axis
+    length = (x * x + y * y + z * z).sqrt()
+    if not length > 0:
+        raise InputError("its axis has no length", element=f'joint "{joint.name}"')
+    return x / length, y / length, z / length
+
+
+def _rows(columns: list[Vector]) -> Matrix:
+    first, second, third = zip(*columns, strict=True)
+    return first, second, third
+
+
+def _vector(text: str | None, default: str) -> Vector:
+    parts = (default if text is None else text).split()
+    if len(parts) != 3:
+        raise InputError(f'"{text}" is not three numbers')
+    first, second, third = (_number(part) for part in parts)
+    return first, second, third
+
+
+def _number(text: str | None) -> Any:
+    value = float("nan" if text is None else text)
+    if not math.isfinite(value) or "_" in str(text):
+        raise InputError(f'"{text}" is not a finite number')
+    return flint.arb(value)
+
+
+def _text(element: ElementTree.Element, key: str) -> str:
+    value = element.get(key)
+    if value is None:
+        raise InputError(f"a <{element.tag}> lacks its {key}")
+    return value

@@ -1,0 +1,301 @@
+"""The command line. Heavy imports are inside the functions: ``floatplan --help`` is to answer at once."""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from floatplan.cli.parts import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.show import export, show
+from floatplan.errors import InputError
+
+if TYPE_CHECKING:
+    from floatplan.plans.plan import Plan
+
+GARBAGE_THRESHOLD = 100_000  # objects: what a command imports stays, and looking through it again takes time
+COMPARISON_BUDGET = 2.0  # s, for the plan that the figures are compared with
+
+app = typer.Typer(
+    help="Plan the flight phase of robots that have left the ground.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Source = Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT.urdf", help="A problem file, or a robot.")]
+PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
+
+
+def main() -> None:
+    """Run the command line."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait for one another
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and looking for them takes time
+    gc.set_threshold(GARBAGE_THRESHOLD)
+    atexit.register(gc.freeze)  # what is left goes with the process: looking through it at the end takes 0.1 s
+    app(prog_name="floatplan")
+
+
+@app.command()
+@reporting_errors
+def plan(
+    source: Source,
+    start: Annotated[
+        str | None,
+        typer.Option(metavar="O,Q1,..", help="Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."),
+    ] = None,
+    goal: Annotated[str | None, typer.Option(metavar="O,Q1,..", help="The same at landing.")] = None,
+    duration: Annotated[float | None, typer.Option(metavar="S", help="Time of flight, s.")] = None,
+    degrees: Annotated[
+        bool, typer.Option("--degrees/--radians", help="Unit of all angles and rates on this command line.")
+    ] = False,
+    start_velocities: Annotated[str | None, typer.Option(metavar="V1,..", help="Of the joints at takeoff.")] = None,
+    goal_velocities: Annotated[str | None, typer.Option(metavar="V1,..", help="Of the joints at landing.")] = None,
+    start_accelerations: Annotated[str | None, typer.Option(metavar="A1,..", help="Of the joints at takeoff.")] = None,
+    goal_accelerations: Annotated[str | None, typer.Option(metavar="A1,..", help="Of the joints at landing.")] = None,
+    angular_momentum: Annotated[
+        str | None, typer.Option(metavar="H", help="kg m^2/s, or 'midpoint' (the default), or 'free'.")
+    ] = None,
+    takeoff: Annotated[str | None, typer.Option(metavar="FRAME", help="Frame that leaves the ground last.")] = None,
+    landing: Annotated[str | None, typer.Option(metavar="FRAME", help="Frame that lands first.")] = None,
+    horizontal_velocity: Annotated[float | None, typer.Option(metavar="V", help="Of the centre of mass, m/s.")] = None,
+    degree: Annotated[
+        str | None, typer.Option(metavar="K", help="Of (12): one number, one per joint, or auto.")
+    ] = None,
+    objective: Annotated[
+        str | None, typer.Option(metavar="NAME", help="'coefficients' (the default), 'torque' or 'acceleration'.")
+    ] = None,
+    plane: PlaneName = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
+    ] = None,
+    json_output: Json = False,
+    quiet: Quiet = False,
+    figures: Annotated[
+        bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
+    ] = None,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write report.html too: a page that plays the plan.")
+    ] = False,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Rows per second of trajectory.csv.")] = 1000.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
+    starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is kept.")] = 1,
+    budget: Annotated[float | None, typer.Option(metavar="S", help="Time after which no new search begins, s.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    certify: Annotated[
+        bool, typer.Option("--certify/--no-certify", help="Prove the plan, and put the certificate into its file.")
+    ] = True,
+) -> None:
+    """Plan a flight: from a problem file (options override it), or from a URDF and options.
+
+    The plan is proved for every instant of the flight. Exit code 0 only where a plan was found and, unless
+    --no-certify is given, proved.
+    """
+    from floatplan.cli.results import (
+        check_directory,
+        default_directory,
+        write_figures,
+        write_page,
+        write_problem,
+        write_results,
+    )
+    from floatplan.export.trajectory import sample_times
+    from floatplan.planning.planner import plan as plan_only
+    from floatplan.planning.repair import plan_and_prove
+    from floatplan.problem.options import Options, asked_problem, is_robot
+
+    options = Options(
+        degrees=degrees,
+        start=start,
+        goal=goal,
+        start_velocities=start_velocities,
+        goal_velocities=goal_velocities,
+        start_accelerations=start_accelerations,
+        goal_accelerations=goal_accelerations,
+        duration=duration,
+        angular_momentum=angular_momentum,
+        takeoff=takeoff,
+        landing=landing,
+        horizontal_velocity=horizontal_velocity,
+        degree=degree,
+        objective=objective,
+        plane=plane,
+    )
+    problem = asked_problem(source, options)
+    directory = default_directory(problem) if output is None else output
+    check_directory(directory)
+    sample_times(problem.flight.duration, rate)
+    if budget is not None and not budget > 0:
+        raise InputError(f"{budget} s is not positive", element="--budget")
+    with _progress(quiet) as progress:
+        search = plan_and_prove if certify else plan_only
+        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress)
+    files = write_results(answer, directory, rate)
+    if is_robot(source):
+        files.append(write_problem(answer, directory))
+    if figures or (figures is None and not json_output):
+        files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
+    if report:
+        files.append(write_page(answer, directory))
+    if not quiet:
+        from floatplan.cli.summary import plan_summary, show
+
+        show(plan_summary(answer, files), stderr=True)
+    if json_output:
+        print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
+    proved = answer.certificate is not None and answer.certificate["verdict"] == "proved"
+    raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
+
+
+@app.command()
+@reporting_errors
+def info(
+    source: Source,
+    plane: PlaneName = None,
+    shapes: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the links' capsules over their geometry into a file.")
+    ] = None,
+    json_output: Json = False,
+) -> None:
+    """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
+    from floatplan.cli.facts import robot_facts
+    from floatplan.problem.options import named_robot
+
+    robot = named_robot(source, plane)
+    facts = robot_facts(robot)
+    if shapes is not None:
+        from floatplan.view.figures.shapes_picture import check_picture, save_shapes
+
+        save_shapes(robot, check_picture(shapes))
+    if json_output:
+        print_json(facts)
+        return
+    from floatplan.cli.summary import facts_summary, show
+
+    show(facts_summary(facts))
+
+
+@app.command()
+@reporting_errors
+def bounds(
+    problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
+    json_output: Json = False,
+) -> None:
+    """Tell which angular momentum suits a flight whose joints do not turn back: the interval (9), its midpoint (10)."""
+    from floatplan.cli.facts import momentum_facts
+    from floatplan.problem.file import load_problem
+
+    problem = load_problem(problem_file)
+    facts = momentum_facts(problem)
+    if json_output:
+        print_json(facts)
+        return
+    from floatplan.cli.summary import momentum_summary, show
+
+    show(momentum_summary(problem, facts))
+
+
+@app.command()
+@reporting_errors
+def certify(
+    plan_file: PlanFile,
+    urdf: Urdf = None,
+    budget: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Most cells of time to look at; fewer may decide less.")
+    ] = None,
+    save: Save = False,
+    json_output: Json = False,
+) -> None:
+    """Prove that a plan holds at every instant, not only where it was looked at. Exit code 0 only where proved."""
+    from floatplan.certificate.certificate import BUDGET
+    from floatplan.certificate.certify import certify as prove
+    from floatplan.plans.record import load_record
+
+    certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+    facts = certificate.to_dict()
+    if save:
+        load_record(plan_file).with_checks(certificate=facts).save(plan_file)
+    if json_output:
+        print_json(facts)
+    else:
+        from floatplan.cli.summary import certificate_summary, show
+
+        show(certificate_summary(facts))
+    raise typer.Exit(DONE if certificate.proved else FAILED)
+
+
+@app.command()
+@reporting_errors
+def replay(
+    plan_file: PlanFile,
+    urdf: Urdf = None,
+    engine: Annotated[str, typer.Option(metavar="NAME", help="'pinocchio' (the default) or 'mujoco'.")] = "pinocchio",
+    perturb: Annotated[
+        str, typer.Option(metavar="h=1%,..", help="Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%.")
+    ] = "",
+    feedback: Annotated[
+        float | None, typer.Option(metavar="RAD/S", help="Bandwidth of joint feedback; open loop if left out.")
+    ] = None,
+    step: Annotated[float, typer.Option(metavar="S", help="Longest step of MuJoCo, s.")] = 5e-4,
+    save: Save = False,
+    json_output: Json = False,
+) -> None:
+    """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed."""
+    from floatplan.plans.record import load_record
+    from floatplan.plans.recorded_robot import recorded_robot
+    from floatplan.simulation.replay import check_engine
+    from floatplan.simulation.replay import replay as fly
+
+    known = check_engine(engine)
+    record = load_record(plan_file)
+    robot = recorded_robot(record.robot, plan_file, urdf)
+    flown = fly(record, robot, engine=known, perturb=perturb, feedback=feedback, step=step)
+    facts = flown.to_dict()
+    if save:
+        record.with_checks(replay=facts).save(plan_file)
+    if json_output:
+        print_json(facts)
+    else:
+        from floatplan.cli.summary import replay_summary, show
+
+        show(replay_summary(facts))
+    raise typer.Exit(DONE if flown.landed or flown.disturbed else FAILED)
+
+
+def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
+    """Return the plan that knows no obstacles, for the pictures, where there is one at once that runs into them."""
+    from floatplan.planning.planner import plan as search
+    from floatplan.view.figures.comparison import worst_passage
+
+    if not answer.problem.obstacles:
+        return None
+    blind = search(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
+    return blind if blind.ok and worst_passage(answer, blind)[1] is not None else None
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
+    """What the search says, on stderr: one line that changes where people watch, elsewhere a line each."""
+    if quiet:
+        yield None
+        return
+    if not sys.stderr.isatty():
+        yield lambda message: typer.echo(f"planning: {message}", err=True)
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("planning") as status:
+        yield status.update
+
+
+for command in (show, export):
+    app.command()(command)

@@ -1,0 +1,91 @@
+"""The files of a plan: plan.json, trajectory.csv, figures, and problem.toml where no problem file was given."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from floatplan.errors import InputError
+from floatplan.export.trajectory import write_trajectory
+from floatplan.plans.plan import Plan
+from floatplan.problem.file import save_problem
+from floatplan.problem.problem import Problem
+
+PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
+REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
+
+
+def default_directory(problem: Problem) -> Path:
+    """Return ``runs/<problem name>``, the name made fit for a folder."""
+    return Path("runs") / (re.sub(r"[^\w.-]+", "_", problem.name).strip("._") or "flight")
+
+
+def check_directory(directory: Path) -> None:
+    """Find out, before a search and without writing, whether results can go there.
+
+    Raises
+    ------
+    InputError
+        It is a file, lies under a file, cannot be written to, or holds folders where the files should go.
+    """
+    existing = directory.absolute()
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise InputError(f"{existing} is not a directory", source="--output", element=str(directory))
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"{existing} cannot be written to", source="--output", element=str(directory))
+    for name in (PLAN, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
+        if (directory / name).is_dir():
+            raise InputError(f"{name} is a directory there", source="--output", element=str(directory))
+    if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
+        raise InputError(f"{FIGURES} is not a directory there", source="--output", element=str(directory))
+
+
+def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
+    """Write plan.json and trajectory.csv, and return their paths.
+
+    Raises
+    ------
+    InputError
+        The directory cannot be written to.
+    """
+    with naming_the_place(directory):
+        return [plan.save(directory / PLAN), write_trajectory(plan, directory / TRAJECTORY, rate)]
+
+
+def write_problem(plan: Plan, directory: Path) -> Path:
+    """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
+    with naming_the_place(directory):
+        return save_problem(plan.problem, directory / PROBLEM)
+
+
+def write_figures(plan: Plan, directory: Path, compare: Plan | None = None) -> list[Path]:
+    """Draw the pictures into the folder figures, and return their paths; errors as :func:`write_results`.
+
+    ``compare`` is a second plan to draw beside it.
+    """
+    from floatplan.view.figures.figures import save_figures
+
+    with naming_the_place(directory):
+        return save_figures(plan, directory / FIGURES, compare=compare)
+
+
+def write_page(plan: Plan, directory: Path) -> Path:
+    """Write report.html, the page that plays the plan; errors as :func:`write_results`."""
+    from floatplan.view.report.report import write_report
+
+    with naming_the_place(directory):
+        return write_report(plan, directory / REPORT)
+
+
+@contextmanager
+def naming_the_place(directory: Path) -> Iterator[None]:
+    """Turn what goes wrong while writing into an InputError that names the file."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", source=error.filename or directory) from None

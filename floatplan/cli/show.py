@@ -1,0 +1,113 @@
+"""The commands that show a plan and hand it on: ``show`` and ``export``."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from floatplan.cli.parts import PlanFile, Quiet, Urdf, reporting_errors
+
+if TYPE_CHECKING:
+    from floatplan.plans.plan import Plan
+
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
+]
+
+
+@reporting_errors
+def show(
+    plan_file: PlanFile,
+    scene: Annotated[
+        bool, typer.Option("--scene", help="The flight in 3-D with the robot's meshes, one page.")
+    ] = False,
+    png: Annotated[bool, typer.Option("--png", help="The figures and the kinogram as PNG.")] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.")] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="A film, GIF.")] = False,
+    mp4: Annotated[bool, typer.Option("--mp4", help="A film, MP4; needs ffmpeg.")] = False,
+    compare: Annotated[
+        str | None, typer.Option(metavar="PLAN.json", help="A second plan for the figures, drawn dashed.")
+    ] = None,
+    speed: Annotated[float, typer.Option(metavar="X", help="Of films: 0.5 is slow motion.")] = 0.5,
+    output: Output = None,
+    urdf: Urdf = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
+    from floatplan.cli.results import check_directory
+    from floatplan.plans.plan import load_plan
+
+    plan = load_plan(plan_file, urdf)
+    other = None if compare is None else load_plan(compare)
+    directory = Path(plan_file).parent if output is None else output
+    check_directory(directory)
+    formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
+    films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+    files = _pages(plan, directory, scene, report=not (scene or formats or films))
+    files += _pictures(plan, other, directory, formats, films, speed)
+    if not quiet:
+        for path in files:
+            typer.echo(str(path))
+    if open_page:
+        for path in files:
+            if path.suffix == ".html":
+                webbrowser.open(path.resolve().as_uri())
+
+
+def _pages(plan: Plan, directory: Path, scene: bool, report: bool) -> list[Path]:
+    from floatplan.cli.results import SCENE, naming_the_place, write_page
+
+    files = [write_page(plan, directory)] if report else []
+    if scene:
+        from floatplan.view.scene.scene import write_scene
+
+        with naming_the_place(directory):
+            files.append(write_scene(plan, directory / SCENE))
+    return files
+
+
+def _pictures(
+    plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float
+) -> list[Path]:
+    from floatplan.cli.results import FIGURES, FILM, naming_the_place
+
+    files: list[Path] = []
+    with naming_the_place(directory):
+        if formats:
+            from floatplan.view.figures.figures import save_figures
+
+            files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
+        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed) for name in films]
+    return files
+
+
+@reporting_errors
+def export(
+    plan_file: PlanFile,
+    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="csv, npz, ros, mujoco or unitree.")],
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Instants per second; left out, what suits the format.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file; beside the plan if left out.")
+    ] = None,
+    urdf: Urdf = None,
+    quiet: Quiet = False,
+) -> None:
+    """Hand a plan on: as a table, to ROS, to MuJoCo, to Unitree's players."""
+    from floatplan.cli.results import naming_the_place
+    from floatplan.export.formats import export as write
+    from floatplan.export.formats import format_of
+    from floatplan.plans.plan import load_plan
+
+    known = format_of(form)
+    plan = load_plan(plan_file, urdf)
+    path = Path(plan_file).parent / known.file if output is None else output
+    with naming_the_place(path):
+        path = write(plan, form, path, rate)
+    if not quiet:
+        typer.echo(str(path))

@@ -1,0 +1,273 @@
+"""The program's short answers, for people: what was asked, what was found, how good it is, where the files are."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console, Group, RenderableType
+from rich.markup import escape
+from rich.table import Column, Table
+from rich.text import Text
+
+from floatplan.plans.plan import Plan
+from floatplan.problem.problem import Problem
+from floatplan.robot.leak import WORTH_A_WARNING
+
+MOST_JOINTS_SHOWN = 6
+MOST_WARNINGS_SHOWN = 3
+MOST_FINDINGS_SHOWN = 20
+
+
+def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
+    """Return at most 25 lines about a plan and the files that were written of it."""
+    record, problem = plan.record, plan.problem
+    table = _two_columns()
+    table.add_row("asked", _question(problem))
+    table.add_row("start", _posture(problem.initial.orientation, problem.initial.positions))
+    table.add_row("goal", _posture(problem.final.orientation, problem.final.positions))
+    table.add_row("found" if plan.ok else "nearest", _answer(plan))
+    table.add_row("momentum", _momentum(record.angular_momentum, record.angular_momentum_bounds))
+    if record.clearance_min is not None:
+        table.add_row("clearance", f"{record.clearance_min:.4g} m at least")
+    if record.out_of_plane_leak is not None and record.out_of_plane_leak > WORTH_A_WARNING:
+        table.add_row("warning", Text(_leak(record.out_of_plane_leak), "yellow"))
+    if record.certificate is not None:
+        table.add_row(str(record.certificate["verdict"]), _proof(record.certificate, record.orientation["goal"]))
+    places = _places(files)
+    for name, path in places.items():
+        table.add_row(name, Text(str(path), overflow="fold"))
+    if "plan" in places and "report" not in places:
+        table.add_row("next", Text(f"floatplan show {shlex.quote(str(places['plan']))}", overflow="fold"))
+    parts: list[RenderableType] = [_verdict(plan), table, _utilisation(plan)]
+    if record.explanation:
+        parts.append(Text(_shortened(record.explanation), style="" if plan.ok else "yellow"))
+    parts += [Text(f"warning: {warning.message}", "yellow") for warning in plan.warnings[:MOST_WARNINGS_SHOWN]]
+    if len(plan.warnings) > MOST_WARNINGS_SHOWN:
+        parts.append(Text(f"and {len(plan.warnings) - MOST_WARNINGS_SHOWN} more warnings; --json has all", "dim"))
+    return Group(*parts)
+
+
+def _utilisation(plan: Plan) -> RenderableType:
+    """How much of its limits each motor uses, worst first."""
+    titles = ("joint", "N m", "limit", "%", "rad/s", "limit", "%", "range, deg", "% of it", "at, s")
+    table = Table(*(Column(title, no_wrap=True) for title in titles), box=None, header_style="dim", pad_edge=False)
+    rows = plan.utilisation
+    for row in rows[:MOST_JOINTS_SHOWN]:
+        table.add_row(
+            escape(row.joint),
+            _number(row.torque_peak),
+            _number(row.torque_limit),
+            _percent(row.torque_utilisation),
+            _number(row.velocity_peak),
+            _number(row.velocity_limit),
+            _percent(row.velocity_utilisation),
+            f"{math.degrees(row.position_low):.0f} to {math.degrees(row.position_high):.0f}",
+            _percent(row.range_used),
+            f"{row.instant:.3g}",
+        )
+    if len(rows) > MOST_JOINTS_SHOWN:
+        return Group(table, Text(f"and {len(rows) - MOST_JOINTS_SHOWN} more; --json has all", "dim"))
+    return table
+
+
+def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
+    """Return what ``floatplan info`` found, for reading."""
+    table = _two_columns()
+    plane = facts["plane"]
+    table.add_row("robot", f"{escape(facts['name'])}, {facts['mass']:.6g} kg")
+    table.add_row("plane", f"{plane['name']}, normal {_listed(plane['normal'])}")
+    table.add_row("locked", _pairs({joint: f"{position:.6g}" for joint, position in facts["locked"].items()}))
+    table.add_row("coupled", _pairs({joint: _coupling(coupling) for joint, coupling in facts["coupled"].items()}))
+    table.add_row("frames", escape(", ".join(facts["frames"])))
+    table.add_row("shapes", escape(", ".join(_shape(shape) for shape in facts["shapes"])) or "none")
+    table.add_row("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it")
+    if facts["tilt"]:
+        table.add_row("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad")
+    table.add_row("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")
+    return Group(table, _joint_table(facts), *(Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]))
+
+
+def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableType:
+    """Return what ``floatplan bounds`` found, for reading."""
+    low, high = facts["angular_momentum_bounds"]
+    table = _two_columns()
+    table.add_row("problem", escape(problem.name))
+    table.add_row("interval (9)", f"{low:.6g} to {high:.6g} kg m^2/s")
+    table.add_row("midpoint (10)", f"{facts['angular_momentum_midpoint']:.6g} kg m^2/s")
+    asked = problem.flight.angular_momentum
+    outside = not isinstance(asked, str) and not low <= asked <= high
+    table.add_row(
+        "asked", f"{asked}, outside the interval: a joint or the base has to turn back" if outside else f"{asked}"
+    )
+    extremes = Table("", "least", "largest", box=None, header_style="dim", pad_edge=False)
+    for index, (least, largest) in enumerate(zip(facts["D_min"], facts["D_max"], strict=True)):
+        extremes.add_row(f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2")
+    return Group(table, extremes)
+
+
+def certificate_summary(facts: Mapping[str, Any]) -> RenderableType:
+    """Return what ``floatplan certify`` found, for reading: what is not proved comes first."""
+    colour = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
+    verdict = Text(f"{facts['verdict']} in {facts['seconds']:.3g} s", colour[facts["verdict"]])
+    verdict.append(f", {facts['subintervals']} intervals of time, {len(facts['findings'])} constraints", "default")
+    table = Table("constraint", "", "bound", "limit", "at, s", box=None, header_style="dim", pad_edge=False)
+    findings = sorted(facts["findings"], key=lambda finding: finding["verdict"] == "proved")
+    for finding in findings[:MOST_FINDINGS_SHOWN]:
+        numbers = (_number(finding[key]) for key in ("bound", "limit", "instant"))
+        table.add_row(escape(finding["label"]), Text(finding["verdict"], colour[finding["verdict"]]), *numbers)
+    rest = len(findings) - MOST_FINDINGS_SHOWN
+    return Group(verdict, table, *([Text(f"and {rest} more; --json has all", "dim")] if rest > 0 else []))
+
+
+def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
+    """Return where ``floatplan replay`` landed, for reading."""
+    disturbance = {name: error for name, error in facts["disturbance"].items() if name != "seed" and error}
+    disturbed = ", ".join(f"{name} {error:+.3g}" for name, error in disturbance.items())
+    landed = "landed" if facts["landed"] else "landed elsewhere, disturbed" if disturbed else "missed the goal"
+    colour = "bold green" if facts["landed"] else "bold yellow" if disturbed else "bold red"
+    control = "open loop" if facts["feedback"] is None else f"joints tracked at {facts['feedback']:g} rad/s"
+    table = _two_columns()
+    table.add_row("how", f"{facts['engine']}, {control}" + (f", {disturbed}" if disturbed else ""))
+    table.add_row("orientation", f"off by {_number(facts['orientation_error'])} rad")
+    table.add_row("joints", f"off by {_listed(facts['position_error'])} rad")
+    table.add_row("CM", f"off by {_number(facts['com_error'])} m")
+    table.add_row("momentum", f"drifts by {_number(facts['momentum_drift'])} kg m^2/s")
+    table.add_row("sensitivity", f"{_number(facts['orientation_sensitivity'])} rad per kg m^2/s of h")
+    growth = Table("after, s", "orientation, rad", "joints, rad", "CM, m", box=None, header_style="dim", pad_edge=False)
+    for row in zip(*(facts["growth"][name] for name in ("times", "orientation", "joints", "com")), strict=True):
+        growth.add_row(*(_number(value) for value in row))
+    unstable = not facts["landed"] and not disturbed and facts["feedback"] is None
+    advice = "with --feedback 30 an unstable motion lands all the same, a wrong plan does not"
+    hint = [Text(advice, "dim")] if unstable else []
+    return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, growth, *hint)
+
+
+def show(content: RenderableType, stderr: bool = False) -> None:
+    """Print for people, without colours where nobody sees them."""
+    Console(stderr=stderr, highlight=False, soft_wrap=False).print(content)
+
+
+def _two_columns() -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column()
+    return table
+
+
+def _verdict(plan: Plan) -> Text:
+    seconds = plan.record.solver.get("seconds")
+    took = "" if seconds is None else f" in {float(seconds):.3g} s"
+    if plan.ok:
+        proved = (plan.certificate or {}).get("verdict") == "proved"
+        word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
+        said = ", ".join(filter(None, (plan.status, word)))
+        return Text(
+            f"{plan.problem.name}: planned{took} ({said})", style="bold yellow" if plan.warnings else "bold green"
+        )
+    return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
+
+
+def _question(problem: Problem) -> str:
+    joints = "1 joint" if len(problem.robot.joints) == 1 else f"{len(problem.robot.joints)} joints"
+    many = len(problem.obstacles)
+    extras = ["1 obstacle" if many == 1 else f"{many} obstacles"] if many else []
+    return escape(", ".join([f"{problem.robot.name}, {joints}", f"{problem.flight.duration:g} s of flight", *extras]))
+
+
+def _posture(orientation: float, positions: Any) -> str:
+    return (
+        f"{math.degrees(orientation):.6g}; {_listed([math.degrees(position) for position in positions], digits=6)} deg"
+    )
+
+
+def _answer(plan: Plan) -> str:
+    reached = plan.record.orientation
+    error = abs(reached["end"] - reached["goal"])
+    objective = plan.record.objective
+    return f"orientation off by {error:.1e} rad, {objective['name']} {float(objective['value']):.6g}"
+
+
+def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
+    """What is proved for all times, in a line; what is not, where there is such."""
+    low, high = certificate["orientation_end"]
+    unproved = [finding["label"] for finding in certificate["findings"] if finding["verdict"] != "proved"]
+    took = f"{certificate['seconds']:.2g} s, {certificate['subintervals']} intervals"
+    if unproved:
+        return Text(f"not proved: {_shortened(', '.join(unproved), 200)} ({took})", style="yellow")
+    parts = [] if low is None else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
+    torques = certificate.get("motor_torque_peak") or {}
+    parts.append(f"torque at most {max(torques.values(), default=0.0):.4g} N m")
+    if certificate["clearance_min"] is not None:
+        parts.append(f"clearance at least {certificate['clearance_min']:.4g} m")
+    return Text(f"for all times, {', '.join(parts)} ({took})")
+
+
+def _momentum(momentum: float, bounds: tuple[float, float]) -> str:
+    low, high = bounds
+    place = "in" if low <= momentum <= high else "outside"
+    return f"{momentum:.6g} kg m^2/s, {place} [{low:.6g}, {high:.6g}] of (9)"
+
+
+def _leak(leak: float) -> str:
+    return f"the motion makes {leak:.2g} times as much angular momentum out of the plane as in it; see floatplan info"
+
+
+def _places(files: Sequence[Path]) -> dict[str, Path]:
+    """File names by kind; the many pictures are told by their folder."""
+    places: dict[str, Path] = {}
+    for path in files:
+        if path.suffix in (".png", ".svg"):
+            places.setdefault("figures", path.parent)
+        else:
+            places[path.stem] = path
+    return places
+
+
+def _joint_table(facts: Mapping[str, Any]) -> Table:
+    table = Table("joint", "range, rad", "rad/s", "N m", "D_i, kg m^2", box=None, header_style="dim", pad_edge=False)
+    for index, joint in enumerate(facts["joints"]):
+        low, high = facts["position_limits"][index]
+        table.add_row(
+            escape(joint),
+            "not given" if low is None or high is None else f"{low:.4g} to {high:.4g}",
+            _number(facts["velocity_limits"][index]),
+            _number(facts["torque_limits"][index]),
+            f"{facts['D_min'][index + 1]:.4g} to {facts['D_max'][index + 1]:.4g}",
+        )
+    return table
+
+
+def _listed(values: Any, digits: int = 4) -> str:
+    shown = [f"{float(value) + 0.0:.{digits}g}" for value in values]
+    if len(shown) > MOST_JOINTS_SHOWN:
+        shown = [*shown[:MOST_JOINTS_SHOWN], f"... ({len(shown)} in all)"]
+    return ", ".join(shown)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.0f}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _pairs(values: Mapping[str, str]) -> str:
+    return escape(", ".join(f"{name} = {value}" for name, value in values.items())) or "none"
+
+
+def _coupling(coupling: Mapping[str, Any]) -> str:
+    offset = f" + {coupling['offset']:g}" if coupling["offset"] else ""
+    return f"{coupling['ratio']:g} {coupling['leader']}{offset}"
+
+
+def _shape(shape: Mapping[str, Any]) -> str:
+    return f"{shape['link']} {shape['length']:.3g} m" + (f", radius {shape['radius']:.3g} m" if shape["radius"] else "")
+
+
+def _shortened(text: str, longest: int = 800) -> str:
+    return text if len(text) <= longest else f"{text[: longest - 4]} ..."

@@ -1,0 +1,143 @@
+"""A plan in the formats that controllers, robots and simulators take. SI units and radians in all of them."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.export.trajectory import sample_times, write_trajectory
+from floatplan.files import write_atomically
+from floatplan.plans.plan import Plan
+
+Writer: TypeAlias = Callable[[Plan, Path, float], Path]
+
+STATES = ("orientation", "orientation_rate", "positions", "velocities", "accelerations", "torques", "motor_torques")
+PLACES = ("com_position", "com_velocity", "base_position", "angular_momentum")
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a format is written, what its files are called, and how many instants per second it has unless told, Hz."""
+
+    write: Writer
+    file: str
+    rate: float
+
+
+def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
+    """Write a plan in another format, whole or not at all.
+
+    Parameters
+    ----------
+    plan : Plan
+    form : "csv", "npz", "ros", "mujoco" or "unitree"
+    path : path, optional
+        The file; left out, the format's own name in the working directory.
+    rate : float, optional
+        Instants per second, Hz; left out, what suits the format.
+
+    Raises
+    ------
+    InputError
+        The format is unknown, or the rate is wrong.
+    """
+    known = format_of(form)
+    return known.write(plan, Path(known.file if path is None else path), known.rate if rate is None else rate)
+
+
+def format_of(name: str) -> Format:
+    """Return the format of that name; InputError where there is none."""
+    if name not in FORMATS:
+        raise InputError(f"{name!r} is no format", element="format", advice=f"known are {', '.join(FORMATS)}")
+    return FORMATS[name]
+
+
+def write_npz(plan: Plan, path: Path, rate: float) -> Path:
+    """Write NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
+    state = plan.at(sample_times(plan.duration, rate))
+    arrays = {name: getattr(state, name) for name in (*STATES, *PLACES)}
+    names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
+    return _write_archive(path, {"times": state.times, **names, **arrays})
+
+
+def write_ros(plan: Plan, path: Path, rate: float) -> Path:
+    """Write a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds.
+
+    Efforts are the motors' own torques.
+    """
+    nanoseconds = np.floor(sample_times(plan.duration, rate) * 1e9 + 1e-3).astype(np.int64)
+    motion = plan.full_motion(nanoseconds / 1e9)
+    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
+    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
+    for index, instant in enumerate(nanoseconds.tolist()):
+        lines.append(f"- positions: {_yaml(motion.positions[index])}")
+        lines.append(f"  velocities: {_yaml(motion.velocities[index])}")
+        lines.append(f"  accelerations: {_yaml(motion.accelerations[index])}")
+        lines.append(f"  effort: {_yaml(motion.motor_torques[index])}")
+        lines.append(f"  time_from_start: {{sec: {instant // 10**9}, nanosec: {instant % 10**9}}}")
+    return write_atomically(path, "\n".join(lines) + "\n")
+
+
+def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
+    """Write NumPy's archive for MuJoCo: a free joint at the root link, then one hinge (or slide) per joint.
+
+    ``time`` (N,), ``qpos`` (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world,
+    angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J). The order of a
+    model's joints may be another: go by the names.
+    """
+    motion = plan.full_motion(sample_times(plan.duration, rate))
+    quaternion = np.roll(motion.base_quaternion, 1, axis=1)
+    arrays = {
+        "time": motion.state.times,
+        "qpos": np.concatenate((motion.base_position, quaternion, motion.positions), axis=1),
+        "qvel": np.concatenate((motion.base_velocity, motion.base_angular_velocity, motion.velocities), axis=1),
+        "ctrl": motion.motor_torques,
+        "joint_names": np.array(motion.joints),
+        "gravity": -plan.ballistics.gravity * plan.robot.plane.vertical,
+    }
+    return _write_archive(path, arrays)
+
+
+def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
+    """Write CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
+
+    The first line is a comment that names the columns. Where the flight is no whole number of steps, the last row is
+    the landing, less than a step early.
+    """
+    motion = plan.full_motion(sample_times(plan.duration, rate))
+    names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
+    rows = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
+    lines = ["# " + ",".join(name.replace("\n", " ") for name in names)]
+    lines += [",".join(map(repr, row)) for row in rows.tolist()]
+    return write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _write_archive(path: Path, arrays: Mapping[str, Array]) -> Path:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    return write_atomically(path, stream.getvalue())
+
+
+def _yaml(values: Array) -> str:
+    """Numbers that read back bit for bit; YAML 1.1 takes 1e-05 for a word, and 1.0e-05 for a number."""
+    texts = (repr(float(value)) for value in values)
+    return (
+        "[" + ", ".join(text.replace("e", ".0e") if "e" in text and "." not in text else text for text in texts) + "]"
+    )
+
+
+FORMATS: dict[str, Format] = {
+    "csv": Format(write_trajectory, "trajectory.csv", 1000.0),
+    "npz": Format(write_npz, "trajectory.npz", 1000.0),
+    "ros": Format(write_ros, "joint_trajectory.yaml", 100.0),
+    "mujoco": Format(write_mujoco, "mujoco.npz", 1000.0),
+    "unitree": Format(write_unitree, "unitree.csv", 50.0),
+}

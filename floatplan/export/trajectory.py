@@ -1,0 +1,72 @@
+"""``trajectory.csv``: a plan sampled in time, for controllers and other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.files import write_atomically
+from floatplan.plans.plan import Plan
+
+MOST_ROWS = 10_000_000
+
+
+def sample_times(duration: float, rate: float) -> Array:
+    """Instants 0, 1/rate, 2/rate, ... before the end, and the end itself, s.
+
+    Raises
+    ------
+    InputError
+        The rate is not a positive number, or gives more than ten million instants.
+    """
+    if not (rate > 0 and math.isfinite(rate)):
+        raise InputError(f"{rate} Hz is not a positive number", element="rate")
+    if duration * rate > MOST_ROWS:
+        raise InputError(f"{rate} Hz for {duration} s are more than {MOST_ROWS} rows", element="rate")
+    steps = math.ceil(duration * rate * (1 - 1e-12))
+    return np.append(np.arange(steps) / rate, duration)
+
+
+def write_trajectory(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
+    """Write the plan as CSV: one row per instant, numbers that read back bit for bit.
+
+    Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical), then per motor its joint's
+    position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also has
+    ``generalized_torque``: the sum over its motors, by their ratios.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : path
+    rate : float
+        Rows per second, Hz; the end of the flight is always a row.
+    """
+    times = sample_times(plan.duration, rate)
+    state = plan.at(times)
+    header = ["time", "orientation", "orientation_rate", "com_x", "com_y"]
+    columns = [times, state.orientation, state.orientation_rate, *state.com_position.T]
+    ratios = plan.robot.motor_ratios
+    offsets = [plan.robot.coupled[name].offset if name in plan.robot.coupled else 0.0 for name in plan.robot.motors]
+    of_motors = {
+        "position": state.positions @ ratios.T + offsets,
+        "velocity": state.velocities @ ratios.T,
+        "acceleration": state.accelerations @ ratios.T,
+        "torque": state.motor_torques,
+    }
+    for index, joint in enumerate(plan.robot.motors):
+        header += [f"{joint}_{quantity}" for quantity in of_motors]
+        columns += [values[:, index] for values in of_motors.values()]
+        if index < len(plan.robot.joints) and np.count_nonzero(ratios[:, index]) > 1:
+            header.append(f"{joint}_generalized_torque")
+            columns.append(state.torques[:, index])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(np.column_stack(columns).tolist())
+    return write_atomically(path, text.getvalue())

@@ -1,0 +1,1 @@
+"""Flight in a plane: momentum, orientation, torques, distances."""

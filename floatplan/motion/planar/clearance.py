@@ -1,0 +1,186 @@
+"""Distances (19)-(23) between the links' capsules and obstacles or one another, exact along the links, with gradients.
+
+Points are complex, horizontal + i vertical. A distance is between surfaces and negative where they overlap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
+from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.robot.planar.tree import PlanarTree
+from floatplan.robot.robot import Capsule
+
+IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """The capsules of some links over K instants.
+
+    ``start, end`` (K, S) complex, m; ``start_weights, end_weights`` (S, m) of :meth:`PlanarTree.point_weights`;
+    ``radius`` (S,) m; ``rotations`` (K, m).
+    """
+
+    start: ComplexArray
+    end: ComplexArray
+    start_weights: ComplexArray
+    end_weights: ComplexArray
+    radius: Array
+    rotations: ComplexArray
+    turn: float
+
+    def of(self, capsules: IntArray) -> Segments:
+        """Return some of the capsules, by index."""
+        return Segments(
+            self.start[:, capsules],
+            self.end[:, capsules],
+            self.start_weights[capsules],
+            self.end_weights[capsules],
+            self.radius[capsules],
+            self.rotations,
+            self.turn,
+        )
+
+    def gradient(self, direction: ComplexArray, share: Array) -> Array:
+        """Derivative (K, S, m) by the bodies' angles of the points at ``share`` (K, S) along the segments.
+
+        Component along the unit vectors ``direction`` (K, S).
+        """
+        weights = (1 - share)[..., None] * self.start_weights + share[..., None] * self.end_weights
+        swing = (1j * self.turn) * self.rotations[:, None, :] * weights
+        return np.asarray((direction.conj()[..., None] * swing).real)
+
+
+class LinkShapes:
+    """Capsules of a robot, ready to be placed."""
+
+    def __init__(self, tree: PlanarTree, shapes: tuple[Capsule, ...]) -> None:
+        self._tree = tree
+        self.links = tuple(shape.link for shape in shapes)
+        bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
+        self._start = tree.point_weights(bodies, np.array([shape.start for shape in shapes], dtype=np.complex128))
+        self._end = tree.point_weights(bodies, np.array([shape.end for shape in shapes], dtype=np.complex128))
+        self._radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
+
+    def place(self, com: ComplexArray, angles: Array) -> Segments:
+        """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""
+        rotations = self._tree.rotations(angles)
+        return Segments(
+            com[:, None] + rotations @ self._start.T,
+            com[:, None] + rotations @ self._end.T,
+            self._start,
+            self._end,
+            self._radius,
+            rotations,
+            self._tree.turn,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances ``values`` (K, r) m between parts of the robot and something else, and where they change.
+
+    ``direction`` (K, r) are unit vectors out of the other thing, ``share`` (K, r) the nearest points along
+    ``segments``; ``other`` is where the other thing moves with the robot too.
+    """
+
+    values: Array
+    segments: Segments
+    direction: ComplexArray
+    share: Array
+    other: tuple[Segments, Array] | None = None
+
+    @property
+    def by_angle(self) -> Array:
+        """Derivatives (K, r, m) by the bodies' angles, m."""
+        gradient = self.segments.gradient(self.direction, self.share)
+        return gradient - self.other[0].gradient(self.direction, self.other[1]) if self.other else gradient
+
+
+def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
+    """Distances of links to an obstacle: one row per capsule; for a half-plane one row per capsule's end."""
+    shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
+    if isinstance(obstacle, Circle):
+        center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
+        distance, direction, share = _point_to_segment(center, segments.start, segments.end)
+        return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
+    if isinstance(obstacle, HalfPlane):
+        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+        origin = complex(*obstacle.point) + shift
+        count = segments.start.shape[1]
+        both = segments.of(np.tile(np.arange(count), 2))
+        share = np.broadcast_to(np.repeat([0.0, 1.0], count), both.start.shape)
+        ends = np.concatenate((segments.start, segments.end), axis=1)
+        distance = (np.conj(normal) * (ends - origin[:, None])).real - both.radius
+        return Distances(distance, both, np.full(both.start.shape, normal), share)
+    if isinstance(obstacle, Bar):
+        shape = segments.start.shape
+        bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
+        bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
+        distance, direction, share, _ = _between(segments.start, segments.end, bar_start, bar_end)
+        return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
+    raise TypeError(f"no distance to {type(obstacle).__name__}")
+
+
+def pair_distances(first: Segments, second: Segments) -> Distances:
+    """Distances between the capsules of two links, every pair a row."""
+    pairs = np.indices((first.start.shape[1], second.start.shape[1]))
+    own, other = first.of(pairs[0].ravel()), second.of(pairs[1].ravel())
+    distance, direction, share, other_share = _between(own.start, own.end, other.start, other.end)
+    return Distances(distance - own.radius - other.radius, own, direction, share, (other, other_share))
+
+
+def _point_to_segment(point: ComplexArray, start: ComplexArray, end: ComplexArray) -> tuple[Array, ComplexArray, Array]:
+    along = end - start
+    back = along.conj()
+    length2 = np.maximum((along * back).real, 1e-300)
+    share = np.minimum(np.maximum((back * (point - start)).real / length2, 0), 1)
+    offset = start + share * along - point
+    distance = np.abs(offset)
+    touching = distance < 1e-12
+    if not touching.any():
+        return np.asarray(distance), np.asarray(offset / distance), np.asarray(share)
+    sideways = 1j * along / np.sqrt(length2)
+    direction = np.where(touching, np.where(np.abs(sideways) > 0.5, sideways, 1j), offset)
+    unit: ComplexArray = np.asarray(direction / np.where(touching, 1.0, distance), dtype=np.complex128)
+    return np.asarray(distance), unit, np.asarray(share)
+
+
+def _between(
+    start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray
+) -> tuple[Array, ComplexArray, Array, Array]:
+    """Distance between segments, unit vector from the other towards the first, shares of the nearest points.
+
+    Apart, the least distance is at one of the four ends. Where they cross it is minus the shortest way out by an end.
+    """
+    from_start = _point_to_segment(start, other_start, other_end)
+    from_end = _point_to_segment(end, other_start, other_end)
+    to_start = _point_to_segment(other_start, start, end)
+    to_end = _point_to_segment(other_end, start, end)
+    zero, one = np.zeros(start.shape), np.ones(start.shape)
+    distances = np.stack((from_start[0], from_end[0], to_start[0], to_end[0]))
+    directions = np.stack((-from_start[1], -from_end[1], to_start[1], to_end[1]))
+    shares = np.stack((zero, one, to_start[2], to_end[2]))
+    other_shares = np.stack((from_start[2], from_end[2], zero, one))
+    nearest = np.argmin(distances, axis=0)[None]
+    distance, direction, share, other_share = (
+        np.take_along_axis(values, nearest, axis=0)[0] for values in (distances, directions, shares, other_shares)
+    )
+    sign = np.where(_cross(start, end, other_start, other_end), -1.0, 1.0)
+    return sign * distance, sign * direction, share, other_share
+
+
+def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> BoolArray:
+    def side(a: ComplexArray, b: ComplexArray, c: ComplexArray) -> Array:
+        return np.asarray(((b - a).conj() * (c - a)).imag)
+
+    of_other = side(start, end, other_start), side(start, end, other_end)
+    own = side(other_start, other_end, start), side(other_start, other_end, end)
+    crossing = np.asarray((of_other[0] * of_other[1] < 0) & (own[0] * own[1] < 0))
+    if not crossing.any():
+        return crossing
+    return np.asarray(crossing & (np.min(np.abs((*of_other, *own)), axis=0) > IN_LINE))

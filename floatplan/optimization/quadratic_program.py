@@ -1,0 +1,215 @@
+"""The QP of a linearised program: by constraint generation, elastic where it has no solution; ProxSuite solves most.
+
+minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`floatplan.optimization.sqp`.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.optimization.nonlinear_program import Evaluation, total_violation
+
+QP_ACCURACY = 1e-9
+QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
+QP_INNER_ITERATIONS = 30
+ELASTIC_ITERATIONS = 20
+REGULARISATION = 1e-12  # of the elastic system, relative to the price
+ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
+GENERATIONS = 12
+ROW_TOLERANCE = 1e-8  # by which a row left out of a QP may be violated by its solution
+
+
+def _reproducible_proxqp() -> Any:
+    """Import ProxQP as built for the instructions that every processor has.
+
+    Its builds for AVX add up in an order that depends on where memory happens to lie, so that the last digit differs
+    from call to call, and with it, in the end, the motion found. For our small QPs they are no faster. Where something
+    else has imported ProxSuite before, it stays as it is: two builds in one process crash it.
+    """
+    if "proxsuite" not in sys.modules:
+        checks = "proxsuite.instructionset"
+        sys.modules[checks] = SimpleNamespace(has_AVX512F=lambda: False, has_AVX2=lambda: False)  # type: ignore[assignment]
+        try:
+            import proxsuite
+        finally:
+            del sys.modules[checks]
+    import proxsuite
+
+    return proxsuite.proxqp
+
+
+proxqp = _reproducible_proxqp()
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Lagrange multipliers ``equality`` (e,) and ``inequality`` (k,) >= 0 of a program."""
+
+    equality: Array
+    inequality: Array
+
+    @property
+    def largest(self) -> float:
+        """The largest magnitude."""
+        largest = max(map(abs, self.equality.tolist()), default=0.0)
+        return max(largest, float(self.inequality.max())) if self.inequality.size else largest
+
+    def towards(self, wanted: Multipliers, share: float) -> Multipliers:
+        """Go a share of the way, as far as the step went (Nocedal and Wright, algorithm 18.3)."""
+        if share == 1:
+            return wanted
+        return Multipliers(
+            self.equality + share * (wanted.equality - self.equality),
+            self.inequality + share * (wanted.inequality - self.inequality),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Solution of a QP; ``left`` is the violation of the linearised constraints after it, 0 but for an elastic one.
+
+    ``pull`` (m,) is the Lagrangian's gradient before the step, for programs without inequalities.
+    """
+
+    direction: Array
+    multipliers: Multipliers
+    left: float = 0.0
+    elastic: bool = False
+    pull: Array | None = None
+
+
+def solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> Step:
+    """Solve the QP of the linearised program by constraint generation; ``price`` is that of a slack if need be.
+
+    Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
+    until none is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
+    """
+    equality, inequality, rows = current.equality_jacobian, current.inequality, active
+    if active.size:
+        rows = _union(len(inequality), active, _most_violated(inequality, np.inf))
+    for _ in range(GENERATIONS):
+        if rows.size:
+            solved = _proxqp(
+                hessian,
+                current.gradient,
+                equality,
+                -current.equality,
+                current.inequality_jacobian[rows],
+                -inequality[rows],
+            )
+        else:
+            solved = _equality_qp(hessian, current.gradient, equality, -current.equality)
+        if solved is None:
+            return elastic_qp(current, hessian, price)
+        direction, equality_multiplier, row_multiplier = solved
+        if not inequality.size:
+            return Step(direction, Multipliers(equality_multiplier, inequality))
+        linearised = inequality + current.inequality_jacobian @ direction
+        linearised[rows] = np.inf
+        missing = _most_violated(linearised, -ROW_TOLERANCE)
+        if not missing.size:
+            inequality_multiplier = np.zeros(len(inequality))
+            inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
+            return Step(direction, Multipliers(equality_multiplier, inequality_multiplier))
+        rows = _union(len(inequality), rows, missing)
+    return elastic_qp(current, hessian, price)
+
+
+def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
+    """Indices below ``count`` that are in either, rising."""
+    chosen = np.zeros(count, dtype=bool)
+    chosen[first] = chosen[second] = True
+    return np.flatnonzero(chosen)
+
+
+def _most_violated(values: Array, threshold: float) -> IntArray:
+    """Indices of the lowest values below a threshold, ``ROWS_AT_ONCE`` at most."""
+    if len(values) > ROWS_AT_ONCE:
+        lowest = np.argpartition(values, ROWS_AT_ONCE)[:ROWS_AT_ONCE]
+    else:
+        lowest = np.arange(len(values))
+    return lowest[values[lowest] < threshold]
+
+
+def elastic_qp(current: Evaluation, hessian: Array, price: float) -> Step:
+    """The QP with slack in every constraint, at a quadratic price: it always has a solution.
+
+    With the slacks eliminated it is a piecewise quadratic function, minimised by Newton's method on its active rows.
+    """
+    equality, rows = current.equality_jacobian, current.inequality_jacobian
+    fixed_hessian = hessian + price * equality.T @ equality
+    fixed_gradient = current.gradient + price * equality.T @ current.equality
+    direction: Array = np.zeros(len(hessian))
+    lacking = current.inequality < 0
+    for _ in range(ELASTIC_ITERATIONS):
+        violated = rows[lacking]
+        matrix = fixed_hessian + price * violated.T @ violated + REGULARISATION * price * np.eye(len(hessian))
+        direction = np.asarray(
+            -np.linalg.solve(matrix, fixed_gradient + price * violated.T @ current.inequality[lacking])
+        )
+        now = current.inequality + rows @ direction < 0
+        if (now == lacking).all():
+            break
+        lacking = now
+    missed, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
+    multipliers = Multipliers(price * missed, price * np.maximum(-linearised, 0))
+    return Step(direction, multipliers, total_violation(missed, linearised), elastic=True)
+
+
+def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:
+    """Minimise ``x H x / 2 + g x`` with ``A x = b`` by the linear system of its optimality, see :func:`_proxqp`.
+
+    ProxQP takes those whose rows depend on each other.
+    """
+    size = len(gradient)
+    matrix = np.zeros((size + len(values), size + len(values)))
+    matrix[:size, :size] = hessian
+    matrix[:size, size:] = rows.T
+    matrix[size:, :size] = rows
+    right = np.empty(len(matrix))
+    np.negative(gradient, out=right[:size])
+    right[size:] = values
+    try:
+        solution = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
+    return solution[:size], solution[size:], np.empty(0)
+
+
+def _proxqp(
+    hessian: Array,
+    gradient: Array,
+    equality_rows: Array,
+    equality_values: Array,
+    inequality_rows: Array,
+    inequality_bounds: Array,
+) -> tuple[Array, Array, Array] | None:
+    """Minimise ``x H x / 2 + g x`` with ``A x = b``, ``C x >= l``: x, and multipliers y, z >= 0; None if it fails.
+
+    At the solution ``H x + g + A^T y - C^T z = 0``.
+    """
+    equalities, inequalities = len(equality_values), len(inequality_bounds)
+    qp = proxqp.dense.QP(len(gradient), equalities, inequalities)
+    qp.settings.eps_abs = QP_ACCURACY
+    qp.settings.max_iter = QP_ITERATIONS
+    qp.settings.max_iter_in = QP_INNER_ITERATIONS
+    qp.init(
+        hessian,
+        gradient,
+        equality_rows if equalities else None,
+        equality_values if equalities else None,
+        inequality_rows if inequalities else None,
+        inequality_bounds if inequalities else None,
+        None,
+    )
+    qp.solve()
+    results = qp.results
+    if results.info.status != proxqp.PROXQP_SOLVED or not np.isfinite(results.x).all():
+        return None
+    return np.array(results.x), np.array(results.y), -np.array(results.z)

@@ -1,0 +1,279 @@
+"""Constraints for all times: solve at some instants, look for what fails between them, add those instants, repeat.
+
+The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Review 35 (1993), section 7).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.optimization.feasibility import reduce_violations
+from floatplan.optimization.hessian import curvature
+from floatplan.optimization.nonlinear_program import Evaluation, Settings
+from floatplan.optimization.sqp import Solution, minimise
+from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
+from floatplan.planning.transcription.objectives import Objective
+from floatplan.planning.transcription.program import BACK_OFF, FlightProgram, instants_beside_nodes, steerable, watching
+from floatplan.planning.transcription.trajectory import (
+    FlightModel,
+    Sampling,
+    Trajectory,
+    sample_also,
+    sample_nodes,
+    trajectory,
+)
+from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.tolerances import ORIENTATION
+
+QUADRATURE_ERROR = 1e-13  # rad, of theta0(T), at which the nodes are enough
+FIRST_LOOK = 129  # instants of the first look between the nodes
+CLOSER_LOOKS = 4  # times that the look at each local minimum narrows, 8-fold each
+NEAR = 0.05  # of a row's scale: local minima above this are left alone
+INSIDE_ENOUGH = 0.5  # of what the search aims inside: nothing is nearer to its limit between the nodes
+TIGHT = 10 * BACK_OFF  # of violation: what lacks no more may have no room to be inside
+WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
+SAME_INSTANT = 1e-6  # of the duration
+BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
+MOST_ROUNDS = 24
+MOST_ITERATIONS = 240  # in all rounds together
+COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
+ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
+FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
+COARSELY_RESOLVED = 0.02  # tail of the Legendre coefficients of theta0', relative to its largest value
+CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
+NEARLY_RESOLVED = 1e-6  # rad, error of theta0(T) that nodes may leave before the last stage
+HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
+
+
+@dataclass(frozen=True, eq=False)
+class Worst:
+    """Local minima of constraint rows over time: ``block``, ``row``, ``s``, ``value`` (L,)."""
+
+    block: IntArray
+    row: IntArray
+    s: Array
+    value: Array
+
+    @property
+    def least(self) -> float:
+        """The lowest value; infinite where nothing is near."""
+        return float(self.value.min(initial=np.inf))
+
+
+NOTHING_NEAR = Worst(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
+
+
+def local_minima(
+    model: FlightModel, variables: DecisionVariables, constraints: tuple[Constraint, ...], nodes: int, x: Array
+) -> Worst:
+    """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
+
+    ``nodes`` is the number of quadrature nodes that resolve the motion.
+    """
+    if not constraints:
+        return NOTHING_NEAR
+    width = variables.polynomials.width
+
+    def values(sampling: Sampling) -> list[Array]:
+        motion = trajectory(model, variables, sampling, x)
+        result = []
+        for block in constraints:
+            rows = block.values(motion)[sampling.nodes :]
+            exists = applies(block, sampling.s[sampling.nodes :])
+            result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
+        return result
+
+    first_look = _first_look(nodes, width, window_ends(constraints))
+    return _refined(
+        values(first_look), first_look.s[nodes:], lambda s: values(sample_also(sample_nodes(nodes, width), width, s))
+    )
+
+
+@lru_cache(maxsize=64)
+def _first_look(nodes: int, width: int, ends: tuple[float, ...]) -> Sampling:
+    instants = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
+    return sample_also(sample_nodes(nodes, width), width, instants)
+
+
+def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
+    """Narrow down the local minima of values (K, r) on a grid, by ever finer grids about each of them."""
+    columns = np.cumsum([0, *(rows.shape[1] for rows in first)])
+    value = np.concatenate(first, axis=1)
+    padded = np.pad(value, ((1, 1), (0, 0)), constant_values=np.inf)
+    at, column = np.nonzero((value <= padded[:-2]) & (value <= padded[2:]) & (value - _rise(value) < NEAR))
+    s, low, span = grid[at], value[at, column], 1 / (FIRST_LOOK - 1)
+    chosen = np.arange(len(s))
+    for _ in range(CLOSER_LOOKS if len(s) else 0):
+        around = np.clip(s[:, None] + span * np.linspace(-1, 1, 17), 0, 1)
+        rows = np.concatenate(values(around.ravel()), axis=1).reshape(len(s), 17, -1)
+        near = rows[chosen, :, column]
+        best = np.argmin(near, axis=1)
+        better = near[chosen, best] < low
+        s, low = np.where(better, around[chosen, best], s), np.where(better, near[chosen, best], low)
+        span /= 8
+    block = np.searchsorted(columns, column, side="right") - 1
+    return Worst(block, column - columns[block], s, low)
+
+
+def _rise(value: Array) -> Array:
+    """Steps (K, r) up from each value to its neighbours, the larger one.
+
+    A distance falls and rises as a V where a link sweeps by: its true minimum may be as much below the lowest value.
+    """
+    exists = np.isfinite(value)
+    step = np.zeros((len(value) + 1, value.shape[1]))
+    np.subtract(value[1:], value[:-1], out=step[1:-1], where=exists[1:] & exists[:-1])
+    return np.asarray(np.maximum(np.abs(step[:-1]), np.abs(step[1:])))
+
+
+def solve(
+    model: FlightModel,
+    variables: DecisionVariables,
+    make_objective: Callable[[Sampling], Objective],
+    constraints: tuple[Constraint, ...],
+    x: Array,
+    settings: Settings = FINE,
+    stop: Callable[[], bool] = lambda: False,
+    first_level: int = 0,
+) -> Solution:
+    """Minimise the objective subject to (14) and to the constraints at all times, from x.
+
+    ``first_level`` is the index into NODE_COUNTS to start from.
+    """
+
+    def program_at(level: int, extra: Array) -> FlightProgram:
+        nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
+        beside = np.concatenate((always, extra))
+        sampling = watching(nodes, variables.polynomials.width, constraints, beside)
+        return FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off)
+
+    back_off, extra = BACK_OFF, np.empty(0)
+    always = instants_beside_nodes(variables, constraints)
+    for level in range(max(first_level, _cheap_level(len(model.tree.mass))), len(NODE_COUNTS)):
+        program = program_at(level, extra)
+        start = program.evaluate(x)
+        if _is_resolved(start):
+            break
+    guess = curvature(program.hessian(start), inequalities=bool(constraints))
+    stages = _stages(settings, start, level, bool(constraints))
+    stage = next(stages)
+    iterations = evaluations = 0
+    for _ in range(MOST_ROUNDS):
+        solution = minimise(program, x, guess, stage.settings, stop, start)
+        iterations += solution.iterations
+        evaluations += solution.evaluations
+        if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
+            solution = _made_feasible(program, solution, stop)
+        x, start, guess = solution.x, solution.evaluation, solution.curvature or guess
+        motion = start.detail
+        assert isinstance(motion, Trajectory)
+        was_last, stage = stage.settings == settings, next(stages, stage)
+        needed = max(level, nodes_needed(motion, stage.quadrature_error))
+        finished = was_last and needed == level
+        if iterations > MOST_ITERATIONS:
+            break
+        if solution.status == "infeasible" and (was_last or start.worst_violation > HOPELESS):
+            if not (constraints and back_off and start.worst_violation < TIGHT):
+                break
+            back_off, finished = 0.0, False
+        if constraints:
+            worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
+            inside = steerable(worst.s)
+            if finished and not (inside & (worst.value < _kept(constraints, back_off)[worst.block])).any():
+                break
+            extra = _still_near(worst, extra, inside)
+        elif finished:
+            break
+        if needed > level or constraints:
+            level, program = needed, program_at(needed, extra)
+            start = program.evaluate(x)
+    return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A part of the way: when it ends, and the error of theta0(T), rad, that its nodes may leave."""
+
+    settings: Settings
+    quadrature_error: float
+
+
+def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool) -> Iterator[_Stage]:
+    """The way to a solution, from nodes at ``level``: the fewer nodes, the cheaper the iterations.
+
+    Where the nodes are enough from the beginning, there is but the last stage.
+    """
+    motion = start.detail
+    assert isinstance(motion, Trajectory)
+    if constrained:
+        yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
+    elif nodes_needed(motion, NEARLY_RESOLVED) > level:
+        yield _Stage(replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
+    if not constrained and nodes_needed(motion) > level:
+        yield _Stage(replace(settings, feasibility=NEARLY_RESOLVED, polish=False), NEARLY_RESOLVED)
+    yield _Stage(settings, QUADRATURE_ERROR)
+
+
+def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[], bool]) -> Solution:
+    """Give up the objective of a nearly feasible motion to make it feasible, where that can be done."""
+    nearest = reduce_violations(program, solution.x, stop)
+    if nearest.squares > solution.evaluation.worst_violation**2:
+        return solution
+    turned = np.abs(nearest.evaluation.equality).max() <= ORIENTATION / 2
+    status = "feasible" if turned and nearest.evaluation.worst_violation <= program.back_off / 4 else "infeasible"
+    return replace(
+        solution,
+        x=nearest.x,
+        evaluation=nearest.evaluation,
+        status=status,
+        evaluations=solution.evaluations + nearest.evaluations,
+    )
+
+
+def _kept(constraints: tuple[Constraint, ...], back_off: float) -> Array:
+    """Least value, by block, of a motion that keeps the constraints between the nodes: inside, if that is aimed at."""
+    return np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
+
+
+def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
+    """Instants to watch next: the local minima that matter, and of the old instants those beside one of them."""
+    new = np.unique(worst.s[inside & (worst.value < WATCHED)])
+    if not extra.size or not new.size:
+        return _thinned(new)
+    beside = np.abs(extra[:, None] - new).min(axis=1) < BESIDE
+    return _thinned(np.unique(np.concatenate((extra[beside], new))))
+
+
+def _thinned(instants: Array) -> Array:
+    """Of rising instants (K,) those that are ``SAME_INSTANT`` apart: rows at one instant twice say nothing more."""
+    return instants[np.diff(instants, prepend=-np.inf) > SAME_INSTANT]
+
+
+@lru_cache(maxsize=32)
+def _cheap_level(bodies: int) -> int:
+    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster."""
+    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
+
+
+def _is_resolved(start: Evaluation) -> bool:
+    """Whether the nodes resolve theta0' well enough to start from."""
+    motion = start.detail
+    assert isinstance(motion, Trajectory)
+    return motion.unresolved < COARSELY_RESOLVED
+
+
+def nodes_needed(motion: Trajectory, error: float = QUADRATURE_ERROR) -> int:
+    """Index into NODE_COUNTS at which theta0(T) is exact to ``error``, rad, by extrapolating the Legendre tail.
+
+    N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
+    """
+    decay = math.log(min(max(motion.unresolved, 1e-16), 0.9)) / motion.sampling.nodes
+    count = math.log(error / max(motion.fastest * motion.duration, error)) / (2 * decay)
+    return next((level for level, nodes in enumerate(NODE_COUNTS) if nodes >= count), len(NODE_COUNTS) - 1)

@@ -1,0 +1,186 @@
+"""What the search minimises: (17), or the time integral of squared torques or joint accelerations.
+
+The search scales every objective to about 1 at a sensible motion of its class; :func:`objective_value` is the user's
+own, by which motions of different classes compare.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.sine_polynomial import powers_map
+from floatplan.planning.transcription.trajectory import Partials, Trajectory, sample_nodes, trajectory
+from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.problem.parts import Objective as ObjectiveName
+
+LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
+EXACT_NODES = NODE_COUNTS[-1]  # of quadrature, for the number that the user sees
+
+
+class Objective(Protocol):
+    """A term to minimise."""
+
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+
+    def hessian(self, trajectory: Trajectory) -> Array:
+        """Positive definite guess (size, size) of the second derivative by x."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientNorm:
+    """(17). The variables are whitened so that ``|b|^2 = least^2 + unit^2 |x|^2``: here ``|x|^2 / 2``."""
+
+    coefficients: int
+
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        coefficients = x[: self.coefficients]
+        return float(coefficients @ coefficients) / 2
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+        gradient = x.copy()
+        gradient[self.coefficients :] = 0
+        return gradient
+
+    def hessian(self, trajectory: Trajectory) -> Array:
+        """Return the identity, which is exact but for the entry of a free h."""
+        return np.eye(trajectory.variables.size)
+
+
+@dataclass(frozen=True, eq=False)
+class SquaredAcceleration:
+    """Integral over the flight of the squared joint accelerations, rad^2/s^3, divided by ``scale``."""
+
+    scale: float
+
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        return _integral_of_squares(trajectory, self.scale, trajectory.motion.accelerations)
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+        return _gradient(trajectory, self.scale, trajectory.motion.accelerations, _acceleration_jacobian(trajectory))
+
+    def hessian(self, trajectory: Trajectory) -> Array:
+        """Gauss-Newton approximation."""
+        return _gauss_newton(trajectory, self.scale, _acceleration_jacobian(trajectory))
+
+
+@dataclass(frozen=True, eq=False)
+class SquaredTorque:
+    """Integral over the flight of the squared joint torques, N^2 m^2 s, divided by ``scale``."""
+
+    scale: float
+
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        return _integral_of_squares(trajectory, self.scale, trajectory.torques)
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+        return _gradient(trajectory, self.scale, trajectory.torques, trajectory.torque_jacobian)
+
+    def hessian(self, trajectory: Trajectory) -> Array:
+        """Gauss-Newton approximation."""
+        return _gauss_newton(trajectory, self.scale, trajectory.torque_jacobian)
+
+
+def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
+    """|b| of (17), or the integral of squared torques, N^2 m^2 s, or accelerations, rad^2/s^3: the user's objective.
+
+    It is computed as exactly for every class of motions, and knows nothing of the scaling of the variables x that the
+    ``motion`` belongs to.
+    """
+    model, variables = motion.model, motion.variables
+    if name == "coefficients":
+        return float(np.linalg.norm(variables.polynomials.powers_of_seconds(variables.free_coefficients(x))))
+    exact = trajectory(model, variables, sample_nodes(EXACT_NODES, variables.polynomials.width), x)
+    unscaled = SquaredTorque(1.0) if name == "torque" else SquaredAcceleration(1.0)
+    return unscaled.value(exact, x)
+
+
+def _acceleration_jacobian(trajectory: Trajectory) -> Array:
+    """Derivatives (K, n, size) of the joint accelerations by x."""
+    count, n = trajectory.motion.accelerations.shape
+    return trajectory.jacobian(Partials(by_acceleration=np.broadcast_to(np.eye(n), (count, n, n))))
+
+
+def _integral_of_squares(trajectory: Trajectory, scale: float, values: Array) -> float:
+    """Integral over the flight of |values|^2 / scale."""
+    nodes = trajectory.sampling.nodes
+    return float((_time_weights(trajectory) / scale) @ (values[:nodes] ** 2).sum(axis=1))
+
+
+def _gradient(trajectory: Trajectory, scale: float, values: Array, jacobian: Array) -> Array:
+    """Gradient (size,) of :func:`_integral_of_squares`."""
+    nodes = trajectory.sampling.nodes
+    weighted = (_time_weights(trajectory) / scale)[:, None] * values[:nodes]
+    return np.asarray(2 * np.einsum("kr,krx->x", weighted, jacobian[:nodes]))
+
+
+def _gauss_newton(trajectory: Trajectory, scale: float, jacobian: Array) -> Array:
+    """Gauss-Newton approximation of :func:`_integral_of_squares`, with the least curvature added."""
+    weights = np.sqrt(2 * _time_weights(trajectory) / scale)
+    weighted = weights[:, None, None] * jacobian[: trajectory.sampling.nodes]
+    rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
+    hessian: Array = rows.T @ rows
+    diagonal = hessian.diagonal()
+    return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
+
+
+def _time_weights(trajectory: Trajectory) -> Array:
+    return trajectory.duration * trajectory.sampling.quadrature.weights
+
+
+def whitened_variables(variables: DecisionVariables) -> tuple[Array, Array]:
+    """Offset (m,) and scaling (m, m) for which (17) is ``constant + unit^2 |x|^2``.
+
+    A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
+    the most sensitive direction of x move p by one radian (root mean square).
+    """
+    polynomials = variables.polynomials
+    width, duration = polynomials.width, polynomials.duration
+    factors = [_factors(width, free, duration) for free in polynomials.free]
+    unit = 1 / max(factor.longest for factor in factors)
+    offsets = [
+        factor.offset_by_boundary @ boundary for factor, boundary in zip(factors, polynomials.boundary, strict=True)
+    ]
+    scaling = np.zeros((variables.coefficients, variables.coefficients))
+    start = 0
+    for factor in factors:
+        stop = start + len(factor.inverse)
+        scaling[start:stop, start:stop] = unit * factor.inverse
+        start = stop
+    return np.concatenate(offsets), scaling
+
+
+@dataclass(frozen=True, eq=False)
+class _Factors:
+    """Of ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map from the boundary to b_0."""
+
+    inverse: Array
+    longest: float
+    offset_by_boundary: Array
+
+
+@lru_cache(maxsize=64)
+def _factors(width: int, free: int, duration: float) -> _Factors:
+    """Factors for a joint with ``free`` of ``width`` coefficients and a duration in s."""
+    powers = powers_map(width, duration)
+    columns = powers[:, CONDITIONS : CONDITIONS + free]
+    orthogonal, triangular = np.linalg.qr(columns)
+    inverse = np.linalg.inv(triangular)
+    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
+    return _Factors(inverse, longest, -inverse @ (orthogonal.T @ powers[:, :CONDITIONS]))

@@ -1,0 +1,163 @@
+"""Transcription: a flight with its constraints as a nonlinear program in a few well-scaled numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.planar.bounds import inertia_extremes
+from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
+from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.planning.transcription.constraints import Constraint, applies, is_settled_at_ends, window_ends
+from floatplan.planning.transcription.objectives import (
+    CoefficientNorm,
+    Objective,
+    SquaredAcceleration,
+    SquaredTorque,
+    whitened_variables,
+)
+from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
+from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.problem.problem import Problem
+
+BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
+
+
+GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
+
+
+def steerable(s: Array) -> BoolArray:
+    """Which instants (K,) of [0, 1] are far enough from the ends of the flight for anything to be changed."""
+    return np.asarray((s > GIVEN) & (s < 1 - GIVEN))
+
+
+def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
+    """Return a sampling at nodes, at the ends of the constraints' windows as they are, and at ``extra`` instants."""
+    instants = np.union1d(extra, window_ends(constraints))
+    return sample_also(nodes, width, instants) if instants.size else nodes
+
+
+@dataclass(frozen=True, eq=False)
+class FlightProgram:
+    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
+
+    model: FlightModel
+    variables: DecisionVariables
+    sampling: Sampling
+    objective: Objective
+    constraints: tuple[Constraint, ...] = ()
+    back_off: float = BACK_OFF
+
+    @property
+    def metric(self) -> Array:
+        """Steps of p by 1 rad, root mean square over time and joints, and of h by its whole reach, have length 1."""
+        return self.variables.metric
+
+    @cached_property
+    def _watched(self) -> tuple[BoolArray, ...]:
+        """Of each constraint, at which instants (K,) it applies; at the ends only a free h changes anything."""
+        inside = steerable(self.sampling.s)
+        return tuple(
+            np.asarray((inside | _depends_on_momentum_at_ends(self.variables, block)) & applies(block, self.sampling.s))
+            for block in self.constraints
+        )
+
+    def trajectory(self, x: Array) -> Trajectory:
+        """Motion of x at the instants of the sampling."""
+        return trajectory(self.model, self.variables, self.sampling, x)
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Objective, (14) and constraints; their derivatives by x when asked for."""
+        motion = self.trajectory(x)
+        return Evaluation(
+            objective=self.objective.value(motion, x),
+            equality=np.array([motion.final_orientation - self.model.final_orientation]),
+            inequality=self._inequality(motion),
+            differentiate=lambda: Derivatives(
+                self.objective.gradient(motion, x),
+                motion.final_gradient[None, :],
+                self._inequality_jacobian(motion, len(x)),
+            ),
+            detail=motion,
+        )
+
+    def hessian(self, evaluation: Evaluation) -> Array:
+        """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
+        assert isinstance(evaluation.detail, Trajectory)
+        return self.objective.hessian(evaluation.detail)
+
+    def _inequality(self, motion: Trajectory) -> Array:
+        """The constraints at the instants that are watched."""
+        if not self.constraints:
+            return np.empty(0)
+        watched = zip(self.constraints, self._watched, strict=True)
+        return np.concatenate([(block.values(motion) - self.back_off)[instants].ravel() for block, instants in watched])
+
+    def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
+        if not self.constraints:
+            return np.empty((0, size))
+        watched = zip(self.constraints, self._watched, strict=True)
+        return np.concatenate([block.jacobian(motion)[instants].reshape(-1, size) for block, instants in watched])
+
+
+def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Constraint, ...]) -> Array:
+    """Instants, in [0, 1], to watch beside the quadrature nodes from the beginning: the ends, where h matters there."""
+    matter = any(_depends_on_momentum_at_ends(variables, block) for block in constraints)
+    return np.array([0.0, 1.0]) if matter else np.empty(0)
+
+
+def _depends_on_momentum_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
+    return variables.reach > 0 and not is_settled_at_ends(block)
+
+
+def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
+    """The class of motions of a problem, for arcsine branches (2, n) at takeoff and at landing."""
+    low, high = problem.position_limits.T
+    centre, amplitude = (low + high) / 2, (high - low) / 2
+    duration = problem.flight.duration
+    ends = (problem.initial, problem.final)
+    p, rate, curvature = boundary_arguments(
+        np.array([end.positions for end in ends]),
+        np.array([end.velocities for end in ends]),
+        np.array([end.accelerations for end in ends]),
+        centre,
+        amplitude,
+        branches,
+    )
+    boundary = np.array([p, duration * rate, duration**2 * curvature]).T.reshape(len(centre), CONDITIONS)
+    return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
+
+
+def decision_variables(
+    problem: Problem, polynomials: SinePolynomials, momentum_bounds: tuple[float, float]
+) -> DecisionVariables:
+    """Variables scaled for the problem's objective."""
+    low, high = momentum_bounds
+    asked = problem.flight.angular_momentum
+    middle = (low + high) / 2 if isinstance(asked, str) else float(asked)
+    reach = max((high - low) / 2, _momentum_of_a_turn(problem)) if asked == "free" else 0.0
+    size = sum(polynomials.free)
+    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), middle, reach)
+    if problem.motion.objective != "coefficients" or not size:
+        return variables
+    return DecisionVariables(polynomials, *whitened_variables(variables), middle, reach)
+
+
+def _momentum_of_a_turn(problem: Problem) -> float:
+    """The h, kg m^2/s, that turns the whole robot by a radian in the time of the flight, at the most."""
+    _, high = inertia_extremes(problem.robot, problem.position_limits)
+    return float(high[0]) / problem.flight.duration
+
+
+def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
+    """The problem's objective, scaled to 1 at the motion with no free part."""
+    if problem.motion.objective == "coefficients":
+        return CoefficientNorm(variables.coefficients)
+    kind = SquaredTorque if problem.motion.objective == "torque" else SquaredAcceleration
+    x = variables.plain_motion()
+    unscaled = kind(1.0).value(trajectory(model, variables, sampling, x), x)
+    return kind(max(unscaled, 1e-6))

@@ -1,0 +1,1 @@
+"""What is answered: plans, as motions and as files."""

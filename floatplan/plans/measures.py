@@ -1,0 +1,259 @@
+"""What a plan does, measured: how much of its limits each motor uses, and what it does beside what was asked.
+
+A proof holds for what was asked. What the motion does to the ground and to the limits that the URDF gives is measured,
+asked for or not: it is a warning beside the verdict.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy.typing as npt
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.motion.flight_state import Peaks
+from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.robot.parts import Coupling
+from floatplan.robot.robot import Robot
+
+Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque"]
+
+CONTACT = 1e-8  # [m] tolerance of the ground, as of obstacles
+RELATIVE = 1e-9  # [-] of limits
+ROUNDING = 1e-9  # [rad] of joint ranges
+
+
+class Measured(Protocol):
+    """What is measured of a plan; see :class:`floatplan.Plan`."""
+
+    @property
+    def problem(self) -> Problem:
+        """What was asked."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that flies."""
+
+    @property
+    def ballistics(self) -> Ballistics:
+        """Path of the centre of mass."""
+
+    @property
+    def peaks(self) -> Peaks:
+        """Extremes over the flight."""
+
+    @property
+    def holding_torques(self) -> Mapping[str, tuple[float, float]]:
+        """Largest torque on each locked joint, and when."""
+
+    def least_height(self) -> tuple[float, float, str]:
+        """Least height over the ground, when, and of which link."""
+
+    def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
+        """Least distance to obstacles at times."""
+
+
+@dataclass(frozen=True)
+class PlanWarning:
+    """Something that a plan does beside what was asked of it.
+
+    Attributes
+    ----------
+    kind : "ground", "position", "velocity", "torque" or "holding_torque"
+    subject : link or joint
+    value, limit : in ``unit``; None where it could not be measured
+    instant : s, when; None where it belongs to no instant
+    message : a sentence: what, when, and what to do
+    """
+
+    kind: Kind
+    subject: str
+    value: float | None
+    limit: float | None
+    unit: str
+    instant: float | None
+    message: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a plan file holds."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Utilisation:
+    """How much of its limits a motor uses; limits are those that were asked for, else the URDF's, else None.
+
+    Attributes
+    ----------
+    joint : name
+    torque_peak, torque_limit : N m; the motor's own
+    torque_utilisation : peak over limit
+    torque_instant : s
+    velocity_peak, velocity_limit, velocity_utilisation, velocity_instant : the same of its rate, rad/s
+    position_low, position_high : rad, between which the joint moves
+    range_used : share of the joint's range between them
+    instant : s, of the peak that uses more of its limit; of the torque's without limits
+    """
+
+    joint: str
+    torque_peak: float
+    torque_limit: float | None
+    torque_utilisation: float | None
+    torque_instant: float
+    velocity_peak: float
+    velocity_limit: float | None
+    velocity_utilisation: float | None
+    velocity_instant: float
+    position_low: float
+    position_high: float
+    range_used: float
+    instant: float
+
+    @property
+    def worst(self) -> float:
+        """The larger of both utilisations; 0 without limits."""
+        return max(self.torque_utilisation or 0.0, self.velocity_utilisation or 0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a plan file holds."""
+        return asdict(self)
+
+
+def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
+    """Return how much of its limits each motor uses, worst first."""
+    robot = problem.robot
+    rows = []
+    for index, joint in enumerate(robot.motors):
+        leader, ratio, offset = _follows(robot.coupled.get(joint, Coupling(joint)), robot.joints)
+        torque, velocity = float(peaks.motor_torque[index]), abs(ratio) * float(peaks.velocity[leader])
+        torque_limit = _first_finite(
+            min(float(problem.motor_torque_limits[index]), float(problem.motor_stall[index])),
+            float(robot.motor_torque_limits[index]),
+        )
+        velocity_limit = _first_finite(
+            abs(ratio) * float(problem.velocity_limits[leader]), float(robot.motor_velocity_limits[index])
+        )
+        low, high = sorted(ratio * peaks.position[leader] + offset)
+        limits = sorted(ratio * problem.position_limits[leader] + offset)
+        torque_use = None if torque_limit is None else torque / torque_limit
+        velocity_use = None if velocity_limit is None else velocity / velocity_limit
+        instants = float(peaks.motor_torque_instant[index]), float(peaks.velocity_instant[leader])
+        rows.append(
+            Utilisation(
+                joint=joint,
+                torque_peak=torque,
+                torque_limit=torque_limit,
+                torque_utilisation=torque_use,
+                torque_instant=instants[0],
+                velocity_peak=velocity,
+                velocity_limit=velocity_limit,
+                velocity_utilisation=velocity_use,
+                velocity_instant=instants[1],
+                position_low=float(low),
+                position_high=float(high),
+                range_used=float((high - low) / (limits[1] - limits[0])),
+                instant=instants[1] if (velocity_use or 0.0) > (torque_use or 0.0) else instants[0],
+            )
+        )
+    return tuple(sorted(rows, key=lambda row: -row.worst))
+
+
+def measured_warnings(plan: Measured) -> tuple[PlanWarning, ...]:
+    """Return what the plan does to the ground and to the URDF's limits, wherever that is more than they allow."""
+    return (*_ground(plan), *_joints(plan), *_motors(plan), *_held(plan))
+
+
+def _ground(plan: Measured) -> Iterator[PlanWarning]:
+    """Links below the horizontal line on which the robot took off; without gravity there is no such line."""
+    if plan.ballistics.gravity == 0:
+        return
+    try:
+        plan.robot.check_shapes()
+        height, instant, link = plan.least_height()
+    except InputError as error:
+        message = f"What the flight does to the ground could not be measured: {error}."
+        yield PlanWarning("ground", plan.problem.takeoff_frame.link, None, 0.0, "m", None, message)
+        return
+    if not height >= -CONTACT:
+        takeoff = plan.problem.takeoff_frame.link
+        at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
+        if at_takeoff < -CONTACT:
+            message = (
+                f"{link} gets {-height:.3g} m below the place that {takeoff} left, at {instant:.3g} s, and something is"
+                f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
+            )
+        else:
+            message = (
+                f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s;"
+                " ground = true keeps it above."
+            )
+        yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
+
+
+def _joints(plan: Measured) -> Iterator[PlanWarning]:
+    """Joints that leave the URDF's ranges or turn faster than it allows, each of a group on its own."""
+    robot, peaks = plan.robot, plan.peaks
+    for joint in (*robot.joints, *robot.coupled):
+        written = robot.layout.tree.joint[joint]
+        leader, ratio, offset = _follows(robot.coupled.get(joint, Coupling(joint)), robot.joints)
+        low, high = sorted(ratio * peaks.position[leader] + offset)
+        beyond, value, limit = max(
+            (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
+        )
+        if beyond > ROUNDING:
+            message = (
+                f'{joint} goes to {value:.4g} rad, its URDF ends at {limit:.4g} rad; limits.position = "urdf" keeps it.'
+            )
+            yield PlanWarning("position", joint, float(value), limit, "rad", None, message)
+        rate, instant = abs(ratio) * float(peaks.velocity[leader]), float(peaks.velocity_instant[leader])
+        if rate > written.velocity * (1 + RELATIVE):
+            message = (
+                f"{joint} turns at {rate:.4g} rad/s at {instant:.3g} s, its URDF allows {written.velocity:.4g} rad/s;"
+                ' limits.velocity = "urdf" keeps it.'
+            )
+            yield PlanWarning("velocity", joint, rate, written.velocity, "rad/s", instant, message)
+
+
+def _motors(plan: Measured) -> Iterator[PlanWarning]:
+    """Motors that need more torque than the URDF's effort."""
+    robot, peaks = plan.robot, plan.peaks
+    limits = robot.motor_torque_limits.tolist()
+    instants = peaks.motor_torque_instant.tolist()
+    for joint, torque, limit, instant in zip(robot.motors, peaks.motor_torque.tolist(), limits, instants, strict=True):
+        if torque > limit * (1 + RELATIVE):
+            message = (
+                f"{joint} needs {torque:.4g} N m at {instant:.3g} s, its URDF allows {limit:.4g} N m;"
+                ' limits.torque = "urdf" keeps it.'
+            )
+            yield PlanWarning("torque", joint, torque, limit, "N m", instant, message)
+
+
+def _held(plan: Measured) -> Iterator[PlanWarning]:
+    """Locked joints that take more torque to hold than the URDF's effort."""
+    joints = plan.robot.layout.tree.joint
+    if not any(math.isfinite(joints[name].effort) for name in plan.robot.locked):
+        return
+    for name, (torque, instant) in plan.holding_torques.items():
+        joint = joints[name]
+        unit = "N" if joint.type == "prismatic" else "N m"
+        if torque > joint.effort * (1 + RELATIVE):
+            message = (
+                f"Holding the locked joint {name} takes {torque:.4g} {unit} at {instant:.3g} s, its URDF allows"
+                f" {joint.effort:.4g} {unit}; lock it elsewhere, or move the others more slowly."
+            )
+            yield PlanWarning("holding_torque", name, torque, joint.effort, unit, instant, message)
+
+
+def _follows(coupling: Coupling, joints: tuple[str, ...]) -> tuple[int, float, float]:
+    """Index of the leader, ratio, and offset, rad."""
+    return joints.index(coupling.leader), coupling.ratio, coupling.offset
+
+
+def _first_finite(asked: float, urdf: float) -> float | None:
+    return asked if math.isfinite(asked) else urdf if math.isfinite(urdf) else None

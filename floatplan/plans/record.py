@@ -1,0 +1,306 @@
+"""What is answered, as data: exactly what a plan file holds. No physics.
+
+The file is JSON, format ``floatplan.plan/1``. Numbers are written so that they read back bit for bit; a number that
+does not exist (no obstacle, no limit) is ``null``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.files import check_finite, plain, read_json, write_atomically
+
+FORMAT = "floatplan.plan/1"
+STATUSES = ("optimal", "feasible", "infeasible")
+TABLES = ("problem", "solver")
+NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers
+    "orientation": ("start", "end", "goal"),
+    "com": ("position0", "velocity0", "gravity"),
+    "objective": ("value",),
+}
+CLEARANCES = ("obstacles", "self_clearance", "ground")
+NOT_STATED = ("solver", "out_of_plane_leak", "certificate", "replay")  # may hold what is not finite: null in a file
+
+
+@dataclass(frozen=True)
+class RobotRecord:
+    """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf``.
+
+    ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file;
+    ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF.
+    """
+
+    urdf: str
+    sha256: str
+    joints: tuple[str, ...]
+    plane: str
+    coupled: Mapping[str, Any] = field(default_factory=dict)
+    locked: Mapping[str, float] = field(default_factory=dict)
+    meshes: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRecord:
+    """A plan as data. Arrays are read-only, lists follow ``robot.joints``.
+
+    Attributes
+    ----------
+    status : "optimal", "feasible" or "infeasible"
+    ok : whether every constraint holds
+    explanation : one or more sentences; empty where there is nothing to explain
+    problem : the problem as resolved: the tables of a problem file, in rad, lists in joint order
+    angular_momentum : kg m^2/s
+    angular_momentum_bounds : (low, high) of (9), kg m^2/s
+    centre, amplitude : (n,) rad, of ``q_i = centre_i + amplitude_i sin(p_i(t))``
+    coefficients : (n, k+1), powers of t in seconds of p_i
+    orientation : {"start", "end", "goal"}, rad
+    com : {"position0": (2,) m, "velocity0": (2,) m/s, "gravity": m/s^2}
+    objective : {"name", "value"}
+    torque_peak, velocity_peak : (n,) N m, rad/s; largest magnitudes over the flight
+    clearance_min : m, surface to surface, margin not subtracted; None without obstacles
+    solver : {"iterations", "evaluations", "seconds", "seed", ...}
+    motor_torque_peak : motor's joint -> N m, the largest magnitude of its own torque; None in files without it
+    warnings : what the plan does beside what was asked: {"kind", "subject", "value", "limit", "unit", "instant",
+        "message"} each; None in files without it
+    utilisation : how much of its limits each motor uses, worst first; None in files without it
+    out_of_plane_leak : largest angular momentum out of the plane over that in it; None in files without it
+    certificate, replay : what the checks found, None where they were not run
+    """
+
+    status: str
+    ok: bool
+    explanation: str
+    problem: Mapping[str, Any]
+    robot: RobotRecord
+    angular_momentum: float
+    angular_momentum_bounds: tuple[float, float]
+    centre: Array
+    amplitude: Array
+    coefficients: Array
+    orientation: Mapping[str, float]
+    com: Mapping[str, Any]
+    objective: Mapping[str, Any]
+    torque_peak: Array
+    velocity_peak: Array
+    clearance_min: float | None
+    solver: Mapping[str, Any]
+    motor_torque_peak: Mapping[str, float] | None = None
+    warnings: Sequence[Mapping[str, Any]] | None = None
+    utilisation: Sequence[Mapping[str, Any]] | None = None
+    out_of_plane_leak: float | None = None
+    certificate: Mapping[str, Any] | None = None
+    replay: Mapping[str, Any] | None = None
+    format: str = FORMAT
+    floatplan: str = ""
+
+    @property
+    def duration(self) -> float:
+        """Flight time, s."""
+        return float(self.problem["flight"]["duration"])
+
+    @property
+    def asks_clearance(self) -> bool:
+        """Whether the problem asks for a distance, so that the links' shapes matter."""
+        return any(self.problem.get(name) for name in CLEARANCES)
+
+    def with_checks(
+        self, certificate: Mapping[str, Any] | None = None, replay: Mapping[str, Any] | None = None
+    ) -> PlanRecord:
+        """Return the record with the findings of its checks."""
+        return replace(self, certificate=certificate or self.certificate, replay=replay or self.replay)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the file holds, as plain lists, numbers and ``None``."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values["robot"] = asdict(self.robot)
+        ordered = ["format", "floatplan", *(name for name in values if name not in ("format", "floatplan"))]
+        return {name: plain(values[name]) for name in ordered}
+
+    def save(self, path: str | Path) -> Path:
+        """Write the plan file; it appears whole or not at all."""
+        return write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+
+def load_record(path: str | Path) -> PlanRecord:
+    """Read a plan file.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is no plan file, lacks a key, gives one twice, or holds what cannot be, such as a number
+        that is not finite.
+    """
+    path = Path(path)
+    content = read_json(path)
+    try:
+        return record_from_dict(content)
+    except InputError as error:
+        raise error.within(source=path) from None
+    except RecursionError:
+        raise InputError("is not a plan: nested too deeply", source=path) from None
+
+
+def record_from_dict(content: Any) -> PlanRecord:
+    """Rebuild a record from what a plan file holds."""
+    if not isinstance(content, dict):
+        raise InputError("is not a plan: no JSON object")
+    check_finite(content)
+    return _record(content)
+
+
+def _record(content: dict[str, Any]) -> PlanRecord:
+    if content.get("format") != FORMAT:
+        raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
+    known = {f.name for f in fields(PlanRecord)}
+    optional = {
+        "motor_torque_peak", "warnings", "utilisation", "out_of_plane_leak", "certificate", "replay", "floatplan"
+    }  # fmt: skip
+    for name in sorted(known - optional):
+        if name not in content:
+            raise InputError("is missing", element=name)
+    unknown = sorted(set(content) - known)
+    if unknown:
+        raise InputError("is no key of a plan file", element=unknown[0])
+    values = dict(content)
+    values["robot"] = _robot_record(content["robot"])
+    n = len(values["robot"].joints)
+    for name, shape in (("centre", (n,)), ("amplitude", (n,)), ("torque_peak", (n,)), ("velocity_peak", (n,))):
+        values[name] = _numbers(content[name], name, shape)
+    if not (values["amplitude"] > 0).all():
+        raise InputError("is not positive", element="amplitude")
+    values["coefficients"] = _numbers(content["coefficients"], "coefficients", (n, None))
+    if not values["coefficients"].shape[1]:
+        raise InputError("is empty", element="coefficients")
+    values["angular_momentum"] = _number(content["angular_momentum"], "angular_momentum")
+    low, high = _numbers(content["angular_momentum_bounds"], "angular_momentum_bounds", (2,)).tolist()
+    if low > high:
+        raise InputError(f"low {low} is above high {high}", element="angular_momentum_bounds")
+    values["angular_momentum_bounds"] = (low, high)
+    for name in ("clearance_min", "out_of_plane_leak"):
+        if content.get(name) is not None:
+            values[name] = _number(content[name], name)
+    if content.get("motor_torque_peak") is not None:
+        peaks = _table(content["motor_torque_peak"], "motor_torque_peak")
+        values["motor_torque_peak"] = {name: _number(peak, f"motor_torque_peak.{name}") for name, peak in peaks.items()}
+    for name in ("warnings", "utilisation"):
+        if content.get(name) is not None:
+            _rows(content[name], name)
+    _check_verdict(content)
+    _check_tables(content)
+    return PlanRecord(**values)
+
+
+def _robot_record(content: Any) -> RobotRecord:
+    table = _table(content, "robot")
+    try:
+        record = RobotRecord(**table)
+    except TypeError as error:
+        raise InputError(f"does not describe a robot: {error}", element="robot") from None
+    for name in ("urdf", "sha256", "plane"):
+        _text(table[name], f"robot.{name}")
+    if not isinstance(record.joints, list) or not all(isinstance(name, str) for name in record.joints):
+        raise InputError("is no list of names", element="robot.joints")
+    for name, value in _table(record.locked, "robot.locked").items():
+        _number(value, f"robot.locked.{name}")
+    for name, coupling in _table(record.coupled, "robot.coupled").items():
+        element = f"robot.coupled.{name}"
+        if set(_table(coupling, element)) != {"leader", "ratio", "offset"}:
+            raise InputError(f"must have leader, ratio and offset, not {', '.join(coupling)}", element=element)
+        _text(coupling["leader"], f"{element}.leader")
+        _numbers([coupling["ratio"], coupling["offset"]], element, (2,))
+    for name, digest in _table(record.meshes, "robot.meshes").items():
+        _text(digest, f"robot.meshes.{name}")
+    return replace(record, joints=tuple(record.joints))
+
+
+def as_written(record: PlanRecord) -> PlanRecord:
+    """Return a record as its file would be read: one that was built in Python is judged no other way.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_record`; and of numbers that are not finite, which a file would hold as ``null``.
+    """
+    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
+    check_finite({**stated, "robot": vars(record.robot)})
+    return _record(record.to_dict())
+
+
+def _check_verdict(content: Mapping[str, Any]) -> None:
+    if content["status"] not in STATUSES:
+        raise InputError(f"{content['status']!r} is none of {', '.join(STATUSES)}", element="status")
+    if not isinstance(content["ok"], bool):
+        raise InputError(f"{content['ok']!r} is neither true nor false", element="ok")
+    _text(content["explanation"], "explanation")
+    _text(content.get("floatplan", ""), "floatplan")
+
+
+def _check_tables(content: Mapping[str, Any]) -> None:
+    for name in TABLES:
+        _table(content[name], name)
+    for name, keys in NUMBERS.items():
+        table = _table(content[name], name)
+        for key in keys:
+            if key not in table:
+                raise InputError("is missing", element=f"{name}.{key}")
+            _numbers(table[key], f"{name}.{key}", (2,) if key in ("position0", "velocity0") else ())
+        unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
+        if unknown:
+            raise InputError("is no key of a plan file", element=f"{name}.{unknown[0]}")
+    _text(content["objective"].get("name"), "objective.name")
+    for name in ("certificate", "replay"):
+        if content.get(name) is not None:
+            _table(content[name], name)
+    flight = _table(content["problem"].get("flight"), "problem.flight")
+    if not _number(flight.get("duration"), "problem.flight.duration") > 0:
+        raise InputError(f"{flight['duration']} s is not positive", element="problem.flight.duration")
+
+
+def _table(value: Any, element: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError("is no table", element=element)
+    return value
+
+
+def _rows(value: Any, element: str) -> None:
+    if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
+        raise InputError("is not a list of tables", element=element)
+
+
+def _text(value: Any, element: str) -> None:
+    if not isinstance(value, str):
+        raise InputError("is no text", element=element)
+
+
+def _number(value: Any, element: str) -> float:
+    return float(_numbers(value, element, ()))
+
+
+def _holds_truth(value: Any) -> bool:
+    """Whether there is a true or false among numbers, which NumPy takes for 1 or 0."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth, value))
+    return isinstance(value, bool)
+
+
+def _numbers(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
+    try:
+        array = np.array(value)
+    except ValueError:
+        raise InputError("does not hold numbers", element=element) from None
+    if array.dtype.kind not in "iuf" or _holds_truth(value):
+        raise InputError("does not hold numbers", element=element)
+    fits = array.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        raise InputError(f"has shape {array.shape}, not {shape}", element=element)
+    return read_only(array)

@@ -1,0 +1,96 @@
+"""The robot of a plan file: found again, read as it was read, and the same file as then."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from floatplan.errors import InputError
+from floatplan.files import plain
+from floatplan.plans.record import RobotRecord
+from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.urdf.example_robots import PREFIX
+
+
+def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urdf: str | Path | None = None) -> Robot:
+    """Load the robot that a plan is for.
+
+    Parameters
+    ----------
+    record : RobotRecord
+    plan_file : path, optional
+        The plan's file, beside which the URDF may lie too.
+    urdf : path, optional
+        The robot's file, where it is elsewhere.
+
+    Raises
+    ------
+    InputError
+        The URDF is missing, or is not what it was when the plan was made.
+    """
+    robot = Robot.from_urdf(
+        find_urdf(record.urdf, plan_file) if urdf is None else urdf,
+        plane=record.plane,
+        joints=record.joints,
+        coupled={name: Coupling(**values) for name, values in record.coupled.items()},
+        locked=dict(record.locked),
+    )
+    if robot.sha256 != record.sha256:
+        raise InputError(
+            "the URDF has changed since the plan was made",
+            source=plan_file,
+            element=f"robot.sha256 of {urdf or record.urdf}",
+            advice="plan again, or bring the old file back",
+        )
+    return robot
+
+
+def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None = None) -> None:
+    """Refuse collision meshes that are not what they were when the plan was made; those of no known hash pass.
+
+    Raises
+    ------
+    InputError
+        A mesh has changed, or is no longer there; or the collision geometry is of a kind that is not read.
+    """
+    try:
+        robot.check_shapes()
+    except InputError as error:
+        raise error.within(source=plan_file or error.source) from None
+    for filename, digest in record.meshes.items():
+        if robot.meshes.get(filename) != digest:
+            raise InputError(
+                "the collision mesh has changed since the plan was made",
+                source=plan_file,
+                element=f"robot.meshes of {filename}",
+                advice="plan again, or bring the old file back",
+            )
+
+
+def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
+    """Return where the URDF of a plan is: as recorded, or beside or relative to the plan file.
+
+    Raises
+    ------
+    InputError
+        It is in none of these places.
+    """
+    if urdf.startswith(PREFIX) or Path(urdf).is_file() or plan_file is None:
+        return urdf
+    for name in (Path(urdf).name, urdf):
+        path = Path(plan_file).parent / name
+        if path.is_file():
+            return str(path)
+    raise InputError("no such file", source=plan_file, element=f"robot.urdf {urdf}", advice="--urdf says where it is")
+
+
+def robot_record(robot: Robot) -> RobotRecord:
+    """Return which robot this is and how it was read, for a plan file."""
+    return RobotRecord(
+        urdf=robot.source if robot.source.startswith(PREFIX) or robot.path is None else str(robot.path.resolve()),
+        sha256=robot.sha256,
+        joints=robot.joints,
+        plane=robot.plane.name,
+        coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
+        locked=dict(robot.locked),
+        meshes=dict(robot.meshes),
+    )

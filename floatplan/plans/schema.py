@@ -1,0 +1,251 @@
+"""What a plan file's problem may ask: which keys there are, and what each may hold.
+
+A key that the certificate does not know is something that it would not prove, and a value of another kind something
+that it would pass over: both are refused, and so are the few numbers that have to fit each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from typing import Any, TypeAlias
+
+from floatplan.errors import InputError
+from floatplan.plans.record import PlanRecord, as_written
+
+Check: TypeAlias = Callable[[Any, str], None]
+
+MOMENTUM = ("midpoint", "free")
+OBJECTIVES = ("coefficients", "torque", "acceleration")
+
+
+def check_asked(record: PlanRecord) -> None:
+    """Refuse what the certificate would pass over.
+
+    Raises
+    ------
+    InputError
+        A table of the problem holds a key that is not known or lacks one, a value is of the wrong kind, a list is not
+        one entry per joint; or degree, objective and coefficients do not fit together.
+    """
+    joints = record.robot.joints
+    if len(set(joints)) != len(joints):
+        raise InputError("names a joint twice", element="robot.joints")
+    _problem_table(joints, (*joints, *record.robot.coupled))(record.problem, "problem")
+    _check_degree(record)
+    objective = record.problem["motion"]["objective"]
+    if record.objective["name"] != objective:
+        raise InputError(f"is {record.objective['name']!r}, but {objective!r} is asked", element="objective.name")
+
+
+def checked(record: PlanRecord) -> PlanRecord:
+    """Return a record as its file would be read, having seen that nothing in it would be passed over.
+
+    Raises
+    ------
+    InputError
+        As :func:`floatplan.plans.record.as_written` and :func:`check_asked`.
+    """
+    written = as_written(record)
+    check_asked(written)
+    return written
+
+
+def number(value: Any, element: str) -> None:
+    """A number; whether it is finite is checked where the record is read."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise InputError(f"must be a number, not {_shown(value)}", element=element)
+
+
+def positive(value: Any, element: str) -> None:
+    """A number above zero."""
+    number(value, element)
+    if not value > 0:
+        raise InputError(f"must be positive, not {value}", element=element)
+
+
+def non_negative(value: Any, element: str) -> None:
+    """A number not below zero."""
+    number(value, element)
+    if not value >= 0:
+        raise InputError(f"must not be negative: {value}", element=element)
+
+
+def boolean(value: Any, element: str) -> None:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise InputError(f"must be true or false, not {_shown(value)}", element=element)
+
+
+def text(value: Any, element: str) -> None:
+    """A text."""
+    if not isinstance(value, str):
+        raise InputError(f"must be a text, not {_shown(value)}", element=element)
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """One of some words."""
+
+    words: tuple[str, ...]
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        if not isinstance(value, str) or value not in self.words:
+            raise InputError(f"must be {' or '.join(map(repr, self.words))}, not {_shown(value)}", element=element)
+
+
+@dataclass(frozen=True)
+class ListOf:
+    """A list, of a certain length where one is given."""
+
+    entry: Check
+    length: int | None = None
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        if not isinstance(value, list | tuple):
+            raise InputError(f"must be a list, not {_shown(value)}", element=element)
+        if self.length is not None and len(value) != self.length:
+            raise InputError(f"must have {self.length} entries, not {len(value)}", element=element)
+        for index, item in enumerate(value):
+            self.entry(item, f"{element}[{index}]")
+
+
+@dataclass(frozen=True)
+class OrNull:
+    """Something, or nothing."""
+
+    entry: Check
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse what is neither."""
+        if value is not None:
+            self.entry(value, element)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with these keys and no others."""
+
+    keys: Mapping[str, Check]
+    optional: Mapping[str, Check] = field(default_factory=dict)
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        _check_mapping(value, element)
+        known = {**self.keys, **self.optional}
+        for name, item in value.items():
+            if name not in known:
+                raise InputError("is not known, and so cannot be proved", element=f"{element}.{name}")
+            known[name](item, f"{element}.{name}")
+        for name in self.keys:
+            if name not in value:
+                raise InputError("is missing", element=f"{element}.{name}")
+
+
+POINT = ListOf(number, 2)
+SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": OrNull(POINT)}
+OBSTACLES: Mapping[str, Mapping[str, Check]] = {
+    "circle": {"center": POINT, "radius": non_negative},
+    "half-plane": {"point": POINT, "normal": POINT},
+    "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
+}
+
+
+def _problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> Table:
+    n = len(joints)
+    numbers = ListOf(number, n)
+    limits = ListOf(OrNull(number), n)
+    motor: Check = Table({"stall": positive, "slope": non_negative})
+    posture = Table({"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers})
+    return Table(
+        {
+            "start": posture,
+            "goal": posture,
+            "flight": Table(
+                {
+                    "duration": positive,
+                    "angular_momentum": _angular_momentum,
+                    "takeoff": Table({"frame": text, "position": POINT}),
+                    "landing": Table({"frame": text, "height": number}),
+                    "horizontal_velocity": number,
+                    "gravity": number,
+                }
+            ),
+            "motion": Table({"degree": _degree(n), "objective": OneOf(OBJECTIVES)}),
+            "limits": Table(
+                {"position": ListOf(POINT, n), "velocity": limits, "torque": limits},
+                {
+                    "motor": Table({}, dict.fromkeys(moving, motor)),
+                    "motor_torque": Table({}, dict.fromkeys(moving, positive)),
+                    "orientation_rate": OrNull(number),
+                },
+            ),
+        },
+        {"name": text, "ground": boolean, "obstacles": ListOf(_obstacle), "self_clearance": ListOf(_pair)},
+    )
+
+
+def _angular_momentum(value: Any, element: str) -> None:
+    (OneOf(MOMENTUM) if isinstance(value, str) else number)(value, element)
+
+
+def _degree(n: int) -> Check:
+    def check(value: Any, element: str) -> None:
+        if isinstance(value, str):
+            OneOf(("auto",))(value, element)
+        elif isinstance(value, list | tuple):
+            ListOf(_whole, n)(value, element)
+        else:
+            _whole(value, element)
+
+    return check
+
+
+def _whole(value: Any, element: str) -> None:
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise InputError(f"must be a whole number, not {_shown(value)}", element=element)
+
+
+def _obstacle(value: Any, element: str) -> None:
+    _check_mapping(value, element)
+    kind = value.get("kind")
+    OneOf(tuple(OBSTACLES))(kind, f"{element}.kind")
+    Table({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
+    window = value.get("window")
+    if window is not None and not window[0] <= window[1]:
+        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
+    if kind == "half-plane" and not any(value["normal"]):
+        raise InputError("has length zero", element=f"{element}.normal")
+
+
+def _pair(value: Any, element: str) -> None:
+    Table({"links": ListOf(text, 2)}, {"margin": non_negative})(value, element)
+    if value["links"][0] == value["links"][1]:
+        raise InputError("names one link twice", element=f"{element}.links")
+
+
+def _check_degree(record: PlanRecord) -> None:
+    """The coefficients are those of polynomials of the degrees asked for, (12)."""
+    degree, n = record.problem["motion"]["degree"], len(record.robot.joints)
+    if isinstance(degree, str):
+        return
+    degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * n
+    written = record.coefficients.shape[1] - 1
+    if max(degrees, default=written) != written:
+        raise InputError(f"is {degree}, but the coefficients are of degree {written}", element="problem.motion.degree")
+    for joint, row, own in zip(record.robot.joints, record.coefficients, degrees, strict=True):
+        if row[own + 1 :].any():
+            raise InputError(f"is {own} for {joint}, whose coefficients go beyond", element="problem.motion.degree")
+
+
+def _check_mapping(value: Any, element: str) -> None:
+    if not isinstance(value, Mapping):
+        raise InputError(f"must be a table, not {_shown(value)}", element=element)
+
+
+def _shown(value: Any) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= 60 else f"{shown[:56]} ..."

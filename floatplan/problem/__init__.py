@@ -1,0 +1,1 @@
+"""What is asked: problems, their files and options."""

@@ -1,0 +1,311 @@
+"""Problem files: TOML in, TOML out, and the same tables as plain data for plan files."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from floatplan.errors import InputError
+from floatplan.files import plain, write_atomically
+from floatplan.problem.checks import ProblemError
+from floatplan.problem.parts import JointState, SelfClearance
+from floatplan.problem.problem import Problem
+from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable
+from floatplan.robot.robot import Robot
+
+DATA_PREFIX = "example-robot-data:"
+
+BY_JOINT = {
+    "start": ("positions", "velocities", "accelerations"),
+    "goal": ("positions", "velocities", "accelerations"),
+    "limits": ("position", "velocity"),
+}
+
+AnyProblemTable = TypeVar("AnyProblemTable", bound=ProblemTable)
+
+
+def load_problem(path: str | Path) -> Problem:
+    """Read a problem file.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file. The path of its URDF is taken from the folder of this file.
+
+    Raises
+    ------
+    InputError
+        The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
+    """
+    path = Path(path)
+    content = _read_toml(path)
+    try:
+        tables = _validated(ProblemFileTable, content)
+        robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
+        return _problem(tables, robot, path.stem)
+    except InputError as error:
+        raise error if error.source else error.within(source=path) from None
+
+
+def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Path | None = None) -> Problem:
+    """Rebuild a problem from the tables of a problem file less ``[robot]``, as plain data.
+
+    Parameters
+    ----------
+    content : mapping
+        As :func:`problem_to_dict` makes it; ``None`` is no limit.
+    robot : Robot
+    source : path, optional
+        What error messages name as the file.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_problem`.
+    """
+    try:
+        return _problem(_validated(RecordedProblemTable, content), robot, "flight")
+    except InputError as error:
+        raise error.within(source=source) from None
+
+
+def problem_to_dict(problem: Problem) -> dict[str, Any]:
+    """Return the resolved problem as plain data: radians, lists in joint order, ``None`` for no limit.
+
+    The keys are those of a problem file less ``[robot]``, and :func:`problem_from_dict` reads it back bit for bit.
+    """
+    content = {
+        "name": problem.name,
+        "ground": problem.ground,
+        "start": _posture(problem.initial),
+        "goal": _posture(problem.final),
+        "flight": {**asdict(problem.flight), "takeoff": asdict(problem.takeoff), "landing": asdict(problem.landing)},
+        "motion": {
+            "degree": "auto" if problem.raises_degree else problem.degrees,
+            "objective": problem.motion.objective,
+        },
+        "limits": {
+            "position": problem.position_limits,
+            "velocity": problem.velocity_limits,
+            "torque": problem.torque_limits,
+            **_of_motors(problem),
+            "orientation_rate": problem.limits.orientation_rate,
+        },
+        "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
+        "self_clearance": [asdict(pair) for pair in problem.self_clearances],
+    }
+    values: dict[str, Any] = plain(content)
+    return values
+
+
+def _torque_limits(problem: Problem, own: dict[str, float] | None) -> Any:
+    """Limits of torque for a problem file: by motor; a list in joint order where they are about generalised torques."""
+    joints, limits = problem.robot.joints, problem.torque_limits.tolist()
+    if own is not None or len(problem.robot.motors) == len(joints):
+        return own or {joint: limit for joint, limit in zip(joints, limits, strict=True) if math.isfinite(limit)}
+    if not np.isfinite(limits).any():
+        return None
+    return [limit if math.isfinite(limit) else "none" for limit in limits]
+
+
+def _of_motors(problem: Problem) -> dict[str, Any]:
+    """The motors' curves; and where a joint has several motors, the limits of each one's own torque."""
+    motors = problem.robot.motors
+    tables: dict[str, Any] = {
+        "motor": {
+            motor: {"stall": stall, "slope": slope}
+            for motor, stall, slope in zip(motors, problem.motor_stall, problem.motor_slope, strict=True)
+            if math.isfinite(stall)
+        }
+    }
+    limited = np.isfinite(problem.motor_torque_limits)
+    if len(motors) > len(problem.robot.joints) and limited.any():
+        limits = zip(motors, problem.motor_torque_limits.tolist(), strict=True)
+        tables["motor_torque"] = {motor: limit for motor, limit in limits if math.isfinite(limit)}
+    return tables
+
+
+def save_problem(problem: Problem, path: str | Path) -> Path:
+    """Write a problem file, in radians, with the URDF's path relative to it.
+
+    Raises
+    ------
+    InputError
+        The robot was not read from a file.
+    """
+    return write_atomically(path, problem_text(problem, path))
+
+
+def problem_text(problem: Problem, path: str | Path) -> str:
+    """Return what :func:`save_problem` writes to ``path``; the same errors."""
+    content = {"robot": _robot_table(problem.robot, Path(path)), **problem_to_dict(problem)}
+    for table, keys in BY_JOINT.items():
+        for key in keys:
+            values = dict(zip(problem.robot.joints, content[table][key], strict=True))
+            content[table][key] = {joint: value for joint, value in values.items() if value is not None}
+    content["limits"]["torque"] = _torque_limits(problem, content["limits"].pop("motor_torque", None))
+    return tomli_w.dumps(_without_gaps(content))
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError("no such file", source=path) from None
+    except IsADirectoryError:
+        raise InputError("is a directory, not a problem file", source=path) from None
+    except UnicodeDecodeError:
+        raise InputError("is not a text file in UTF-8", source=path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"is not TOML: {error}", source=path) from None
+    except RecursionError:
+        raise InputError("is not a problem: nested too deeply", source=path) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot be read: {reason}", source=path) from None
+
+
+def _urdf_source(urdf: str, path: Path) -> str | Path:
+    return urdf if urdf.startswith(DATA_PREFIX) else path.parent / urdf
+
+
+def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
+    return Problem(
+        robot=robot,
+        start=tables.start.posture(),
+        goal=tables.goal.posture(),
+        flight=tables.flight.flight(),
+        motion=tables.motion.motion(),
+        limits=tables.limits.limits(),
+        obstacles=tuple(obstacle.obstacle() for obstacle in tables.obstacles),
+        self_clearances=tuple(SelfClearance(pair.links, pair.margin) for pair in tables.self_clearance),
+        name=tables.name or default_name,
+        ground=tables.ground,
+    )
+
+
+def _posture(state: JointState) -> dict[str, Any]:
+    return {
+        "orientation": state.orientation,
+        "positions": state.positions,
+        "velocities": state.velocities,
+        "accelerations": state.accelerations,
+    }
+
+
+def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
+    if robot.path is None:
+        raise InputError("the robot was not read from a file, so no problem file can name it", element="robot.urdf")
+    relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
+    return {
+        "urdf": robot.source if robot.source.startswith(DATA_PREFIX) else relative,
+        "plane": robot.plane.name,
+        "joints": list(robot.joints),
+        "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},
+        "locked": dict(robot.locked),
+    }
+
+
+def _without_gaps(value: Any) -> Any:
+    """Leave out of tables what is empty, and what is None: TOML knows no null."""
+    if isinstance(value, list):
+        return [_without_gaps(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    kept = {key: _without_gaps(item) for key, item in value.items()}
+    return {key: item for key, item in kept.items() if item is not None and item not in ({}, [])}
+
+
+def _validated(model: type[AnyProblemTable], content: Mapping[str, Any]) -> AnyProblemTable:
+    try:
+        return model.model_validate(content, context={"degrees": content.get("angles") == "deg"})
+    except ValidationError as error:
+        raise ProblemError([_input_error(model, details) for details in error.errors(include_url=False)]) from None
+
+
+def _input_error(model: type[BaseModel], details: Mapping[str, Any]) -> InputError:
+    location: tuple[str | int, ...] = details["loc"]
+    element = _dotted(location)
+    match details["type"]:
+        case "extra_forbidden":
+            return InputError("unknown key", element=element, advice=_nearest_key(model, location))
+        case "missing":
+            return InputError("is missing", element=element)
+        case "wrong_shape" | "wrong_kind":
+            return InputError(f"{_shown(details['input'])} {details['msg']}", element=element)
+        case "finite_number":
+            return InputError(f"{_shown(details['input'])} is not a finite number", element=element)
+        case "float_type":
+            return InputError(f"{_shown(details['input'])} is not a number", element=element)
+        case "int_type":
+            return InputError(f"{_shown(details['input'])} is not a whole number", element=element)
+        case "string_type":
+            return InputError(f"{_shown(details['input'])} is not a text", element=element)
+        case "model_type" | "dict_type":
+            return InputError(f"{_shown(details['input'])} is not a table", element=element)
+        case "list_type" | "tuple_type":
+            return InputError(f"{_shown(details['input'])} is not a list", element=element)
+        case "literal_error":
+            return InputError(f"{_shown(details['input'])} is not {details['ctx']['expected']}", element=element)
+        case _:
+            return InputError(_lower_first(details["msg"]), element=element)
+
+
+def _dotted(location: Sequence[str | int]) -> str:
+    """``("obstacles", 0, "<circle>", "radius")`` is ``obstacles[0].radius``; tags of unions are not shown."""
+    parts = [part for part in location if not _is_tag(part)]
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")
+
+
+def _is_tag(part: str | int) -> bool:
+    return isinstance(part, str) and part.startswith("<") and part.endswith(">")
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:56]} ..."
+
+
+def _lower_first(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _nearest_key(model: type[BaseModel], location: Sequence[str | int]) -> str:
+    """Advice for an unknown key: the known one that it looks like, or all of its table."""
+    *table, key = location
+    known = _keys(model, table)
+    close = difflib.get_close_matches(str(key), known, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(known)}"
+
+
+def _keys(model: type[BaseModel], table: Sequence[str | int]) -> list[str]:
+    """Keys of the table at a location, found by walking the models' fields."""
+    candidates = [model]
+    for part in table:
+        fields = [candidate.model_fields[part] for candidate in candidates if part in candidate.model_fields]
+        if fields:
+            candidates = [inner for field in fields for inner in _models(field.annotation)]
+        elif _is_tag(part):
+            kind = str(part).strip("<>")
+            candidates = [c for c in candidates if "kind" not in c.model_fields or kind in _kinds(c)] or candidates
+    return sorted({name for candidate in candidates for name in candidate.model_fields})
+
+
+def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:
+    return get_args(model.model_fields["kind"].annotation)
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]

@@ -1,0 +1,204 @@
+"""A problem from the command line: a robot with options, or a problem file that options override."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from floatplan.errors import InputError
+from floatplan.problem.checks import ProblemError
+from floatplan.problem.file import DATA_PREFIX, load_problem, problem_from_dict, problem_to_dict
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
+
+PLACE = "command line"
+SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of ``floatplan plan`` that say what is asked, as typed; None where left out."""
+
+    degrees: bool = False
+    start: str | None = None
+    goal: str | None = None
+    start_velocities: str | None = None
+    goal_velocities: str | None = None
+    start_accelerations: str | None = None
+    goal_accelerations: str | None = None
+    duration: float | None = None
+    angular_momentum: str | None = None
+    takeoff: str | None = None
+    landing: str | None = None
+    horizontal_velocity: float | None = None
+    degree: str | None = None
+    objective: str | None = None
+    plane: str | None = None
+
+    def tables(self, joints: Sequence[str]) -> dict[str, dict[str, Any]]:
+        """Return the tables of a problem file that the options fill, in radians.
+
+        Raises
+        ------
+        InputError
+            A list holds what is no number, or start or goal have not one number for each joint and the orientation.
+        """
+        return {
+            "start": _given(
+                **self._posture("--start", self.start, joints),
+                velocities=self._angles("--start-velocities", self.start_velocities),
+                accelerations=self._angles("--start-accelerations", self.start_accelerations),
+            ),
+            "goal": _given(
+                **self._posture("--goal", self.goal, joints),
+                velocities=self._angles("--goal-velocities", self.goal_velocities),
+                accelerations=self._angles("--goal-accelerations", self.goal_accelerations),
+            ),
+            "flight": _given(
+                duration=self.duration,
+                angular_momentum=_number_or_word(self.angular_momentum),
+                takeoff=None if self.takeoff is None else {"frame": self.takeoff},
+                landing=None if self.landing is None else {"frame": self.landing},
+                horizontal_velocity=self.horizontal_velocity,
+            ),
+            "motion": _given(degree=_degree(self.degree), objective=self.objective),
+        }
+
+    def _posture(self, option: str, text: str | None, joints: Sequence[str]) -> dict[str, Any]:
+        if text is None:
+            return {}
+        numbers = self._numbers(option, text)
+        if len(numbers) != 1 + len(joints):
+            raise InputError(
+                f"{_count(numbers)} where {1 + len(joints)} are wanted",
+                source=PLACE,
+                element=option,
+                advice=f"give orientation, {', '.join(joints)}",
+            )
+        return {"orientation": numbers[0], "positions": numbers[1:]}
+
+    def _angles(self, option: str, text: str | None) -> float | list[float] | None:
+        """One number is for all joints."""
+        if text is None:
+            return None
+        numbers = self._numbers(option, text)
+        return numbers[0] if len(numbers) == 1 else numbers
+
+    def _numbers(self, option: str, text: str) -> list[float]:
+        numbers = [_number(option, part) for part in _parts(text)]
+        return [math.radians(number) for number in numbers] if self.degrees else numbers
+
+
+def is_robot(source: str) -> bool:
+    """Whether the argument names a robot; a problem file otherwise."""
+    return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
+
+
+def named_robot(source: str, plane: str | None = None) -> Robot:
+    """Load the robot that is named, or the one of the problem file that is named."""
+    if is_robot(source):
+        return Robot.from_urdf(source, plane=plane)
+    _refuse_plane(plane)
+    return load_problem(source).robot
+
+
+def asked_problem(source: str, options: Options) -> Problem:
+    """Build the problem that the command line asks for.
+
+    Raises
+    ------
+    InputError
+        A file or an option is wrong.
+    """
+    if is_robot(source):
+        robot = Robot.from_urdf(source, plane=options.plane)
+        tables = {name: table for name, table in options.tables(robot.joints).items() if table or name == "flight"}
+        return _from_tables({"name": robot.name, **tables}, robot, options, PLACE)
+    _refuse_plane(options.plane)
+    problem = load_problem(source)
+    if options == Options(degrees=options.degrees):
+        return problem
+    content = problem_to_dict(problem)
+    if problem.flight.landing is None:
+        del content["flight"]["landing"]
+    elif problem.flight.landing.height is None:
+        del content["flight"]["landing"]["height"]
+    merged = _merged(content, options.tables(problem.robot.joints))
+    return _from_tables(merged, problem.robot, options, f"{source} with options")
+
+
+def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, place: str) -> Problem:
+    try:
+        return problem_from_dict(content, robot, place)
+    except InputError as error:
+        if options.degrees or not _surely_degrees(options):
+            raise
+        hint = InputError(
+            "angles are in radians here", source=PLACE, element="--radians", advice="give --degrees if they are not"
+        )
+        raise ProblemError([error, hint]) from None
+
+
+def _surely_degrees(options: Options) -> bool:
+    texts = [text for text in (options.start, options.goal) if text is not None]
+    return any(abs(float(part)) > SURELY_DEGREES for text in texts for part in _parts(text))
+
+
+def _refuse_plane(plane: str | None) -> None:
+    if plane is not None:
+        raise InputError(
+            "a problem file says itself how its robot is read",
+            source=PLACE,
+            element="--plane",
+            advice="set robot.plane in the file",
+        )
+
+
+def _parts(text: str) -> list[str]:
+    return [part for part in re.split(r"[,\s]+", text.strip()) if part]
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{text!r} is not a number", source=PLACE, element=option) from None
+
+
+def _count(numbers: Sequence[float]) -> str:
+    return "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
+
+
+def _number_or_word(text: str | None) -> float | str | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
+
+
+def _degree(text: str | None) -> int | list[int] | str | None:
+    if text is None:
+        return None
+    parts = _parts(text)
+    try:
+        degrees = [int(part) for part in parts]
+    except ValueError:
+        return text
+    return degrees[0] if len(degrees) == 1 else degrees
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of ``over`` laid over those of ``base``, key by key."""
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged

@@ -1,0 +1,179 @@
+"""What is asked: a robot, the states at takeoff and landing, the flight, and what must hold meanwhile.
+
+Every dataclass is frozen. :class:`Problem` checks what it is given once, here, and keeps it resolved: arrays in the
+order of ``robot.joints``, SI units, radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.problem.checks import (
+    ProblemError,
+    check_angular_momentum,
+    check_ballistics,
+    check_duration,
+    check_inside,
+    check_objective,
+    check_obstacle,
+    check_orientation_rate,
+    check_pair,
+    degrees_of,
+    faults,
+    joint_state,
+    landing_of,
+    motor_torque_limits,
+    motor_values,
+    position_limits,
+    takeoff_of,
+    torque_limits,
+    velocity_limits,
+)
+from floatplan.problem.ground import ground_height
+from floatplan.problem.parts import (
+    Flight,
+    HalfPlane,
+    JointState,
+    Landing,
+    Limits,
+    Motion,
+    Obstacle,
+    Posture,
+    SelfClearance,
+    Takeoff,
+)
+from floatplan.robot.robot import Frame, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A flight to plan. Checked and resolved when made; raises :class:`~floatplan.errors.InputError`.
+
+    Attributes
+    ----------
+    ground : bool
+        Whether all links stay above the horizontal line through the lowest point of the takeoff link's shapes at t = 0.
+    initial, final : JointState
+        ``start`` and ``goal`` as arrays.
+    position_limits : (n, 2) rad, always finite
+    velocity_limits : (n,) rad/s, of the planned coordinates; infinite where there is none
+    torque_limits : (n,) N m, of the generalised torques; infinite where there is none
+        As given by a sequence, or what the motors' own limits add up to, by ratio.
+    motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
+    motor_slope : (m,) N m s/rad
+    degrees : (n,) int
+    takeoff, landing : Takeoff, Landing
+        With the defaults filled in.
+    """
+
+    robot: Robot
+    start: Posture
+    goal: Posture
+    flight: Flight
+    motion: Motion = field(default_factory=Motion)
+    limits: Limits = field(default_factory=Limits)
+    obstacles: tuple[Obstacle, ...] = ()
+    self_clearances: tuple[SelfClearance, ...] = ()
+    name: str = "flight"
+    ground: bool = False
+    initial: JointState = field(init=False)
+    final: JointState = field(init=False)
+    position_limits: Array = field(init=False)
+    velocity_limits: Array = field(init=False)
+    torque_limits: Array = field(init=False)
+    motor_torque_limits: Array = field(init=False)
+    motor_stall: Array = field(init=False)
+    motor_slope: Array = field(init=False)
+    degrees: tuple[int, ...] = field(init=False)
+    takeoff: Takeoff = field(init=False)
+    landing: Landing = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Resolve and check everything; report all that is wrong, not only the first."""
+        errors: list[InputError] = []
+        for name, resolve in self._resolvers().items():
+            try:
+                object.__setattr__(self, name, resolve())
+            except InputError as error:
+                errors.append(error)
+        errors.extend(faults(self._checks()))
+        if not errors:
+            errors = faults(self._edge_checks())
+        if len(errors) == 1:
+            raise errors[0]
+        if errors:
+            raise ProblemError(errors)
+
+    def _resolvers(self) -> dict[str, Callable[[], object]]:
+        robot, limits = self.robot, self.limits
+        return {
+            "initial": lambda: joint_state(robot, self.start, "start"),
+            "final": lambda: joint_state(robot, self.goal, "goal"),
+            "position_limits": lambda: position_limits(robot, limits),
+            "velocity_limits": lambda: velocity_limits(robot, limits.velocity),
+            "torque_limits": lambda: torque_limits(robot, limits.torque),
+            "motor_torque_limits": lambda: motor_torque_limits(robot, limits.torque),
+            "motor_stall": lambda: motor_values(robot, limits, "stall", math.inf),
+            "motor_slope": lambda: motor_values(robot, limits, "slope", 0.0),
+            "degrees": lambda: degrees_of(robot, self.motion),
+            "takeoff": lambda: takeoff_of(robot, self.flight),
+            "landing": lambda: landing_of(robot, self.flight, self.start, self.goal, self.ground),
+            "obstacles": lambda: tuple(self.obstacles),
+            "self_clearances": lambda: tuple(self.self_clearances),
+        }
+
+    def _checks(self) -> Iterator[Callable[[], None]]:
+        yield lambda: check_duration(self.flight)
+        yield lambda: check_angular_momentum(self.flight)
+        yield lambda: check_ballistics(self.flight)
+        yield lambda: check_objective(self.motion)
+        yield lambda: check_orientation_rate(self.limits)
+        if self.obstacles or self.self_clearances or self.ground:
+            yield self.robot.check_shapes
+        for index, obstacle in enumerate(self.obstacles):
+            yield partial(check_obstacle, obstacle, f"obstacles[{index}]", self.flight.duration)
+        for index, pair in enumerate(self.self_clearances):
+            yield partial(check_pair, self.robot, pair, f"self_clearance[{index}]")
+
+    def _edge_checks(self) -> Iterator[Callable[[], None]]:
+        """Start and goal lie inside the joint ranges, and stand still on their edges."""
+        for element, state in (("start", self.initial), ("goal", self.final)):
+            for index in range(len(self.robot.joints)):
+                yield partial(check_inside, self.robot, self.position_limits, state, element, index)
+
+    @property
+    def takeoff_frame(self) -> Frame:
+        """The takeoff frame, resolved."""
+        return self.robot.frames[self.takeoff.frame]
+
+    @property
+    def landing_frame(self) -> Frame:
+        """The landing frame, resolved."""
+        return self.robot.frames[self.landing.frame]
+
+    @property
+    def landing_height(self) -> float:
+        """Height of the landing frame at t = T, resolved, m."""
+        return self.landing.height or 0.0
+
+    @cached_property
+    def ground_plane(self) -> HalfPlane:
+        """The half-plane below the ground's line, asked for or not.
+
+        Raises
+        ------
+        InputError
+            The collision geometry of the takeoff link is wrong.
+        """
+        height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
+        return HalfPlane(point=(0.0, height), normal=(0.0, 1.0))
+
+    @property
+    def raises_degree(self) -> bool:
+        """Whether the degree may be raised where nothing else helps."""
+        return self.motion.degree == "auto"

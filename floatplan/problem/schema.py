@@ -1,0 +1,342 @@
+"""The tables of a problem file as pydantic models: which keys there are, and what each may hold.
+
+Validated with the context ``{"degrees": True}``, every angle comes out in radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo
+
+from floatplan.problem import parts as asked
+from floatplan.robot.robot import Coupling
+
+
+def _in_radians(value: float, info: ValidationInfo) -> float:
+    return math.radians(value) if info.context and info.context["degrees"] else value
+
+
+def _shape(value: Any) -> str:
+    """Tag of the shape that a value has; tags are in angle brackets, so that no path in a message shows them."""
+    for shape, kind in (("<table>", dict), ("<list>", list), ("<word>", str)):
+        if isinstance(value, kind):
+            return shape
+    return "<number>"
+
+
+def _obstacle_kind(value: Any) -> str | None:
+    kind = value.get("kind") if isinstance(value, dict) else None
+    return f"<{kind}>" if isinstance(kind, str) else None
+
+
+def _any_of(wanted: str) -> Discriminator:
+    return Discriminator(_shape, custom_error_type="wrong_shape", custom_error_message=f"is not {wanted}")
+
+
+Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole: TypeAlias = Annotated[int, Field(strict=True)]
+Angle: TypeAlias = Annotated[Number, AfterValidator(_in_radians)]
+Place: TypeAlias = tuple[Number, Number]
+Range: TypeAlias = tuple[Angle, Angle]
+
+JointAngles: TypeAlias = Annotated[
+    Annotated[dict[str, Angle], Tag("<table>")]
+    | Annotated[list[Angle], Tag("<list>")]
+    | Annotated[Angle, Tag("<number>")],
+    _any_of("a number, a list in joint order, or a table by joint"),
+]
+PositionLimits: TypeAlias = Annotated[
+    Annotated[dict[str, Range], Tag("<table>")]
+    | Annotated[list[Range], Tag("<list>")]
+    | Annotated[Literal["urdf", "full"], Tag("<word>")],
+    _any_of("'urdf', 'full', or a table of [low, high] by joint"),
+]
+VelocityLimits: TypeAlias = Annotated[
+    Annotated[dict[str, Angle], Tag("<table>")]
+    | Annotated[list[Angle | None], Tag("<list>")]
+    | Annotated[Literal["urdf", "none"], Tag("<word>")]
+    | Annotated[Angle, Tag("<number>")],
+    _any_of("'urdf', 'none', a number, or a table by joint"),
+]
+TorqueLimit: TypeAlias = Annotated[
+    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
+    _any_of("a number or 'none'"),
+]
+TorqueLimits: TypeAlias = Annotated[
+    Annotated[dict[str, Number], Tag("<table>")]
+    | Annotated[list[TorqueLimit | None], Tag("<list>")]
+    | Annotated[Literal["urdf", "none"], Tag("<word>")]
+    | Annotated[Number, Tag("<number>")],
+    _any_of("'urdf', 'none', a number, or a table by joint"),
+]
+AngularMomentum: TypeAlias = Annotated[
+    Annotated[Literal["midpoint", "free"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
+    _any_of("a number, 'midpoint' or 'free'"),
+]
+Degree: TypeAlias = Annotated[
+    Annotated[list[Whole], Tag("<list>")]
+    | Annotated[Literal["auto"], Tag("<word>")]
+    | Annotated[Whole, Tag("<number>")],
+    _any_of("a whole number, a list of them, or 'auto'"),
+]
+
+
+class Table(BaseModel):
+    """A table of the file: unknown keys are refused."""
+
+    model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True)
+
+
+class CouplingTable(Table):
+    """``{ leader = "q1", ratio = -1, offset = 0 }``."""
+
+    leader: str
+    ratio: Number = 1.0
+    offset: Angle = 0.0
+
+    def coupling(self) -> Coupling:
+        """Return what the table says."""
+        return Coupling(self.leader, self.ratio, self.offset)
+
+
+CoupledJoint: TypeAlias = Annotated[
+    Annotated[CouplingTable, Tag("<table>")] | Annotated[str, Tag("<word>")],
+    _any_of("the name of the joint that leads, or a table with leader, ratio, offset"),
+]
+CoupledJoints: TypeAlias = Annotated[
+    Annotated[dict[str, CoupledJoint], Tag("<table>")] | Annotated[Literal["mirror"], Tag("<word>")],
+    _any_of("a table of joints and their leaders, or 'mirror'"),
+]
+
+
+class RobotTable(Table):
+    """``[robot]``: the URDF and the choices that it leaves open."""
+
+    urdf: str
+    plane: str | None = None
+    joints: list[str] | None = None
+    coupled: CoupledJoints = Field(default_factory=dict)
+    locked: dict[str, Angle] = Field(default_factory=dict)
+    reference: str | None = None
+
+    def choices(self) -> dict[str, Any]:
+        """Return the keyword arguments of ``Robot.from_urdf``."""
+        return {
+            "plane": self.plane,
+            "joints": self.joints,
+            "coupled": self.coupled if isinstance(self.coupled, str) else self._couplings(self.coupled),
+            "locked": dict(self.locked) or None,
+            "reference": self.reference,
+        }
+
+    def _couplings(self, coupled: dict[str, CouplingTable | str]) -> dict[str, str | Coupling] | None:
+        leaders = {name: leader if isinstance(leader, str) else leader.coupling() for name, leader in coupled.items()}
+        return leaders or None
+
+
+class PostureTable(Table):
+    """``[start]`` or ``[goal]``."""
+
+    orientation: Angle
+    positions: JointAngles
+    velocities: JointAngles = 0.0
+    accelerations: JointAngles = 0.0
+
+    def posture(self) -> asked.Posture:
+        """Return what the table says."""
+        return asked.Posture(self.orientation, self.positions, self.velocities, self.accelerations)
+
+
+class TakeoffTable(Table):
+    """``takeoff = { frame = "foot", position = [0, 0] }``."""
+
+    frame: str
+    position: Place = (0.0, 0.0)
+
+    def takeoff(self) -> asked.Takeoff:
+        """Return what the table says."""
+        return asked.Takeoff(self.frame, self.position)
+
+
+class LandingTable(Table):
+    """``landing = { frame = "hand", height = 0 }``."""
+
+    frame: str
+    height: Number | None = None
+
+    def landing(self) -> asked.Landing:
+        """Return what the table says."""
+        return asked.Landing(self.frame, self.height)
+
+
+class FlightTable(Table):
+    """``[flight]``."""
+
+    duration: Number
+    angular_momentum: AngularMomentum = "midpoint"
+    takeoff: TakeoffTable | None = None
+    landing: LandingTable | None = None
+    horizontal_velocity: Number = 0.0
+    gravity: Number = 9.81
+
+    def flight(self) -> asked.Flight:
+        """Return what the table says."""
+        return asked.Flight(
+            duration=self.duration,
+            angular_momentum=self.angular_momentum,
+            takeoff=self.takeoff.takeoff() if self.takeoff else None,
+            landing=self.landing.landing() if self.landing else None,
+            horizontal_velocity=self.horizontal_velocity,
+            gravity=self.gravity,
+        )
+
+
+class MotionTable(Table):
+    """``[motion]``."""
+
+    degree: Degree = 7
+    objective: asked.Objective = "coefficients"
+
+    def motion(self) -> asked.Motion:
+        """Return what the table says."""
+        return asked.Motion(self.degree, self.objective)
+
+
+class MotorTable(Table):
+    """``{ stall = 8, slope = 0.4 }``."""
+
+    stall: Number
+    slope: Number
+
+
+class LimitsTable(Table):
+    """``[limits]``."""
+
+    position: PositionLimits = "urdf"
+    velocity: VelocityLimits = "none"
+    torque: TorqueLimits = "none"
+    motor: dict[str, MotorTable] = Field(default_factory=dict)
+    orientation_rate: Angle | None = None
+
+    def limits(self) -> asked.Limits:
+        """Return what the table says; ``null`` or ``"none"`` in a list is no limit."""
+        return asked.Limits(
+            position=self.position,
+            velocity=_unlimited(self.velocity),
+            torque=_unlimited(self.torque),
+            motor={joint: asked.Motor(motor.stall, motor.slope) for joint, motor in self.motor.items()},
+            orientation_rate=self.orientation_rate,
+        )
+
+
+class RecordedLimitsTable(LimitsTable):
+    """``limits`` of a plan file: where a joint has several motors, with the limit of each one's own torque."""
+
+    motor_torque: dict[str, Number] | None = None
+
+    def limits(self) -> asked.Limits:
+        """Return what the table says; the motors' own limits contain those of the generalised torques."""
+        limits = super().limits()
+        return limits if self.motor_torque is None else replace(limits, torque=self.motor_torque)
+
+
+def _unlimited(values: Any) -> Any:
+    return [math.inf if value in (None, "none") else value for value in values] if isinstance(values, list) else values
+
+
+class ObstacleTable(Table):
+    """What all ``[[obstacles]]`` share."""
+
+    margin: Number = 0.0
+    velocity: Place = (0.0, 0.0)
+    window: tuple[Number, Number] | None = None
+
+    def shared(self) -> dict[str, Any]:
+        """Return the fields of :class:`floatplan.problem.Obstacle`."""
+        return {"margin": self.margin, "velocity": self.velocity, "window": self.window}
+
+
+class CircleTable(ObstacleTable):
+    """``kind = "circle"``."""
+
+    kind: Literal["circle"]
+    center: Place
+    radius: Number
+
+    def obstacle(self) -> asked.Circle:
+        """Return what the table says."""
+        return asked.Circle(center=self.center, radius=self.radius, **self.shared())
+
+
+class HalfPlaneTable(ObstacleTable):
+    """``kind = "half-plane"``."""
+
+    kind: Literal["half-plane"]
+    point: Place = (0.0, 0.0)
+    normal: Place = (0.0, 1.0)
+
+    def obstacle(self) -> asked.HalfPlane:
+        """Return what the table says."""
+        return asked.HalfPlane(point=self.point, normal=self.normal, **self.shared())
+
+
+class CapsuleTable(ObstacleTable):
+    """``kind = "capsule"``."""
+
+    kind: Literal["capsule"]
+    start: Place
+    end: Place
+    radius: Number
+
+    def obstacle(self) -> asked.Bar:
+        """Return what the table says."""
+        return asked.Bar(start=self.start, end=self.end, radius=self.radius, **self.shared())
+
+
+AnyObstacle: TypeAlias = Annotated[
+    Annotated[CircleTable, Tag("<circle>")]
+    | Annotated[HalfPlaneTable, Tag("<half-plane>")]
+    | Annotated[CapsuleTable, Tag("<capsule>")],
+    Discriminator(
+        _obstacle_kind,
+        custom_error_type="wrong_kind",
+        custom_error_message="is no table with kind = 'circle', 'half-plane' or 'capsule'",
+    ),
+]
+
+
+class SelfClearanceTable(Table):
+    """``[[self_clearance]]``."""
+
+    links: tuple[str, str]
+    margin: Number = 0.0
+
+
+class ProblemTable(Table):
+    """A problem file less its ``[robot]``."""
+
+    name: Annotated[str, Field(min_length=1)] | None = None
+    angles: Literal["rad", "deg"] = "rad"
+    ground: Annotated[bool, Field(strict=True)] = False
+    start: PostureTable
+    goal: PostureTable
+    flight: FlightTable
+    motion: MotionTable = Field(default_factory=MotionTable)
+    limits: LimitsTable = Field(default_factory=LimitsTable)
+    obstacles: list[AnyObstacle] = Field(default_factory=list)
+    self_clearance: list[SelfClearanceTable] = Field(default_factory=list)
+
+
+class RecordedProblemTable(ProblemTable):
+    """The problem in a plan file."""
+
+    limits: RecordedLimitsTable = Field(default_factory=RecordedLimitsTable)
+
+
+class ProblemFileTable(ProblemTable):
+    """A whole problem file."""
+
+    robot: RobotTable

@@ -1,0 +1,1 @@
+"""The links' shapes in the plane."""

@@ -1,0 +1,164 @@
+"""The links' shapes in the plane.
+
+A link with ``<collision>`` geometry is the capsules around its projection; they hold it, so that a clearance of the
+capsules is one of the link. A link without is the segments from its own origin to the origins of its children's joints,
+of radius 0: the paper's links. A joint's origin is where the URDF puts it; a locked prismatic joint holds its child
+away from there, and the child then has the segment between the two as well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.robot.parts import Capsule
+from floatplan.robot.planar.layout import TreeLayout
+from floatplan.robot.shapes.cache import mesh_capsules
+from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit_capsules
+from floatplan.robot.shapes.meshes import Mesh, find_mesh, load_mesh, mesh_digest
+from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_collision
+from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
+
+
+def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]) -> tuple[Capsule, ...]:
+    """Return the shapes of all links, in the order of the links in the file.
+
+    Parameters
+    ----------
+    layout : TreeLayout
+    folder : path or None
+        Of the URDF, from which mesh files are looked for.
+    meshes : mapping
+        What :func:`mesh_digests` said of the files.
+
+    Raises
+    ------
+    InputError
+        If the geometry of a collision is wrong, or its file is not a mesh, or not the one that it was.
+    """
+    joints: dict[str, list[UrdfJoint]] = {name: [] for name in layout.tree.links}
+    for joint in layout.tree.joints:
+        joints[joint.parent].append(joint)
+        joints[joint.child].append(joint)
+    shapes: list[Capsule] = []
+    for link, own in joints.items():
+        shapes += _capsules(layout, link, folder, meshes) or _segments(layout, link, own)
+    return tuple(shapes)
+
+
+def mesh_digests(tree: UrdfTree, folder: Path | None) -> dict[str, str]:
+    """Return the SHA-256 of the mesh files of collision elements by their names there, of those that can be read."""
+    digests = {}
+    for link, filename in _mesh_names(tree):
+        path = None if folder is None else find_mesh(filename, folder)
+        if path is not None and filename not in digests:
+            with contextlib.suppress(InputError):
+                digests[filename] = mesh_digest(path, f'link "{link}"')
+    return digests
+
+
+def link_outlines(layout: TreeLayout, folder: Path | None) -> list[tuple[int, Outline]]:
+    """Return the collision geometry in the plane, which the capsules hold, each with the body whose frame it is in.
+
+    Raises
+    ------
+    InputError
+        As :func:`link_shapes`.
+    """
+    outlines = []
+    for name, link in layout.tree.links.items():
+        for collision in link.collisions:
+            outline = read_collision(name, collision, _projection(layout, name), folder)
+            if isinstance(outline, MeshUse):
+                mesh = load_mesh(outline.path, outline.scale, outline.element)
+                outline = Outline(outline.projection(mesh.corners), mesh.edges)
+            if outline is not None:
+                outlines.append((layout.body_of[name], outline))
+    return outlines
+
+
+def missing_meshes(tree: UrdfTree, folder: Path | None) -> list[tuple[str, str]]:
+    """Return the link and the file name of each mesh of a collision element that is not to be found."""
+    return [
+        (link, filename)
+        for link, filename in _mesh_names(tree)
+        if folder is None or find_mesh(filename, folder) is None
+    ]
+
+
+def unread_geometry(tree: UrdfTree) -> list[tuple[str, str]]:
+    """Return link and tag of what collision elements hold that no shape is around: unknown kinds, second ones."""
+    return [
+        (link.name, shape.tag)
+        for link in tree.links.values()
+        for collision in link.collisions
+        for number, shape in enumerate(collision.iterfind("geometry/*"))
+        if number or shape.tag not in KINDS
+    ]
+
+
+def _mesh_names(tree: UrdfTree) -> list[tuple[str, str]]:
+    """The link and the file name of each mesh of a collision element."""
+    return [
+        (link.name, mesh.get("filename", ""))
+        for link in tree.links.values()
+        for collision in link.collisions
+        for mesh in collision.iterfind("geometry/mesh")
+    ]
+
+
+def _capsules(layout: TreeLayout, link: str, folder: Path | None, meshes: Mapping[str, str]) -> list[Capsule]:
+    fitted: list[PlaneCapsule] = []
+    for collision in layout.tree.links[link].collisions:
+        outline = read_collision(link, collision, _projection(layout, link), folder)
+        if isinstance(outline, MeshUse):
+            fitted += mesh_capsules(outline, _same_mesh(outline, meshes))
+        elif outline is not None:
+            fitted += fit_capsules(outline)
+    body = layout.body_of[link]
+    return [Capsule(link, body, capsule.start, capsule.end, capsule.radius) for capsule in _outermost(fitted)]
+
+
+def _same_mesh(use: MeshUse, meshes: Mapping[str, str]) -> Mesh:
+    mesh = load_mesh(use.path, use.scale, use.element)
+    if mesh.sha256 != meshes.get(use.filename):
+        raise InputError(
+            "has changed since the robot was read", source=use.path, element=use.element, advice="read the robot again"
+        )
+    return mesh
+
+
+def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
+    """Capsules less those inside another; of two that are the same, the first stays."""
+    different = list(dict.fromkeys(capsules))
+    return [one for one in different if not any(other.holds(one) for other in different if other is not one)]
+
+
+def _projection(layout: TreeLayout, link: str) -> Projection:
+    """From the link's frame to its body's frame in the plane."""
+    home = layout.bodies[layout.body_of[link]]
+    placement = layout.placements[link]
+    back = np.exp(-1j * layout.plane.turn * home.offset)
+    row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * back
+    return Projection(row, layout.local(layout.body_of[link], placement.translation))
+
+
+def _segments(layout: TreeLayout, link: str, joints: list[UrdfJoint]) -> list[Capsule]:
+    """From the link's origin to those of its children's joints, and of its own where it stands away from there."""
+    body = layout.body_of[link]
+    start = layout.local(body, layout.placements[link].translation)
+    ends = dict.fromkeys(layout.local(body, _joint_origin(layout, joint)) for joint in joints)
+    segments = [Capsule(link, body, start, end, 0.0) for end in ends if end != start]
+    if not segments and layout.tree.links[link].inertial is not None:
+        return [Capsule(link, body, start, start, 0.0)]
+    return segments
+
+
+def _joint_origin(layout: TreeLayout, joint: UrdfJoint) -> Array:
+    """Place (3,) in the root link where the URDF puts a joint, which its motion leaves as it is."""
+    return np.asarray((layout.placements[joint.parent] * joint.origin.placement).translation, dtype=np.float64)

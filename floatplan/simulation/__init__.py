@@ -1,0 +1,1 @@
+"""Does a plan fly? Forward dynamics under its torques."""

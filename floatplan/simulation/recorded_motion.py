@@ -1,0 +1,148 @@
+"""The motion that a plan file states, and the torques that it takes, by Pinocchio's inverse dynamics.
+
+Nothing is shared with the planner: joints from the coefficients by (12), the base's rate from the joint-space inertia
+matrix, torques from RNEA. In flight the torques do not depend on gravity, on the orientation or on where the robot is,
+so all of this is reckoned with the centre of mass at rest, the base at the origin and without gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.plans.record import PlanRecord
+from floatplan.simulation.held_model import BASE, HeldModel
+
+NODES = 96  # of Gauss-Legendre quadrature on each panel
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """All coordinates at one instant, (3 + m,) each; those of the base are zero."""
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+
+class RecordedMotion:
+    """What a record says about the robot at any time; holds Pinocchio's scratch data, so use one per thread."""
+
+    def __init__(self, record: PlanRecord, held: HeldModel) -> None:
+        self.record = record
+        self.held = held
+        self._model = held.model.copy()
+        self._model.gravity = pin.Motion.Zero()
+        self._data = self._model.createData()
+        self._middle = 0.5 * record.duration
+        p = _recentred(record.coefficients, self._middle)
+        self._exponents = np.arange(len(p))
+        self._polynomials = np.concatenate((p, _derivative(p), _derivative(_derivative(p))), axis=1)
+
+    @property
+    def duration(self) -> float:
+        """Flight time, s."""
+        return self.record.duration
+
+    def planned(self, time: float) -> tuple[Array, Array, Array]:
+        """Positions, velocities, accelerations (n,) of the planned joints: (12) and its derivatives."""
+        p, rate, curvature = ((time - self._middle) ** self._exponents @ self._polynomials).reshape(3, -1)
+        sine, cosine = self.record.amplitude * np.sin(p), self.record.amplitude * np.cos(p)
+        return np.asarray(self.record.centre + sine), cosine * rate, np.asarray(cosine * curvature - sine * rate**2)
+
+    def joints(self, time: float) -> JointState:
+        """All joints at a time, s."""
+        positions, velocities, accelerations = self.planned(time)
+        selection = self.held.selection
+        return JointState(
+            self.held.reference + selection @ positions, selection @ velocities, selection @ accelerations
+        )
+
+    def base_velocity(self, state: JointState, angular_momentum: float) -> tuple[Array, float]:
+        """Velocity (3,) of the base that gives no momentum but the angular, and d orientation rate / d h."""
+        inverse, coupling = self._base_rows(state)
+        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE:]
+        return inverse @ momentum, float(inverse[BASE - 1, BASE - 1])
+
+    def _base_rows(self, state: JointState) -> tuple[Array, Array]:
+        """First rows of the inertia matrix: the inverse of the base's part (3, 3), and the joints' part (3, m).
+
+        The rows give the momenta along the plane's axes and about the base's origin.
+        """
+        rows = pin.crba(self._model, self._data, state.positions)[:BASE]  # only its upper triangle counts
+        base = rows[:, :BASE].copy()
+        base[1, 0], base[2, 0], base[2, 1] = base[0, 1], base[0, 2], base[1, 2]
+        return np.linalg.inv(base), rows[:, BASE:]
+
+    def torques(self, time: float) -> Array:
+        """Torques (m,) of all joints, coupled ones each with their own, N m.
+
+        The base accelerates as the momenta's constancy demands: RNEA gives no wrench on it.
+        """
+        state = self.joints(time)
+        inverse, coupling = self._base_rows(state)
+        momentum = np.array([0.0, 0.0, self.record.angular_momentum]) - coupling @ state.velocities[BASE:]
+        state.velocities[:BASE] = inverse @ momentum
+        forces = pin.rnea(self._model, self._data, state.positions, state.velocities, state.accelerations)
+        return np.asarray(forces[BASE:] - coupling.T @ (inverse @ forces[:BASE]))
+
+    def takeoff(self, angular_momentum: float) -> tuple[Array, Array]:
+        """Positions and velocities (3 + m,) at time zero, in the world."""
+        state = self.joints(0.0)
+        state.positions[BASE - 1] = self.record.orientation["start"]
+        state.velocities[:BASE], _ = self.base_velocity(state, angular_momentum)
+        state.velocities[: BASE - 1] += np.asarray(self.record.com["velocity0"])
+        com = self.held.axes @ pin.centerOfMass(self._model, self._data, state.positions)
+        state.positions[: BASE - 1] = np.asarray(self.record.com["position0"]) - com
+        return np.asarray(state.positions), np.asarray(state.velocities)
+
+    def com_position(self, time: float) -> Array:
+        """Where the centre of mass (2,) is on its parabola, m."""
+        com = self.record.com
+        fall = np.array([0.0, 0.5 * com["gravity"] * time**2])
+        path: Array = np.asarray(com["position0"]) + time * np.asarray(com["velocity0"]) - fall
+        return path
+
+    def orientation(self, times: Array) -> tuple[Array, float]:
+        """Orientations (N,) at rising times (N,), and d orientation / d h at the last, by quadrature of (15).
+
+        With the joints on their paths, the orientation rate is ``(h - sum_i D_i q_i') / D_0``: its derivative by h is
+        ``1 / D_0``, and so is, integrated, that of the orientation (its variational equation has no other term).
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(NODES)
+        orientation, sensitivity, began = float(self.record.orientation["start"]), 0.0, 0.0
+        found = []
+        for time in times:
+            half = (time - began) / 2
+            for node, weight in zip(nodes, weights, strict=True):
+                state = self.joints(began + half * (1 + node))
+                velocity, per_momentum = self.base_velocity(state, self.record.angular_momentum)
+                orientation += half * weight * velocity[BASE - 1]
+                sensitivity += half * weight * per_momentum
+            began = float(time)
+            found.append(orientation)
+        return np.array(found), sensitivity
+
+
+def _derivative(powers: Array) -> Array:
+    """Coefficients (k + 1, n) of the derivative, powers of t in rows."""
+    derived = np.zeros_like(powers)
+    derived[:-1] = powers[1:] * np.arange(1, len(powers))[:, None]
+    return derived
+
+
+def _recentred(coefficients: Array, middle: float) -> Array:
+    """Powers (k+1, n) of ``t - middle`` from those of t (n, k+1): far fewer digits cancel in their sums."""
+    line = flint.fmpq_poly([_fraction(middle), 1])
+    rows = [flint.fmpq_poly([_fraction(value) for value in row])(line).coeffs() for row in coefficients.tolist()]
+    size = coefficients.shape[1]
+    return np.array([[int(c.p) / int(c.q) for c in row] + [0.0] * (size - len(row)) for row in rows]).T
+
+
+def _fraction(value: float) -> Any:
+    return flint.fmpq(*value.as_integer_ratio())

@@ -1,0 +1,266 @@
+"""Replay: forward dynamics under a plan's torques, gravity on. Does the robot land where the plan says?
+
+:func:`replay` reads a plan's record and its robot, and nothing of the planner: the joints' paths come from the record's
+coefficients, the torques from inverse dynamics along them, and the landing from forward dynamics under these torques
+alone. The base is free, each joint that moves gets its own torque, and locked joints are rigid.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.files import plain
+from floatplan.plans.record import PlanRecord
+from floatplan.plans.recorded_robot import recorded_robot
+from floatplan.robot.robot import Robot
+from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
+from floatplan.simulation.forward import LOOSE, TIGHT, fly
+from floatplan.simulation.held_model import BASE, HeldModel, held_model
+from floatplan.simulation.recorded_motion import RecordedMotion
+
+Engine: TypeAlias = Literal["pinocchio", "mujoco"]
+
+TOLERANCE = 1e-6  # rad, of orientation and joints at the landing
+PANELS = 4  # errors are reported at the ends of as many equal parts of the flight
+STEP = 5e-4  # s, of MuJoCo's fixed steps
+
+
+class HasRecord(Protocol):
+    """A plan that is alive."""
+
+    @property
+    def record(self) -> PlanRecord:
+        """The plan as data."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that flies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """Errors along the flight at the ends of its quarters, (4,) each: against the path that the plan states.
+
+    ``joints`` is the largest over all joints that move; s, rad, rad, m.
+    """
+
+    times: Array
+    orientation: Array
+    joints: Array
+    com: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """Where forward dynamics lands under a plan's torques.
+
+    Attributes
+    ----------
+    engine : "pinocchio" or "mujoco"
+    orientation_error : rad
+        Distance of the orientation at the end from the goal.
+    position_error : (n,) rad
+        The same of each planned joint, or of a joint coupled to it where that is further off.
+    com_error : m
+        Distance of the centre of mass from its parabola at the end.
+    momentum_drift : kg m^2/s
+        Largest change of the angular momentum about the centre of mass since takeoff.
+    orientation_sensitivity : 1/(kg m^2)
+        d orientation(T) / d h, with the joints on their paths: the integral of ``1 / D_0``.
+    growth : Growth
+    disturbance : Disturbance
+    feedback : rad/s
+        Bandwidth with which joints were made to track their paths; None: open loop.
+    step : s
+        Of fixed steps; None where the engine chooses its own.
+    seconds : time that the replay took
+    """
+
+    engine: Engine
+    orientation_error: float
+    position_error: Array
+    com_error: float
+    momentum_drift: float
+    orientation_sensitivity: float
+    growth: Growth
+    disturbance: Disturbance
+    feedback: float | None
+    step: float | None
+    seconds: float
+
+    @property
+    def landed(self) -> bool:
+        """Whether orientation and joints arrive at the goal within ``TOLERANCE``."""
+        errors = np.array([self.orientation_error, *self.position_error])
+        return bool((errors <= TOLERANCE).all())
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether something was made to go wrong."""
+        return self.disturbance.any
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        growth = {name: getattr(self.growth, name) for name in self.growth.__dataclass_fields__}
+        found: dict[str, Any] = plain({**values, "growth": growth, "disturbance": asdict(self.disturbance)})
+        return {**found, "landed": self.landed, "tolerance": TOLERANCE}
+
+
+def replay(
+    plan: HasRecord | PlanRecord,
+    robot: Robot | None = None,
+    *,
+    engine: Engine = "pinocchio",
+    perturb: str | Disturbance = "",
+    feedback: float | None = None,
+    step: float = STEP,
+) -> Replay:
+    """Fly a plan by forward dynamics.
+
+    Parameters
+    ----------
+    plan : Plan or PlanRecord
+    robot : Robot, optional
+        Left out, the plan's; of a record, the one that it names.
+    engine : "pinocchio" or "mujoco"
+        The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
+        accelerations and one of order 4 at fixed steps.
+    perturb : str or Disturbance
+        Relative errors of the angular momentum at takeoff, of masses and of torques: ``"h=1%,mass=2%,torque=1%"``.
+    feedback : float, optional
+        Bandwidth, rad/s, of joint feedback that tracks the plan; left out, torques are applied open loop.
+    step : float
+        s, of MuJoCo's steps at most.
+
+    Raises
+    ------
+    InputError
+        The robot is missing or another; the engine is unknown or not installed; a number is wrong.
+    """
+    began = clock.perf_counter()
+    check_engine(engine)
+    if not 0.0 < step < math.inf:
+        raise InputError(f"{step} s is not positive", element="step")
+    record = plan if isinstance(plan, PlanRecord) else plan.record
+    if robot is None:
+        robot = recorded_robot(record.robot) if isinstance(plan, PlanRecord) else plan.robot
+    disturbance = parse_disturbance(perturb) if isinstance(perturb, str) else perturb
+    held = held_model(robot, float(record.com["gravity"]))
+    motion = RecordedMotion(record, held)
+    takeoff = motion.takeoff(record.angular_momentum * (1.0 + disturbance.h))
+    control = None if feedback is None else feedback_of(held, takeoff[0], feedback)
+    drive = _Drive(motion, disturbance.factors(held.model.nv - BASE, disturbance.torque), control)
+    times = record.duration * np.arange(1, PANELS + 1) / PANELS
+    model = disturbance.disturbed(held)
+    if engine == "pinocchio":
+        flown = fly(model, drive, takeoff, times, LOOSE if disturbance.any else TIGHT)
+    else:
+        flown = _fly_mujoco(robot, held, drive, takeoff, times, step, disturbance)
+    stations = (takeoff, *zip(*flown, strict=True))
+    growth, sensitivity = _growth(motion, flown[0], times)
+    return Replay(
+        engine=engine,
+        orientation_error=abs(float(flown[0][-1, BASE - 1]) - float(record.orientation["goal"])),
+        position_error=_landing_errors(record, held, flown[0][-1]),
+        com_error=float(growth.com[-1]),
+        momentum_drift=_momentum_drift(model, stations),
+        orientation_sensitivity=sensitivity,
+        growth=growth,
+        disturbance=disturbance,
+        feedback=feedback,
+        step=None if engine == "pinocchio" else step,
+        seconds=clock.perf_counter() - began,
+    )
+
+
+def check_engine(name: str) -> Engine:
+    """Return the engine of that name; InputError where there is none."""
+    if name == "pinocchio":
+        return "pinocchio"
+    if name == "mujoco":
+        return "mujoco"
+    raise InputError(f"{name!r} is no engine", element="engine", advice="known are pinocchio, mujoco")
+
+
+class _Drive:
+    """Joint torques: those of the plan, as strong as the motors are, and feedback."""
+
+    def __init__(self, motion: RecordedMotion, factors: Array, feedback: Feedback | None) -> None:
+        self.motion, self.factors, self.feedback = motion, factors, feedback
+        self._stated = lru_cache(maxsize=4)(motion.torques)  # a Runge-Kutta method asks twice for the same instant
+
+    def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
+        torques = self._stated(time)
+        if self.feedback is not None:
+            wanted = self.motion.joints(time)
+            torques = torques + self.feedback.torques(
+                (wanted.positions - positions)[BASE:], (wanted.velocities - velocities)[BASE:]
+            )
+        return np.asarray(self.factors * torques)
+
+
+def _fly_mujoco(
+    robot: Robot,
+    held: HeldModel,
+    drive: _Drive,
+    takeoff: tuple[Array, Array],
+    times: Array,
+    step: float,
+    disturbance: Disturbance,
+) -> tuple[Array, Array]:
+    from floatplan.simulation.mujoco_engine import fly_mujoco, whole_step
+    from floatplan.simulation.mujoco_model import mujoco_model
+
+    if disturbance.mass:
+        raise InputError("masses are disturbed with the engine pinocchio only", element="perturb")
+    gravity = -float(held.axes[1] @ held.model.gravity.linear)
+    model, order = mujoco_model(robot, held, gravity, whole_step(float(times[-1]), step, PANELS))
+    return fly_mujoco(model, order, drive, takeoff, times)
+
+
+def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:
+    """Errors at times along the flight, and the sensitivity of the orientation."""
+    held = motion.held
+    data = held.model.createData()
+    orientation, sensitivity = motion.orientation(times)
+    joints, com = [], []
+    for time, positions in zip(times, flown, strict=True):
+        joints.append(np.abs(motion.joints(float(time)).positions - positions)[BASE:].max())
+        place = held.axes @ pin.centerOfMass(held.model, data, positions)
+        com.append(np.linalg.norm(place - motion.com_position(float(time))))
+    off = np.abs(flown[:, BASE - 1] - orientation)
+    return Growth(read_only(times), read_only(off), read_only(joints), read_only(com)), sensitivity
+
+
+def _landing_errors(record: PlanRecord, held: HeldModel, landing: Array) -> Array:
+    """Errors (n,) of the planned joints and of those coupled to them against the goal."""
+    goal = np.asarray(record.problem["goal"]["positions"], dtype=np.float64)
+    off = np.abs(landing - held.reference - held.selection @ goal)
+    return read_only((off[:, None] * (held.selection != 0.0)).max(axis=0))
+
+
+def _momentum_drift(model: Any, stations: Any) -> float:
+    """Largest change of the angular momentum about the centre of mass, about the base's axis, kg m^2/s."""
+    data = model.createData()
+    momenta = []
+    for positions, velocities in stations:
+        angular = pin.computeCentroidalMomentum(model, data, positions, velocities).angular
+        momenta.append(angular @ data.oMi[BASE].rotation @ _base_axis(model))
+    return float(np.abs(np.array(momenta) - momenta[0]).max())
+
+
+def _base_axis(model: Any) -> Array:
+    """The normal (3,), which the base turns about."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    return np.asarray(pin.getJointJacobian(model, data, BASE, pin.LOCAL)[3:, BASE - 1])

@@ -1,0 +1,1 @@
+"""Figures, kinograms and films."""

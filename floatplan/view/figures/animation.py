@@ -1,0 +1,156 @@
+"""A flight as a short film: GIF by Pillow, MP4 where ffmpeg is installed."""
+
+from __future__ import annotations
+
+import io
+import math
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from floatplan.arrays import Array
+from floatplan.errors import FloatplanError, InputError
+from floatplan.files import write_atomically
+from floatplan.plans.plan import Plan
+from floatplan.view.figures.snapshots import (
+    FLATTEST,
+    TALLEST,
+    draw_posture,
+    frame_box,
+    picture_box,
+    snapshot_times,
+)
+from floatplan.view.postures import com_path, postures
+from floatplan.view.style import GREY, INK, new_figure, styled
+from floatplan.view.surroundings import draw_ground, draw_obstacle
+
+RATE = 25.0  # pictures per second: GIF counts in hundredths of a second
+SPEED = 0.5  # of the film's clock against the flight's
+LONGEST = 60.0  # s of film
+REST = 0.8  # s that the landing stays
+WIDTH = 480  # pixels, even as MP4 wants them
+DPI = 120
+COLOURS = 64
+
+
+def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED) -> Path:
+    """Write a film of a flight, whole or not at all.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : path
+        Ends in ``.gif`` or ``.mp4``.
+    speed : float
+        Of the film against the flight: 0.5 is slow motion.
+
+    Raises
+    ------
+    InputError
+        The ending is another, the speed is not positive or makes a film of more than a minute, or ffmpeg is wanted and
+        not installed.
+    """
+    path = Path(path)
+    if not 0 < speed < math.inf:
+        raise InputError(f"{speed} is not positive", element="speed")
+    if plan.duration / speed > LONGEST:
+        length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
+        raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed")
+    if path.suffix == ".gif":
+        return write_atomically(path, _gif(pictures(plan, speed)))
+    if path.suffix == ".mp4":
+        return write_atomically(path, _mp4(_ffmpeg(), pictures(plan, speed)))
+    raise InputError(f"{path.suffix!r} is no film", source=path, advice="name a file that ends in .gif or .mp4")
+
+
+def pictures(plan: Plan, speed: float = SPEED) -> list[Image.Image]:
+    """Draw the film's pictures; what stays is drawn once."""
+    count = max(2, round(plan.duration / speed * RATE) + 1)
+    times = np.linspace(0.0, plan.duration, count)
+    with styled():
+        figure, axes = _stage(plan)
+        figure.canvas.draw()
+        still = figure.canvas.copy_from_bbox(figure.bbox)  # type: ignore[attr-defined]
+        drawn = []
+        for time in times:
+            figure.canvas.restore_region(still)  # type: ignore[attr-defined]
+            drawn.append(_picture(figure, axes, plan, float(time)))
+        return drawn
+
+
+def _stage(plan: Plan) -> tuple[Figure, Axes]:
+    """Return a figure with ground, standing obstacles and path."""
+    low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
+    shape = min(max((high - low).imag / (high - low).real, FLATTEST), TALLEST)
+    figure = new_figure(WIDTH / DPI, 2 * round(WIDTH * shape / 2) / DPI)
+    figure.set_dpi(DPI)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0, 0, 1, 1))
+    frame_box(axes, low, high)
+    axes.set_axis_off()
+    draw_ground(axes, postures(plan, snapshot_times(plan)))
+    com = com_path(plan, np.linspace(0.0, plan.duration, 129))
+    axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
+    for obstacle in plan.problem.obstacles:
+        if obstacle.window is None and not any(obstacle.velocity):
+            draw_obstacle(axes, obstacle, np.array([0.0]))
+    return figure, axes
+
+
+def _picture(figure: Figure, axes: Axes, plan: Plan, time: float) -> Image.Image:
+    before = set(axes.get_children())
+    for obstacle in plan.problem.obstacles:
+        low, high = obstacle.window or (0.0, plan.duration)
+        if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
+            draw_obstacle(axes, obstacle, np.array([time]))
+    draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
+    axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
+    added = [artist for artist in axes.get_children() if artist not in before]
+    for artist in sorted(added, key=lambda artist: artist.get_zorder()):
+        axes.draw_artist(artist)
+        artist.remove()
+    return Image.fromarray(_pixels(figure)).convert("RGB")
+
+
+def _pixels(figure: Figure) -> Array:
+    return np.array(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
+
+
+def _gif(frames: list[Image.Image]) -> bytes:
+    """All pictures share the palette of the middle one, so that their colours do not flicker."""
+    middle = frames[len(frames) // 2]
+    palette = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
+    shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    pause = round(1000 / RATE)
+    stream = io.BytesIO()
+    waits = [pause] * (len(shown) - 1) + [round(1000 * REST)]
+    shown[0].save(stream, format="GIF", save_all=True, append_images=shown[1:], duration=waits, loop=0, optimize=True)
+    return stream.getvalue()
+
+
+def _ffmpeg() -> str:
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
+    return found
+
+
+def _mp4(ffmpeg: str, frames: list[Image.Image]) -> bytes:
+    size = f"{frames[0].width}x{frames[0].height}"
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film.mp4"
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{RATE:g}", "-i", "-"]
+        made = ["-vf", f"tpad=stop_mode=clone:stop_duration={REST}", "-pix_fmt", "yuv420p", str(film)]
+        content = b"".join(frame.tobytes() for frame in frames)
+        done = subprocess.run(
+            [ffmpeg, "-loglevel", "error", *raw, *made], input=content, capture_output=True, check=False
+        )
+        if done.returncode != 0:
+            raise FloatplanError(f"ffmpeg failed: {done.stderr.decode(errors='replace').strip()}")
+        return film.read_bytes()

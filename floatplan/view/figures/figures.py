@@ -1,0 +1,106 @@
+"""The figures of a plan, by name, and their files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from floatplan.errors import InputError
+from floatplan.files import write_atomically
+from floatplan.plans.plan import Plan
+from floatplan.view.figures.comparison import comparison
+from floatplan.view.figures.curves import Flown, clearance, configuration, rates, torques
+from floatplan.view.figures.kinogram import kinogram
+from floatplan.view.figures.snapshots import snapshots
+from floatplan.view.style import DPI, styled
+
+COMPRESSION = 4  # of PNG files: from here on smaller files take much longer
+METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": "floatplan"},
+    "svg": {"Creator": "floatplan", "Date": None},
+    "pdf": {"Creator": "floatplan", "CreationDate": None},
+}
+
+
+def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
+    """Draw a plan's figures.
+
+    Parameters
+    ----------
+    plan : Plan
+    compare : Plan, optional
+        A second plan for the same joints, such as one that does not know the obstacle; its curves are dashed.
+
+    Returns
+    -------
+    dict of str to Figure
+        "snapshots" (the robot along the path of its centre of mass, m), "kinogram" (side by side), "configuration"
+        (degrees), "rates" (rad/s) and "torques" (N m) over time; with obstacles "clearance" (m); with ``compare``
+        "comparison" (both plans' robots, m).
+
+    Raises
+    ------
+    InputError
+        ``compare`` plans other joints.
+    """
+    with styled():
+        return dict(_drawn(plan, compare))
+
+
+def save_figures(
+    plan: Plan, directory: str | Path, *, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
+) -> list[Path]:
+    """Write each figure of :func:`figures` into a directory as ``<name>.<format>``, each whole or not at all.
+
+    Files of the same plan are the same to the last byte.
+
+    Parameters
+    ----------
+    formats : sequence of "png", "svg", "pdf"
+
+    Raises
+    ------
+    InputError
+        A format is unknown, or ``compare`` plans other joints.
+    """
+    for name in formats:
+        if name not in METADATA:
+            raise InputError(f"{name!r} is not one of {', '.join(METADATA)}", element="formats")
+    with styled():
+        return [
+            write_atomically(Path(directory) / f"{name}.{form}", _rendered(figure, form))
+            for name, figure in _drawn(plan, compare)
+            for form in formats
+        ]
+
+
+def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
+    if compare is not None and compare.robot.joints != plan.robot.joints:
+        joints = ", ".join(compare.robot.joints)
+        raise InputError(f"plans {joints}, not {', '.join(plan.robot.joints)}", element="compare")
+    flown, other = Flown.of(plan), None if compare is None else Flown.of(compare)
+    yield "snapshots", snapshots(plan)
+    yield "kinogram", kinogram(plan)
+    yield "configuration", configuration(flown, other)
+    yield "rates", rates(flown, other)
+    yield "torques", torques(flown, other)
+    if plan.problem.obstacles:
+        yield "clearance", clearance(flown, other)
+    if compare is not None:
+        yield "comparison", comparison(plan, compare)
+
+
+def _rendered(figure: Figure, form: str) -> bytes:
+    """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+    stream = io.BytesIO()
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
+    figure.savefig(stream, format=form, dpi=DPI, metadata=METADATA[form], **options)
+    return stream.getvalue()

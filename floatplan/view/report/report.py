@@ -1,0 +1,114 @@
+"""The report: a plan as one page that plays, works without a network, and carries everything that it shows.
+
+What comes from files (names of joints, frames and problems) is untrusted. It enters the page as JSON whose ``<``, ``>``
+and ``&`` are escaped, and the page writes it as text, never as markup. On top of that the page's security policy admits
+no script but its own, told by their hashes, and no address of any kind.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from floatplan.errors import InputError
+from floatplan.files import plain, write_atomically
+from floatplan.plans.plan import Plan
+from floatplan.problem.file import problem_text
+from floatplan.view.report.charts import charts
+from floatplan.view.report.data import columns, motion_data, sample_grid
+from floatplan.view.report.facts import sections, verdict
+
+ASSETS = "assets"
+STYLES = ("uplot/uPlot.min.css", "report.css")
+PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
+SCRIPTS = ("motion.js", "stage.js", "charts.js", "player.js", "report.js")
+ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
+FRAME_HEIGHT = 860  # pixels, of a report inside a notebook
+
+
+def report(plan: Plan, path: str | Path | None = None) -> str:
+    """Return the page of a plan, as HTML.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : path, optional
+        Where the page will be: the problem file in it names the URDF from there.
+    """
+    licence, plots = map(_asset, PLOTS)
+    scripts = [f"/*\n{licence}\n*/\n{plots}", *map(_asset, SCRIPTS)]
+    word, _ = verdict(plan)
+    parts = {
+        "title": html.escape(f"{plan.problem.name}: {word}"),
+        "policy": _policy(scripts),
+        "style": "\n".join(_asset(name) for name in STYLES),
+        "data": escaped_json(report_data(plan, path)),
+        "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
+    }
+    return filled(_asset("report.html"), parts)
+
+
+def write_report(plan: Plan, path: str | Path) -> Path:
+    """Write the page of a plan, whole or not at all."""
+    return write_atomically(path, report(plan, path))
+
+
+def notebook_frame(plan: Plan) -> str:
+    """Return the page as an element of another page, such as a notebook: it keeps to its own frame."""
+    content = html.escape(report(plan))
+    style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 1px solid #ddd"
+    return f'<iframe srcdoc="{content}" style="{style}" title="flight"></iframe>'
+
+
+def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
+    """Return all that the page shows, as what JSON holds."""
+    sampled = columns(plan, sample_grid(plan.duration))
+    word, tone = verdict(plan)
+    problem = plan.problem
+    found: dict[str, Any] = plain(
+        {
+            "name": problem.name,
+            "verdict": {"word": word, "tone": tone},
+            "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
+            "motion": motion_data(plan),
+            "charts": charts(plan, sampled),
+            "sections": sections(plan),
+            "problem": _problem_file(plan, path),
+            "version": plan.record.floatplan,
+        }
+    )
+    return found
+
+
+def escaped_json(content: Any) -> str:
+    """Return JSON that can stand inside ``<script>``: no text in it can end the element, or begin one."""
+    return json.dumps(content, allow_nan=False, separators=(",", ":")).translate(ESCAPES)
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """Put parts into a template's places, ``{{name}}``, in one pass: what is put in is not looked at again."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _policy(scripts: list[str]) -> str:
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
+    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
+
+
+def _asset(name: str) -> str:
+    return files("floatplan.view.report").joinpath(ASSETS, *name.split("/")).read_text(encoding="utf-8")
+
+
+def _problem_file(plan: Plan, path: str | Path | None) -> str:
+    try:
+        return problem_text(plan.problem, Path("problem.toml") if path is None else Path(path))
+    except InputError as error:
+        return f"# {error}\n"

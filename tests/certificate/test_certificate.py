@@ -1,0 +1,438 @@
+"""What the certificate proves, refutes and leaves undecided."""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import proof_reference as reference
+import pytest
+from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan, unlimited
+
+from floatplan.arrays import read_only
+from floatplan.certificate.certificate import certify
+from floatplan.certificate.certify import shapes_of
+from floatplan.errors import InputError
+from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.example_robots import urdf_path
+
+GROUND = {"kind": "half-plane", "point": [0.0, 0.0], "normal": [0.0, 2.0], "margin": 0.0}
+CIRCLE = {"kind": "circle", "center": [1.485, 3.342], "radius": 0.2, "margin": 0.0}
+
+
+@pytest.fixture(scope="module")
+def plan_a():
+    return example_a()
+
+
+@pytest.fixture(scope="module")
+def plan_b():
+    """Example B with the ground that the foot leaves and the hand reaches."""
+    return example_b(obstacles=[GROUND, CIRCLE], grounded=True)
+
+
+def with_limits(record, **limits):
+    return replace(record, problem=record.problem | {"limits": record.problem["limits"] | limits})
+
+
+def with_obstacles(record, *obstacles):
+    robot = Robot.from_urdf(record.robot.urdf)
+    ends = [min(max(end, 0.0), record.duration) for obstacle in obstacles for end in obstacle.get("window") or ()]
+    dense = reference.evaluate(robot, record, np.unique([*np.linspace(0.0, record.duration, 2001), *ends]))
+    clear = min(reference.clearance(robot, record, dense, obstacle).min() for obstacle in obstacles)
+    problem = record.problem | {"obstacles": list(obstacles)}
+    return replace(record, problem=problem, clearance_min=float(clear) if np.isfinite(clear) else None)
+
+
+def finding(certificate, label):
+    (found,) = [item for item in certificate.findings if item.label.startswith(label)]
+    return found
+
+
+def test_example_a_is_proved(plan_a):
+    certificate = certify(unlimited(plan_a))
+    assert certificate.verdict == "proved"
+    low, high = certificate.orientation_end
+    assert low <= plan_a.orientation["end"] + 1e-12
+    assert high >= plan_a.orientation["end"] - 1e-12
+    assert high - low < 1e-11
+    assert certificate.clearance_min is None
+    assert certificate.subintervals < 200
+
+
+def test_to_dict_holds_the_documented_keys(plan_b):
+    values = certify(plan_b).to_dict()
+    assert set(values) == {
+        "verdict",
+        "orientation_end",
+        "clearance_min",
+        "torque_peak",
+        "velocity_peak",
+        "motor_torque_peak",
+        "findings",
+        "subintervals",
+        "seconds",
+    }
+    json.dumps(values, allow_nan=False)
+    assert {"label", "verdict", "bound", "instant"} <= set(values["findings"][0])
+
+
+def test_contact_with_the_ground_at_both_ends_is_proved(plan_b):
+    certificate = certify(plan_b)
+    assert certificate.verdict == "proved"
+    assert -1e-10 < finding(certificate, "obstacles[0]").bound <= 1e-12
+
+
+def test_sinking_into_the_ground_is_refuted(plan_b):
+    lifted = with_obstacles(plan_b, GROUND | {"point": [0.0, 1e-6]})
+    certificate = certify(lifted)
+    assert certificate.verdict == "refuted"
+    found = finding(certificate, "obstacles[0]")
+    assert found.bound == pytest.approx(-1e-6, rel=1e-3)
+    assert found.instant in (0.0, lifted.duration)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "size"), [("gymnast", 1, 0.3), ("acrobat", 2, 0.4), ("high_jumper", 3, 0.2), ("chain10", 4, 0.12)]
+)
+def test_bounds_are_true_and_sharp(name, seed, size):
+    """Proved clearance within 0.2 mm and torque peaks within 0.1 % of what 20 001 instants show."""
+    robot = Robot.from_urdf(URDF / f"{name}.urdf")
+    rng = np.random.default_rng(seed)
+    obstacles = [
+        {"kind": "circle", "center": [2.5, 2.6], "radius": 0.2, "margin": 0.0},
+        {"kind": "capsule", "start": [-3.0, 1.0], "end": [-3.0, 2.0], "radius": 0.1, "margin": 0.0},
+        {
+            "kind": "circle",
+            "center": [6.0, 2.0],
+            "radius": 0.2,
+            "velocity": [-2.0, 0.3],
+            "window": [0.3, 0.6],
+            "margin": 0,
+        },
+    ]
+    coefficients = draw_coefficients(rng, len(robot.joints), 1.2, size)
+    record = make_plan(robot, coefficients, duration=1.2, obstacles=obstacles, instants=20001, slack=1.01)
+    certificate = certify(record)
+    assert [item.label for item in certificate.findings if item.verdict != "proved"] == []
+    dense = reference.evaluate(robot, record, np.linspace(0.0, 1.2, 20001))
+    for index, obstacle in enumerate(obstacles):
+        seen = reference.clearance(robot, record, dense, obstacle).min()
+        assert seen - 1e-4 <= finding(certificate, f"obstacles[{index}]").bound <= seen + 1e-12
+    for bound, seen in (
+        (certificate.torque_peak, record.torque_peak),
+        (certificate.velocity_peak, record.velocity_peak),
+    ):
+        assert (bound >= seen * (1 - 1e-12)).all()
+        assert (bound <= seen * (1 + 1e-4)).all()
+
+
+@pytest.mark.parametrize("quantity", ["torque", "velocity"])
+def test_limits_active_to_a_millionth_are_decided(plan_a, quantity):
+    peak = getattr(certify(plan_a), f"{quantity}_peak")
+    assert certify(with_limits(plan_a, **{quantity: (peak * (1 + 1e-7)).tolist()})).verdict == "proved"
+    refuted = certify(with_limits(plan_a, **{quantity: (peak * (1 - 3e-6)).tolist()}))
+    assert refuted.verdict == "refuted"
+    for joint, value in zip(plan_a.robot.joints, peak, strict=True):
+        found = finding(refuted, f"{quantity} {joint}")
+        assert found.verdict == "refuted"
+        assert found.bound == pytest.approx(value, rel=1e-5)
+        dense = reference.evaluate(Robot.from_urdf(plan_a.robot.urdf), plan_a, [0.0, max(found.instant, 1e-300)])
+        seen = {"torque": dense.torques, "velocity": dense.velocities}[quantity]
+        index = plan_a.robot.joints.index(joint)
+        assert abs(seen[-1, index]) == pytest.approx(found.bound, rel=1e-6)
+
+
+def test_orientation_rate_limit(plan_a):
+    rate = plan_a.problem["limits"]["orientation_rate"] / 1.05
+    assert certify(with_limits(plan_a, orientation_rate=rate * 1.0001)).verdict == "proved"
+    assert finding(certify(with_limits(plan_a, orientation_rate=rate * 0.999)), "orientation_rate").verdict == "refuted"
+
+
+def test_motor_limit(plan_a):
+    dense = reference.evaluate(Robot.from_urdf(plan_a.robot.urdf), plan_a, np.linspace(0.0, 1.1, 8001))
+    stall = (np.abs(dense.torques) + 0.3 * np.abs(dense.velocities)).max(0)
+
+    def motor(factor):
+        return {"q2": {"stall": float(stall[1] * factor), "slope": 0.3}}
+
+    assert certify(with_limits(plan_a, motor=motor(1.0001))).verdict == "proved"
+    assert finding(certify(with_limits(plan_a, motor=motor(0.9999))), "motor q2").verdict == "refuted"
+
+
+def test_ranges_that_the_amplitude_exceeds_are_judged_by_the_motion(plan_a):
+    dense = reference.evaluate(Robot.from_urdf(plan_a.robot.urdf), plan_a, np.linspace(0.0, 1.1, 8001))
+    low, high = dense.positions.min(0), dense.positions.max(0)
+    wide = [[float(a - 1e-5), float(b + 1e-5)] for a, b in zip(low, high, strict=True)]
+    narrow = [wide[0], [wide[1][0], float(high[1] - 1e-6)]]
+    assert certify(with_limits(plan_a, position=wide)).verdict == "proved"
+    refuted = certify(with_limits(plan_a, position=narrow))
+    assert finding(refuted, "position q1").verdict == "proved"
+    assert finding(refuted, "position q2").verdict == "refuted"
+
+
+def test_margins_are_decided_to_a_hundredth_of_a_millimetre(plan_b):
+    clear = plan_b.clearance_min if plan_b.clearance_min > 1e-6 else finding(certify(plan_b), "obstacles[1]").bound
+    assert certify(with_obstacles(plan_b, CIRCLE | {"margin": clear - 1e-5})).verdict == "proved"
+    refuted = finding(certify(with_obstacles(plan_b, CIRCLE | {"margin": clear + 1e-5})), "obstacles[0]")
+    assert refuted.verdict == "refuted"
+    assert 0.0 < refuted.instant < plan_b.duration
+
+
+def test_an_obstacle_counts_only_in_its_window(plan_b):
+    hit = CIRCLE | {"center": [1.35, 3.0]}
+    robot = Robot.from_urdf(plan_b.robot.urdf)
+    dense = reference.evaluate(robot, plan_b, np.linspace(0.0, plan_b.duration, 8001))
+    inside = dense.times[reference.clearance(robot, plan_b, dense, hit) < 0.0]
+    assert certify(with_obstacles(plan_b, hit)).verdict == "refuted"
+    before, after = float(inside.min()), float(inside.max())
+    for window in ([0.0, before - 1e-3], [after + 1e-3, plan_b.duration], [after + 1e-3, 9.0]):
+        assert certify(with_obstacles(plan_b, hit | {"window": window})).verdict == "proved"
+    assert certify(with_obstacles(plan_b, hit | {"window": [-1.0, 0.0]})).verdict != "refuted"
+    for window in (
+        [0.0, before + 1e-3],
+        [after - 1e-3, plan_b.duration],
+        [0.5 * (before + after) - 1e-9, 0.5 * (before + after)],
+    ):
+        assert certify(with_obstacles(plan_b, hit | {"window": window})).verdict == "refuted"
+
+
+def test_a_moving_obstacle_is_met_where_it_is(plan_b):
+    """It stands in the way at t = 0.7 and nowhere near at t = 0; moving the other way it is never met."""
+    robot = Robot.from_urdf(plan_b.robot.urdf)
+    dense = reference.evaluate(robot, plan_b, np.linspace(0.0, plan_b.duration, 2001))
+    body = reference.com(plan_b, dense.times)[1000]
+    chaser = CIRCLE | {"center": [body.real + 2.1, body.imag], "velocity": [-3.0, 0.0]}
+    assert certify(with_obstacles(plan_b, chaser)).verdict == "refuted"
+    assert certify(with_obstacles(plan_b, chaser | {"velocity": [5.0, 0.0]})).verdict == "proved"
+
+
+def test_bars(plan_b):
+    bar = {"kind": "capsule", "start": [3.4, 0.0], "end": [3.4, 4.0], "radius": 0.05, "margin": 0.0}
+    clear = with_obstacles(plan_b, bar)
+    certificate = certify(clear)
+    assert certificate.verdict == "proved"
+    assert certificate.clearance_min == pytest.approx(clear.clearance_min, abs=2e-5)
+    assert certify(with_obstacles(plan_b, bar | {"start": [1.0, 0.0], "end": [1.0, 4.0]})).verdict == "refuted"
+
+
+@pytest.mark.parametrize("window", [None, [0.0, 0.2]])
+def test_a_thin_bar_across_a_link_from_the_start_is_refuted(plan_b, window):
+    """No end of either segment is near the other: only their crossing tells."""
+    hip = 0.2 * np.exp(1j * plan_b.orientation["start"])
+    across = 1j * hip / abs(hip)
+    start, end = hip - 0.3 * across, hip + 0.3 * across
+    bar = {"kind": "capsule", "start": [start.real, start.imag], "end": [end.real, end.imag], "radius": 0.0}
+    bar |= {"velocity": list(plan_b.com["velocity0"]), "window": window}
+    assert finding(certify(with_obstacles(plan_b, bar)), "obstacles[0]").verdict == "refuted"
+
+
+def test_a_thin_bar_that_links_sweep_over_is_not_proved(plan_b):
+    bar = {"kind": "capsule", "start": [1.0, 0.0], "end": [1.0, 4.0], "radius": 0.0, "margin": 0.0}
+    assert certify(with_obstacles(plan_b, bar)).verdict != "proved"
+
+
+def test_self_clearance():
+    robot = Robot.from_urdf(URDF / "chain10.urdf")
+    coefficients = draw_coefficients(np.random.default_rng(6), 10, 1.0, 0.1)
+    record = make_plan(robot, coefficients, duration=1.0)
+    dense = reference.evaluate(robot, record, np.linspace(0.0, 1.0, 8001))
+    links = [robot.tree.names[0], robot.tree.names[4]]
+    ends = [reference.segments(robot, record, dense, [link])[:2] for link in links]
+    nearest = reference.segment_segment(*(end[:, 0] for pair in ends for end in pair)).min()
+    assert nearest > 0.01
+    for margin, verdict in ((nearest - 1e-5, "proved"), (nearest + 1e-5, "refuted")):
+        problem = record.problem | {"self_clearance": [{"links": links, "margin": float(margin)}]}
+        certificate = certify(replace(record, problem=problem))
+        assert finding(certificate, "self_clearance").verdict == verdict
+        assert certificate.clearance_min is None
+
+
+def test_given_shapes_replace_the_segments(plan_b):
+    bare = certify(with_obstacles(plan_b, CIRCLE))
+    shapes = [
+        ("body0", (0, 0, 0), (0.4, 0, 0), 0.001),
+        ("body1", (0, 0), (0.4, 0), 0.001),
+        ("body2", (0, 0), (0.3, 0), 0.001),
+    ]
+    clothed = certify(with_obstacles(plan_b, CIRCLE), shapes=shapes)
+    assert clothed.clearance_min == pytest.approx(bare.clearance_min - 0.001, abs=1e-6)
+
+
+def test_a_robot_with_collision_elements_needs_shapes(plan_b, tmp_path):
+    text = Path(plan_b.robot.urdf).read_text()
+    collision = '<link name="body1"><collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    path = tmp_path / "clothed.urdf"
+    path.write_text(text.replace('<link name="body1">', collision))
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    record = replace(plan_b, robot=replace(plan_b.robot, sha256=sha256))
+    with pytest.raises(InputError, match="collision"):
+        certify(record, path)
+    assert certify(replace(unlimited(record), problem=record.problem | {"obstacles": []}), path).clearance_min is None
+
+
+def test_capsules_of_a_quadruped():
+    """A robot of example-robot-data, left and right legs coupled, with the capsules around its collision geometry."""
+    try:
+        path = urdf_path("example-robot-data:go2_description/urdf/go2.urdf")
+    except InputError as error:
+        pytest.skip(str(error))
+    sides, parts = (("FR", "FL"), ("RR", "RL")), ("thigh", "calf")
+    coupled = {f"{right}_{part}_joint": f"{left}_{part}_joint" for right, left in sides for part in parts}
+    robot = Robot.from_urdf(path, coupled=coupled)
+    limits = robot.position_limits
+    obstacles = [
+        {"kind": "circle", "center": [0.9, 2.4], "radius": 0.1},
+        {"kind": "half-plane", "point": [0.0, -1.0], "normal": [0.1, 1.0]},
+        {"kind": "capsule", "start": [-0.9, 0.0], "end": [-0.9, 1.0], "radius": 0.1},
+    ]
+    record = make_plan(
+        robot,
+        draw_coefficients(np.random.default_rng(3), 4, 0.8, 1.0),
+        duration=0.8,
+        angular_momentum=3.0,
+        orientation=0.0,
+        centre=limits.mean(1),
+        amplitude=0.5 * np.ptp(limits, axis=1),
+        obstacles=obstacles,
+        instants=8001,
+    )
+    certificate = certify(record, shapes=shapes_of(robot))
+    assert [item for item in certificate.findings if item.verdict == "undecided"] == []
+    dense = reference.evaluate(robot, record, np.linspace(0.0, 0.8, 8001))
+    for index, obstacle in enumerate(obstacles):
+        seen = reference.clearance(robot, record, dense, obstacle).min()
+        assert seen - 1e-4 <= finding(certificate, f"obstacles[{index}]").bound <= seen + 1e-9
+    assert (np.abs(certificate.torque_peak / record.torque_peak - 1.0) < 1e-3).all()
+
+
+def tampered(record, where):
+    """The record with one number changed by little."""
+    problem, flight = record.problem, record.problem["flight"]
+    changes = {
+        "coefficient": {
+            "coefficients": read_only(record.coefficients * (1 + np.eye(2, record.coefficients.shape[1]) * 1e-6))
+        },
+        "h": {"angular_momentum": record.angular_momentum + 1e-6},
+        "duration": {"problem": problem | {"flight": flight | {"duration": record.duration * (1 + 1e-6)}}},
+        "gravity": {"problem": problem | {"flight": flight | {"gravity": 9.80665}}},
+        "speed": {"problem": problem | {"flight": flight | {"horizontal_velocity": 2.5}}},
+        "takeoff": {"com": record.com | {"position0": [record.com["position0"][0] + 1e-7, record.com["position0"][1]]}},
+        "landing": {"com": record.com | {"velocity0": [record.com["velocity0"][0], record.com["velocity0"][1] - 1e-7]}},
+        "start": {"orientation": record.orientation | {"start": record.orientation["start"] + 1e-7}},
+        "end": {"orientation": record.orientation | {"end": record.orientation["end"] + 1e-7}},
+        "goal": {"problem": problem | {"goal": problem["goal"] | {"orientation": record.orientation["end"] + 1e-7}}},
+        "rest": {"problem": problem | {"goal": problem["goal"] | {"velocities": [0.0, 1e-6]}}},
+        "torque claim": {"torque_peak": read_only(record.torque_peak * 0.99)},
+        "velocity claim": {"velocity_peak": read_only(record.velocity_peak * 1.01)},
+        "clearance claim": {"clearance_min": 0.1},
+        "no clearance claim": {"clearance_min": None},
+    }
+    return replace(record, **changes[where])
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        *("coefficient", "h", "duration", "gravity", "speed", "takeoff", "landing", "start", "end", "goal", "rest"),
+        *("torque claim", "velocity claim", "clearance claim", "no clearance claim"),
+    ],
+)
+def test_tampered_plans_are_refuted(plan_b, where):
+    assert certify(tampered(plan_b, where)).verdict == "refuted"
+
+
+def test_a_spent_budget_leaves_the_proof_undecided():
+    robot = Robot.from_urdf(URDF / "gymnast.urdf")
+    record = make_plan(robot, draw_coefficients(np.random.default_rng(1), 2, 1.1, 1.5), obstacles=[CIRCLE])
+    certificate = certify(record, budget=24)
+    assert certificate.verdict == "undecided"
+    assert certificate.subintervals == 24
+    undecided = [item for item in certificate.findings if item.verdict == "undecided"]
+    assert undecided
+    assert all("gap" in item.to_dict() for item in undecided)
+    json.dumps(certificate.to_dict(), allow_nan=False)
+    assert certify(record).verdict == "proved"
+
+
+@pytest.mark.parametrize("key", ["limits", "goal", "flight"])
+def test_an_incomplete_problem_is_bad_input(plan_a, key):
+    problem = {name: value for name, value in plan_a.problem.items() if name != key}
+    if key == "flight":
+        problem["flight"] = {"duration": plan_a.duration}
+    with pytest.raises(InputError):
+        certify(replace(plan_a, problem=problem))
+
+
+@pytest.mark.parametrize("limits", [{"torque": [float("nan"), 1.0]}, {"velocity": [1.0]}, {"position": [[0, 1]]}])
+def test_limits_that_are_none_are_bad_input(plan_a, limits):
+    with pytest.raises(InputError):
+        certify(with_limits(plan_a, **limits))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"radius": -0.1}, {"window": [0.5, 0.1]}, {"window": [float("nan"), 1.0]}, {"kind": "cube"}, {"center": [1.0]}],
+)
+def test_obstacles_that_are_none_are_bad_input(plan_b, change):
+    problem = plan_b.problem | {"obstacles": [CIRCLE | change]}
+    with pytest.raises(InputError):
+        certify(replace(plan_b, problem=problem))
+
+
+def test_what_is_not_a_number_proves_nothing(plan_b):
+    nan = float("nan")
+    problem = plan_b.problem | {"obstacles": [CIRCLE | {"margin": nan}]}
+    with pytest.raises(InputError):
+        certify(replace(plan_b, problem=problem))
+    problem = plan_b.problem | {"obstacles": [CIRCLE | {"center": [nan, 3.0]}]}
+    with pytest.raises(InputError, match="finite"):
+        certify(replace(plan_b, problem=problem))
+    for change in ({"angular_momentum": nan}, {"coefficients": read_only(plan_b.coefficients * nan)}):
+        with pytest.raises(InputError, match="finite"):
+            certify(replace(plan_b, **change))
+
+
+def test_another_urdf_is_refused(plan_a, tmp_path):
+    path = tmp_path / "other.urdf"
+    path.write_text(Path(plan_a.robot.urdf).read_text() + "\n")
+    with pytest.raises(InputError, match="SHA-256"):
+        certify(plan_a, path)
+    with pytest.raises(InputError, match="cannot be read"):
+        certify(plan_a, tmp_path / "none.urdf")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot/>",
+        "<robot",
+        "<robot/>",
+        "<robot><link name='a'/><link name='a'/></robot>",
+        "<robot><link name='a'/><link name='b'/></robot>",
+        "<robot><link name='a'><inertial><mass value='nan'/><inertia/></inertial></link></robot>",
+    ],
+)
+def test_what_is_no_urdf_is_refused(plan_a, tmp_path, text):
+    path = tmp_path / "bad.urdf"
+    path.write_text(text)
+    robot = replace(plan_a.robot, sha256=hashlib.sha256(text.encode()).hexdigest())
+    with pytest.raises(InputError):
+        certify(replace(plan_a, robot=robot), path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"joints": ("q1", "none")},
+        {"plane": "xx"},
+        {"plane": "xy"},
+        {"joints": ("q1",)},
+        {"coupled": {"q2": {"leader": "none"}}, "joints": ("q1",)},
+        {"locked": {"q1": 0.0}},
+    ],
+)
+def test_a_record_that_does_not_fit_the_robot_is_refused(plan_a, change):
+    with pytest.raises(InputError):
+        certify(replace(plan_a, robot=replace(plan_a.robot, **change)))

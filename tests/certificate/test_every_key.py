@@ -1,0 +1,364 @@
+"""Every value of a plan file, tampered with: what becomes of it is written down here, key by key."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import re
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from proof_plans import URDF, draw_coefficients, make_plan
+
+import floatplan as fp
+from floatplan.arrays import read_only
+from floatplan.certificate import findings as say
+from floatplan.certificate.enclosure import Balls
+from floatplan.errors import InputError
+from floatplan.plans.plan import load_plan, rebuild
+from floatplan.plans.record import PlanRecord, record_from_dict
+from floatplan.robot.robot import Coupling, Robot
+
+CLAIM = "claim"  # proved: another value is refuted, or refused
+ASKED = "asked"  # a constraint, or a part of one: another value asks something else, and that is judged
+FREE = "free"  # no part of the statement, see docs/certificate.md
+TABLE = {  # pattern of a path -> what its value is; the first that fits counts
+    r"format": CLAIM,
+    r"floatplan|status|ok|explanation": FREE,
+    r"problem\.name": FREE,
+    r"problem\.ground": ASKED,
+    r"problem\.limits\.motor_torque\.q[123]": ASKED,
+    r"problem\.(start|goal)\.(orientation|(positions|velocities|accelerations)\[.\])": CLAIM,
+    r"problem\.flight\.(duration|angular_momentum|horizontal_velocity|gravity)": CLAIM,
+    r"problem\.flight\.(takeoff\.position\[.\]|landing\.height)": CLAIM,
+    r"problem\.flight\.(takeoff|landing)\.frame": CLAIM,
+    r"problem\.motion\.(degree\[.\]|objective)": CLAIM,
+    r"problem\.limits\.(position\[.\]\[.\]|velocity\[.\]|torque\[.\]|motor\.q1\.(stall|slope)|orientation_rate)": ASKED,
+    r"problem\.obstacles\[.\]\.(center|point|normal|start|end|velocity|window)\[.\]": ASKED,
+    r"problem\.obstacles\[.\]\.(radius|margin|window|velocity)": ASKED,
+    r"problem\.obstacles\[.\]\.kind": CLAIM,
+    r"problem\.self_clearance\[.\]\.margin": ASKED,
+    r"problem\.self_clearance\[.\]\.links\[.\]": ASKED,
+    r"robot\.(urdf|sha256|plane|joints\[.\])": CLAIM,
+    r"robot\.coupled\.q3\.(leader|ratio|offset)|robot\.locked\.q\d+": CLAIM,
+    r"angular_momentum|centre\[.\]|amplitude\[.\]|coefficients\[.\]\[.\]": CLAIM,
+    r"orientation\.(start|end|goal)": CLAIM,
+    r"com\.(position0\[.\]|velocity0\[.\]|gravity)": CLAIM,
+    r"torque_peak\[.\]|velocity_peak\[.\]|motor_torque_peak\.q[123]|clearance_min": CLAIM,
+    r"objective\.name": CLAIM,
+    r"angular_momentum_bounds\[.\]|objective\.value|solver\..*|out_of_plane_leak|certificate\..*|replay\..*": FREE,
+    r"warnings\[.\]\..*|utilisation\[.\]\..*": FREE,
+}
+NULLABLE = r"problem\.limits\.(velocity|torque)\[.\]|problem\.limits\.orientation_rate|.*window|out_of_plane_leak"
+WRONG_KINDS = ["x", False, True, [], {}, [1.0, 2.0, 3.0], {"x": 1.0}, None]
+
+
+@pytest.fixture(scope="module")
+def honest() -> PlanRecord:
+    """A plan with something under every key."""
+    robot = Robot.from_urdf(
+        URDF / "chain10.urdf",
+        coupled={"q3": Coupling("q1", -0.7, 0.2)},
+        locked={f"q{k}": 0.1 for k in range(4, 11)},
+    )
+    assert robot.joints == ("q1", "q2")
+    coefficients = draw_coefficients(np.random.default_rng(8), 2, 0.9, 0.3)
+    obstacles = [
+        {"kind": "circle", "center": [9.0, 9.0], "radius": 0.2, "margin": 0.01, "velocity": [0.1, 0.0], "window": None},
+        {"kind": "half-plane", "point": [0.0, -30.0], "normal": [0.0, 1.0], "margin": 0.0, "window": [0.2, 0.7]},
+        {"kind": "capsule", "start": [9.0, 0.0], "end": [9.0, 2.0], "radius": 0.1, "margin": 0.0},
+    ]
+    pairs = [{"links": [robot.tree.names[0], robot.tree.names[2]], "margin": 1e-6}]
+    record = make_plan(robot, coefficients, duration=0.9, obstacles=obstacles, self_clearance=pairs)
+    motor = {"q1": {"stall": 1e3, "slope": 0.1}}
+    limits = record.problem["limits"] | {"motor": motor, "motor_torque": {"q1": 900.0, "q2": 800.0, "q3": 700.0}}
+    record = replace(
+        record,
+        problem=record.problem | {"limits": limits, "ground": False},
+        motor_torque_peak=fp.certify(record).motor_torque_peak,
+        warnings=[{"kind": "ground"}],
+        utilisation=[{"joint": "q1"}],
+        out_of_plane_leak=0.0,
+        solver={"seed": 0},
+        certificate={"verdict": "refuted"},
+        replay={"landed": False},
+    )
+    assert fp.certify(record).proved
+    return record
+
+
+def leaves(content, path=()):
+    """Paths of all that is neither a table nor a list in plain data."""
+    if isinstance(content, dict):
+        return [leaf for key, value in content.items() for leaf in leaves(value, (*path, key))]
+    if isinstance(content, list):
+        return [leaf for index, value in enumerate(content) for leaf in leaves(value, (*path, index))]
+    return [path]
+
+
+def name_of(path):
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
+
+
+def what(path):
+    name = name_of(path)
+    return next(kind for pattern, kind in TABLE.items() if re.fullmatch(pattern, name))
+
+
+def value_at(content, path):
+    for part in path:
+        content = content[part]
+    return content
+
+
+def tampered(content, path, value):
+    content = copy.deepcopy(content)
+    value_at(content, path[:-1])[path[-1]] = value
+    return content
+
+
+def judged(content):
+    """The certificate's verdict on the content of a plan file, "refused" where it is refused."""
+    try:
+        return fp.certify(record_from_dict(content)).verdict
+    except InputError:
+        return "refused"
+
+
+def test_every_key_is_in_the_table(honest):
+    content = honest.to_dict()
+    assert set(content) == {field.name for field in fields(PlanRecord)}
+    for path in leaves(content):
+        assert what(path) in (CLAIM, ASKED, FREE)
+    used = {pattern for pattern in TABLE if any(re.fullmatch(pattern, name_of(p)) for p in leaves(content))}
+    assert used == set(TABLE)
+
+
+def test_another_number_under_any_key_is_seen(honest):
+    """By a thousandth of it, or of one; limits and obstacles are judged as they then are."""
+    content = honest.to_dict()
+    for path in leaves(content):
+        value = value_at(content, path)
+        if isinstance(value, bool) or not isinstance(value, float):
+            continue
+        verdict = judged(tampered(content, path, value + 1e-2 * max(1.0, abs(value))))
+        wanted = {CLAIM: ("refuted", "refused"), FREE: ("proved",), ASKED: ("proved", "refuted")}[what(path)]
+        assert verdict in wanted, (name_of(path), verdict)
+
+
+def test_another_word_under_any_key_is_seen(honest):
+    content = honest.to_dict()
+    for path in leaves(content):
+        value = value_at(content, path)
+        if isinstance(value, str):
+            verdict = judged(tampered(content, path, value + "?"))
+            wanted = ("proved", "refused") if what(path) == FREE else ("refused",)
+            assert verdict in wanted, (name_of(path), verdict)
+
+
+def test_a_value_of_another_kind_is_refused_by_certificate_and_load_plan(honest):
+    content = honest.to_dict()
+    for path in leaves(content):
+        before = value_at(content, path)
+        if what(path) == FREE:
+            continue
+        for value in WRONG_KINDS:
+            same_kind = isinstance(value, str | bool) and type(value) is type(before)
+            if same_kind or (value is None and (before is None or re.fullmatch(NULLABLE, name_of(path)))):
+                continue
+            changed = tampered(content, path, value)
+            if path == ("clearance_min",) and value is None:
+                assert judged(changed) == "refuted"
+            else:
+                assert judged(changed) == "refused", (name_of(path), value)
+            with pytest.raises(InputError):
+                rebuild(record_from_dict(changed))
+
+
+def test_a_number_that_is_not_finite_is_refused_anywhere_in_a_file(honest, tmp_path):
+    content = honest.to_dict()
+    path = tmp_path / "plan.json"
+    for place in leaves(content):
+        for number in ("1e999", "-1e999", "NaN", "Infinity", "1" + "0" * 400):
+            text = json.dumps(tampered(content, place, "@"))
+            path.write_text(text.replace('"@"', number))
+            for judge in (fp.certify, load_plan):
+                with pytest.raises(InputError, match="is not finite") as caught:
+                    judge(path)
+                assert (caught.value.source, caught.value.element) == (str(path), name_of(place))
+
+
+def test_a_number_that_is_not_finite_is_refused_in_a_record_made_in_python(honest):
+    for number in (math.inf, -math.inf, math.nan):
+        infinite = {
+            "angular_momentum": replace(honest, angular_momentum=number),
+            "orientation.start": replace(honest, orientation=honest.orientation | {"start": number}),
+            "com.gravity": replace(honest, com=honest.com | {"gravity": np.float64(number)}),
+            "com.velocity0[0]": replace(honest, com=honest.com | {"velocity0": np.array([number, 1.0])}),
+            "torque_peak[1]": replace(honest, torque_peak=read_only([1.0, number])),
+            "coefficients[0][2]": replace(honest, coefficients=with_entry(honest.coefficients, (0, 2), number)),
+            "clearance_min": replace(honest, clearance_min=number),
+            "robot.locked.q4": replace(honest, robot=replace(honest.robot, locked={"q4": number})),
+        }
+        flight = honest.problem["flight"]
+        for name in ("gravity", "horizontal_velocity", "angular_momentum", "duration"):
+            problem = honest.problem | {"flight": flight | {name: number}}
+            infinite[f"problem.flight.{name}"] = replace(honest, problem=problem)
+        for element, record in infinite.items():
+            with pytest.raises(InputError, match="is not finite") as caught:
+                fp.certify(record)
+            assert caught.value.element == element
+
+
+def with_entry(array, index, value):
+    changed = np.array(array)
+    changed[index] = value
+    return read_only(changed)
+
+
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [('"gravity": 9.81', "gravity"), ('"margin": 0.01', "margin"), ('"urdf": ', "urdf"), ('"seed": 0', "seed")],
+)
+def test_a_key_given_twice_is_refused(honest, tmp_path, table, key):
+    """The second would count, and a reader may have seen the first."""
+    text = json.dumps(honest.to_dict())
+    assert table in text
+    path = tmp_path / "plan.json"
+    path.write_text(text.replace(table, f'"{key}": 0.0, {table}', 1))
+    for judge in (fp.certify, load_plan):
+        with pytest.raises(InputError, match="twice") as caught:
+            judge(path)
+        assert (caught.value.source, caught.value.element) == (str(path), key)
+
+
+def test_an_integer_that_python_does_not_convert_is_no_plan(tmp_path):
+    path = tmp_path / "plan.json"
+    path.write_text('{"angular_momentum": ' + "1" * 10_000 + "}")
+    with pytest.raises(InputError, match="is not JSON"):
+        fp.certify(path)
+
+
+def test_a_file_nested_without_end_is_no_plan(tmp_path):
+    path = tmp_path / "plan.json"
+    for depth in (300, 600, 900, 5_000):
+        path.write_text('{"solver": ' + "[" * depth + "]" * depth + "}")
+        with pytest.raises(InputError):
+            fp.certify(path)
+
+
+STRAY = {  # path of a table or list, and what it holds instead
+    "a third coordinate": (("problem", "obstacles", 0, "center"), [9.0, 9.0, 3.0]),
+    "one coordinate": (("problem", "obstacles", 0, "center"), [9.0]),
+    "a window of three": (("problem", "obstacles", 1, "window"), [0.0, 0.1, 0.2]),
+    "a window upside down": (("problem", "obstacles", 1, "window"), [0.2, 0.1]),
+    "a velocity of three": (("problem", "obstacles", 0, "velocity"), [0.0, 0.0, 0.0]),
+    "a normal of no length": (("problem", "obstacles", 1, "normal"), [0.0, 0.0]),
+    "no obstacles": (("problem", "obstacles"), False),
+    "zero obstacles": (("problem", "obstacles"), 0),
+    "a table of obstacles": (("problem", "obstacles"), {}),
+    "obstacles in words": (("problem", "obstacles"), ""),
+    "null obstacles": (("problem", "obstacles"), None),
+    "no pairs": (("problem", "self_clearance"), False),
+    "a pair of one link": (("problem", "self_clearance", 0, "links"), ["link1", "link1"]),
+    "a negative margin of a pair": (("problem", "self_clearance", 0, "margin"), -1.0),
+    "no motors": (("problem", "limits", "motor"), False),
+    "a motor that turns its own limit": (("problem", "limits", "motor", "q1", "slope"), -9.0),
+    "another degree": (("problem", "motion", "degree"), [9, 9]),
+    "a smaller degree": (("problem", "motion", "degree"), 5),
+    "one degree too many": (("problem", "motion", "degree"), [7, 7, 7]),
+    "a degree in words": (("problem", "motion", "degree"), "high"),
+    "half a degree": (("problem", "motion", "degree"), 7.0),
+    "a key of motion that nobody knows": (("problem", "motion", "smooth"), True),
+    "a key of the orientation that nobody knows": (("orientation", "middle"), 1.0),
+    "a key of the path that nobody knows": (("com", "acceleration"), [0.0, 1.0]),
+    "positions by joint": (("problem", "goal", "positions"), {"q1": 0.0, "q2": 0.0}),
+    "one number for all": (("problem", "goal", "velocities"), 0.0),
+    "a list of no table": (("problem", "obstacles"), [[]]),
+}
+
+
+@pytest.mark.parametrize("name", STRAY)
+def test_stray_entries_are_refused_by_certificate_and_load_plan(honest, name):
+    path, value = STRAY[name]
+    content = tampered(honest.to_dict(), path, value)
+    assert judged(content) == "refused"
+    with pytest.raises(InputError):
+        rebuild(record_from_dict(content))
+
+
+def test_a_degree_of_each_joint_goes_with_its_coefficients(honest):
+    """Zeros beyond a joint's own degree are part of the claim."""
+    content = honest.to_dict()
+    content["problem"]["motion"]["degree"] = [7, 6]
+    assert judged(content) == "refused"
+    content["problem"]["motion"]["degree"] = "auto"
+    assert judged(content) == "proved"
+
+
+def test_a_clearance_without_obstacles_is_a_false_claim(honest):
+    bare = replace(honest, problem=honest.problem | {"obstacles": []})
+    assert fp.certify(bare).verdict == "refuted"
+    assert fp.certify(replace(bare, clearance_min=None)).proved
+    assert fp.certify(replace(honest, clearance_min=None)).verdict == "refuted"
+    for record in (bare, replace(honest, clearance_min=None)):
+        with pytest.raises(InputError) as caught:
+            rebuild(record)
+        assert caught.value.element == "clearance_min"
+
+
+@pytest.mark.parametrize("tolerance", [math.inf, math.nan])
+def test_no_tolerance_proves_by_itself(tolerance):
+    assert say.at_most("a", 1.0, 0.0, 0.0, tolerance, None).verdict != "proved"
+    assert say.at_least("a", 1.0, 2.0, 3.0, tolerance, None).verdict != "proved"
+    assert say.near("a", Balls.exact([1.0]), [1.0], tolerance).verdict != "proved"
+    with np.errstate(invalid="ignore"):
+        assert say.near("a", Balls.exact([math.inf]), [math.inf], 1.0).verdict != "proved"
+        assert say.near("a", Balls.exact([1.0]), [math.nan], 1.0).verdict != "proved"
+
+
+SHORT = [
+    [0.0, 5e-324],
+    [-1.0, 5e-324],
+    [5e-324, 1e-323],
+    [0.45, math.nextafter(0.45, 1)],
+    [math.nextafter(0.9, 0), 0.9],
+]
+OUTSIDE = [[-2.0, -1.0], [2.0, 3.0], [-5e-324, 0.0], [0.9, 2.0], [0.9, math.nextafter(0.9, 1)]]
+
+
+@pytest.mark.parametrize("window", [*SHORT, *OUTSIDE])
+def test_a_window_of_no_length_ends_with_a_verdict(honest, window):
+    obstacle = honest.problem["obstacles"][0] | {"window": window}
+    certificate = fp.certify(replace(honest, problem=honest.problem | {"obstacles": [obstacle]}))
+    own = next(finding for finding in certificate.findings if finding.label.startswith("obstacles[0]"))
+    assert own.verdict == "proved"
+    said = [certificate.clearance_min, *certificate.orientation_end]
+    said += [value for f in certificate.findings for value in (f.bound, f.instant, f.limit, f.gap)]
+    assert not any(value is not None and math.isnan(value) for value in said)
+
+
+def test_an_obstacle_that_is_there_for_an_instant_is_not_passed_over(honest):
+    """It covers the robot, in a window shorter than any cell."""
+    for window in SHORT[:1] + SHORT[3:]:
+        obstacle = honest.problem["obstacles"][0] | {"center": [0.0, 0.0], "radius": 5.0, "window": window}
+        record = replace(honest, problem=honest.problem | {"obstacles": [obstacle]})
+        assert not fp.certify(record).proved
+    assert (
+        fp.certify(
+            replace(honest, problem=record.problem | {"obstacles": [obstacle | {"window": [0.0, 1e-9]}]})
+        ).verdict
+        == "refuted"
+    )
+
+
+@pytest.mark.parametrize("duration", [5e-324, 1e-310, 1e-300, 1e-150, 1e3, 1e100, 1e300])
+def test_a_duration_beyond_all_cells_makes_no_nan(honest, duration):
+    problem = honest.problem | {"flight": honest.problem["flight"] | {"duration": duration}}
+    certificate = fp.certify(replace(honest, problem=problem), budget=64)
+    assert certificate.verdict != "proved"
+    assert not np.isnan([*certificate.orientation_end, *certificate.torque_peak, *certificate.velocity_peak]).any()
+    bounds = [value for f in certificate.findings for value in (f.bound, f.instant, f.gap) if value is not None]
+    assert not np.isnan(bounds).any()

@@ -1,0 +1,83 @@
+"""What the search accepts the certificate proves, and what it refuses the certificate refutes: one tolerance each.
+
+A plan is kept as it is, and what is asked is moved until the plan lacks a fraction of the tolerance, or more than it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.certificate.certify import certify
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.planner import Planned, planned
+from floatplan.planning.starts import Start
+from floatplan.tolerances import CLEARANCE, ORIENTATION, RELATIVE
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+FRACTIONS = (-0.5, 0.25, 0.75, 1.25, 4.0)  # of the tolerance, by which a plan fails
+
+
+@cache
+def answer(name: str) -> Planned:
+    problem = fp.load_problem(PROBLEMS / f"{name}.toml")
+    return planned(problem, seed=0, starts=1, budget=60.0, jobs=1, progress=None)
+
+
+def obstacle(plan: fp.Plan, lacking: float) -> fp.Problem:
+    problem = plan.problem
+    (pole,) = problem.obstacles
+    return replace(problem, obstacles=(replace(pole, margin=plan.peaks.clearance + CLEARANCE * lacking),))
+
+
+def limits(plan: fp.Plan, **asked: object) -> fp.Problem:
+    return replace(plan.problem, limits=replace(plan.problem.limits, **asked))
+
+
+def below(peak: np.ndarray, lacking: float) -> np.ndarray:
+    return peak / (1 + RELATIVE * lacking)
+
+
+def orientation(plan: fp.Plan, lacking: float) -> fp.Problem:
+    goal = replace(
+        plan.problem.goal, orientation=float(plan.at([plan.duration]).orientation[0]) + ORIENTATION * lacking
+    )
+    return replace(plan.problem, goal=goal)
+
+
+MOVED: dict[str, tuple[str, Callable[[fp.Plan, float], fp.Problem]]] = {
+    "clearance": ("obstacle", obstacle),
+    "torque": ("handstand", lambda plan, lacking: limits(plan, torque=below(plan.peaks.torque, lacking))),
+    "velocity": ("handstand", lambda plan, lacking: limits(plan, velocity=below(plan.peaks.velocity, lacking))),
+    "orientation": ("handstand", orientation),
+}
+
+
+@pytest.mark.parametrize("lacking", FRACTIONS)
+@pytest.mark.parametrize("what", MOVED)
+def test_search_and_certificate_agree(what: str, lacking: float) -> None:
+    name, moved = MOVED[what]
+    found = answer(name)
+    problem = moved(found.plan, lacking)
+    prepared = Attempts(problem, found.plan.angular_momentum_bounds, 0)
+    judged = prepared._judge(found.best.variables, found.best.solution, 0, found.best.degrees)
+    certificate = certify(replace(found.plan, problem=problem))
+    assert judged.holds == (lacking < 1)
+    failed = {finding.verdict for finding in certificate.findings if not finding.label.startswith("recorded")}
+    assert failed == ({"proved"} if lacking < 1 else {"proved", "refuted"})
+
+
+def test_a_plan_that_is_kept_but_not_as_well_inside_as_the_search_aims_is_feasible() -> None:
+    found = answer("obstacle")
+    problem = obstacle(found.plan, 0.5)
+    prepared = Attempts(problem, found.plan.angular_momentum_bounds, 0)
+    start = Start(found.best.variables, found.best.solution.x)
+    judged = prepared.attempt(start, 0, found.best.degrees, lambda: True)
+    assert judged.holds
+    assert judged.solution.status == "feasible"

@@ -1,0 +1,136 @@
+"""The search from the command line: budget, processes, Ctrl-C, progress, pictures beside a plan without obstacles."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+PATIENCE = 60.0  # s, that a process of these tests may take
+IMPOSSIBLE = """
+[limits]
+position = "full"
+torque = 0.2
+"""
+
+
+@pytest.fixture
+def hopeless(tmp_path: Path) -> Path:
+    """Example A with a tenth of the torque that it needs: nothing proves that at once."""
+    text = (PROBLEMS / "new_configuration.toml").read_text(encoding="utf-8")
+    text = text.replace("../urdf", str(PROBLEMS.parent / "urdf")).split("[limits]")[0] + IMPOSSIBLE
+    path = tmp_path / "hopeless.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def interrupted(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run the program in its own process group and send Ctrl-C to all of it once the search reports progress."""
+    command = [sys.executable, "-m", "floatplan", "plan", *map(str, arguments), "-o", str(folder), "--no-figures"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0)
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    os.killpg(process.pid, signal.SIGINT)
+    began = time.monotonic()
+    output, rest = process.communicate(timeout=PATIENCE)
+    assert time.monotonic() - began < PATIENCE / 2
+    return subprocess.CompletedProcess(command, process.returncode, output, first + rest)
+
+
+class TestInterrupt:
+    @pytest.mark.parametrize("jobs", ["1", "2"])
+    def test_the_nearest_motion_is_kept(self, jobs: str, hopeless: Path, tmp_path: Path) -> None:
+        run = interrupted(tmp_path / "out", hopeless, "--budget", "500", "--jobs", jobs)
+        assert run.returncode == 1, run.stderr
+        assert "planning: " in run.stderr
+        assert "Traceback" not in run.stderr
+        content = json.loads((tmp_path / "out" / "plan.json").read_text())
+        assert content["ok"] is False
+        assert "The search was interrupted." in content["explanation"]
+        assert (tmp_path / "out" / "trajectory.csv").is_file()
+
+    def test_the_best_plan_is_kept(self, tmp_path: Path) -> None:
+        run = interrupted(tmp_path / "out", PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000")
+        assert run.returncode == 0, run.stderr
+        assert "Traceback" not in run.stderr
+        content = json.loads((tmp_path / "out" / "plan.json").read_text())
+        assert content["ok"] is True
+        assert 0 < content["solver"]["solved"] < 1000
+
+
+class TestBudget:
+    def test_search_ends_with_the_budget(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+        began = time.monotonic()
+        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "0.2")
+        assert run.code == 1
+        assert time.monotonic() - began < PATIENCE / 2
+        content = json.loads(Path("out/plan.json").read_text())
+        assert "ran out of time" in content["explanation"]
+        assert "violated by" in content["explanation"]
+
+    @pytest.mark.parametrize("option", ["--budget", "--jobs", "--starts"])
+    def test_nothing_is_no_amount(self, option: str, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+        assert floatplan("plan", hopeless, option, "0").code == 2
+
+
+class TestProgress:
+    def test_is_told_on_stderr_after_a_second(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "4", "--json")
+        lines = [line for line in run.stderr.splitlines() if line.startswith("planning: ")]
+        assert 1 <= len(lines) <= 4
+        assert "starts tried, 0 solved" in lines[0]
+        assert json.loads(run.stdout)["ok"] is False
+
+    def test_is_not_told_of_what_takes_no_time(self, floatplan: Callable[..., Any]) -> None:
+        run = floatplan("plan", PROBLEMS / "new_configuration.toml", "-o", "out", "--no-figures")
+        assert "planning" not in run.stderr
+
+    def test_quiet(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "2", "--quiet")
+        assert (run.code, run.stdout, run.stderr) == (1, "", "")
+
+
+def test_several_processes_find_the_same_plan(floatplan: Callable[..., Any]) -> None:
+    for folder, jobs in (("one", "1"), ("two", "2")):
+        run = floatplan(
+            "plan",
+            PROBLEMS / "obstacle.toml",
+            "-o",
+            folder,
+            "--jobs",
+            jobs,
+            "--quiet",
+            "--no-figures",
+            "--budget",
+            "60",
+        )
+        assert run.code == 0
+    one, two = (json.loads(Path(folder, "plan.json").read_text()) for folder in ("one", "two"))
+    np.testing.assert_allclose(one["coefficients"], two["coefficients"], rtol=1e-6)
+
+
+def test_pictures_show_the_plan_that_knows_no_obstacle(floatplan: Callable[..., Any]) -> None:
+    assert floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out", "--quiet").code == 0
+    names = {path.stem for path in Path("out/figures").iterdir()}
+    assert {"snapshots", "comparison", "configuration", "rates", "torques", "clearance"} <= names
+    assert "without obstacle" in Path("out/figures/torques.svg").read_text(encoding="utf-8")
+
+
+def test_an_obstacle_that_changes_nothing_is_not_compared_with(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+    far = (PROBLEMS / "obstacle.toml").read_text().replace("center = [1.485, 3.342]", "center = [1.485, 9.0]")
+    assert "9.0" in far
+    (tmp_path / "far.toml").write_text(far.replace("../urdf/", f"{PROBLEMS.parent}/urdf/"))
+    assert floatplan("plan", tmp_path / "far.toml", "-o", "out", "--quiet").code == 0
+    names = {path.stem for path in Path("out/figures").iterdir()}
+    assert "clearance" in names
+    assert "comparison" not in names

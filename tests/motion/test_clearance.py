@@ -1,0 +1,183 @@
+"""Distances between capsules and obstacles, against the nearest of very many points; their gradients."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.motion.planar.clearance import Distances, LinkShapes, obstacle_distances, pair_distances
+from floatplan.problem.parts import Obstacle
+from floatplan.robot import Capsule
+
+TIMES = np.array([0.0, 0.3, 1.1, 2.0])
+AWAY = 0.5 + 0.2j  # m
+ALONG = np.linspace(0, 1, 2001)
+SPACING = 0.5 / 2000 * 3  # m: neighbouring points of a link are no further apart
+
+OBSTACLES = {
+    "circle": fp.Circle(center=(0.8, 0.4), radius=0.15, margin=0.3),
+    "moving circle": fp.Circle(center=(0.8, 0.4), radius=0.15, velocity=(-0.3, 0.5)),
+    "half-plane": fp.HalfPlane(point=(0.1, -0.9), normal=(0.3, 2.0)),
+    "moving half-plane": fp.HalfPlane(point=(0.1, -0.9), normal=(0.3, 2.0), velocity=(0.2, -0.7)),
+    "capsule": fp.Bar(start=(0.7, -0.3), end=(0.9, 0.9), radius=0.05),
+    "moving capsule": fp.Bar(start=(0.7, -0.3), end=(0.9, 0.9), radius=0.05, velocity=(0.4, 0.1)),
+    "capsule of no length": fp.Bar(start=(0.7, -0.3), end=(0.7, -0.3), radius=0.05),
+}
+
+
+def shapes_of(robot, radius=0.04):
+    """The links' capsules, made thick, ready to be placed."""
+    capsules = [Capsule(shape.link, shape.body, shape.start, shape.end, radius) for shape in robot.shapes]
+    return LinkShapes(robot.tree, tuple(capsules))
+
+
+def placed(robot, seed, **options):
+    rng = np.random.default_rng(seed)
+    com = rng.uniform(-0.5, 0.5, len(TIMES)) + 1j * rng.uniform(-0.5, 0.5, len(TIMES))
+    angles = rng.uniform(-7, 7, (len(TIMES), len(robot.tree.mass)))
+    return SimpleNamespace(shapes=shapes_of(robot, **options), com=com, angles=angles)
+
+
+def points_on(segments):
+    """Points (K, S, 2001) along the segments."""
+    return segments.start[..., None] + ALONG * (segments.end - segments.start)[..., None]
+
+
+def depth(obstacle: Obstacle, points, times):
+    """Distance of points (K, ...) from the obstacle's surface, from first principles."""
+    shift = (complex(*obstacle.velocity) * times).reshape(-1, *[1] * (points.ndim - 1))
+    points = points - shift
+    if isinstance(obstacle, fp.Circle):
+        return np.abs(points - complex(*obstacle.center)) - obstacle.radius
+    if isinstance(obstacle, fp.HalfPlane):
+        normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
+        offset = points - complex(*obstacle.point)
+        return normal[0] * offset.real + normal[1] * offset.imag
+    start, end = complex(*obstacle.start), complex(*obstacle.end)
+    on_bar = start + np.linspace(0, 1, 401) * (end - start)
+    return np.abs(points[..., None] - on_bar).min(axis=-1) - obstacle.radius
+
+
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_distance_is_that_of_the_nearest_point(gymnast, name):
+    obstacle = OBSTACLES[name]
+    for seed in range(3):
+        case = placed(gymnast, seed)
+        segments = case.shapes.place(case.com, case.angles)
+        found = obstacle_distances(segments, obstacle, TIMES).values
+        if isinstance(obstacle, fp.HalfPlane):  # a row per end
+            found = np.minimum(found[:, :3], found[:, 3:])
+        nearest = depth(obstacle, points_on(segments)[:, :, :: 1 if "capsule" not in name else 10], TIMES).min(axis=-1)
+        spacing = SPACING if "capsule" not in name else 20 * SPACING
+        apart = found > 0.05 if isinstance(obstacle, fp.Bar) else np.ones_like(found, dtype=bool)
+        assert apart.any()
+        difference = (nearest - 0.04 - found)[apart]
+        assert difference.min() > -1e-12
+        assert difference.max() < spacing
+
+
+def test_distance_to_a_half_plane_has_a_row_for_each_end(gymnast):
+    case = placed(gymnast, 4)
+    segments = case.shapes.place(case.com, case.angles)
+    found = obstacle_distances(segments, fp.HalfPlane(point=(0, -1.0)), TIMES).values
+    expected = np.concatenate((segments.start.imag, segments.end.imag), axis=1) + 1.0 - 0.04
+    assert found == pytest.approx(expected, abs=1e-14)
+
+
+def pair_of(case, angles):
+    """Segments of the robot, and of one that moves as it does half a metre away: neighbours do not always touch."""
+    return case.shapes.place(case.com, angles), case.shapes.place(case.com + AWAY, angles)
+
+
+def test_distance_of_a_pair_is_that_of_the_nearest_points(any_robot):
+    case = placed(any_robot, 5)
+    first, second = pair_of(case, case.angles)
+    found = pair_distances(first, second).values
+    count = len(case.shapes.links)
+    assert found.shape == (4, count**2)
+    a, b = (points_on(segments)[:, :, ::40] for segments in (first, second))
+    nearest = np.abs(a[:, :, None, :, None] - b[:, None, :, None, :]).min(axis=(3, 4)).reshape(4, -1)
+    apart = found > -0.08 + 1e-9  # links that cross: TestOverlap
+    assert apart.sum() > 2
+    difference = (nearest - 0.08 - found)[apart]
+    assert difference.min() > -1e-12
+    assert difference.max() < np.abs(first.end - first.start).max() / 50
+
+
+def test_links_in_one_line_are_as_far_apart_as_their_ends(gymnast):
+    """Rounding puts the ends of either on both sides of the other; they do not cross for that."""
+    case = placed(gymnast, 1)
+    turned = np.random.default_rng(0).uniform(-np.pi, np.pi, (2000, 1))
+    com = np.random.default_rng(1).uniform(-2, 2, (2000, 2)) @ (1, 1j)
+    segments = case.shapes.place(com, np.repeat(turned, 3, axis=1))
+    gap = np.abs(segments.end[0, 0] - segments.start[0, 2])
+    found = pair_distances(segments.of(np.array([0])), segments.of(np.array([2]))).values
+    assert gap > 0.1
+    assert found == pytest.approx(gap - segments.radius[0] - segments.radius[2], abs=1e-12)
+
+
+class TestOverlap:
+    """A link of radius 0 from (-1, 0) to (1, 0)."""
+
+    @pytest.fixture
+    def link(self, gymnast):
+        shapes = LinkShapes(gymnast.tree, (Capsule("link", 0, 0j, 2 + 0j, 0.0),))
+        angles = np.zeros((1, 3))
+        return shapes.place(-1 - shapes.place(np.zeros(1, dtype=complex), angles).start[:, 0], angles)
+
+    def distance(self, link, obstacle):
+        return float(obstacle_distances(link, obstacle, np.zeros(1)).values[0, 0])
+
+    def test_is_the_shortest_way_out_by_an_end(self, link):
+        assert self.distance(link, fp.Bar(start=(0.6, -0.5), end=(0.6, 0.8), radius=0.1)) == pytest.approx(-0.4 - 0.1)
+        assert self.distance(link, fp.Bar(start=(0.1, -0.2), end=(0.1, 0.8), radius=0.1)) == pytest.approx(-0.2 - 0.1)
+
+    def test_distance_grows_continuously_as_a_bar_is_drawn_off(self, link):
+        places = np.linspace(0.6, 1.6, 201)
+        values = [self.distance(link, fp.Bar(start=(x, -0.5), end=(x, 0.8), radius=0.1)) for x in places]
+        assert np.diff(values) == pytest.approx(0.005, abs=1e-12)
+
+    def test_touching_is_zero(self, link):
+        assert self.distance(link, fp.Circle(center=(0.3, 0.25), radius=0.25)) == pytest.approx(0.0, abs=1e-12)
+        assert self.distance(link, fp.Circle(center=(0.3, 0.0), radius=0.25)) == pytest.approx(-0.25, abs=1e-12)
+
+
+def by_differences(values, angles, step=1e-6):
+    """Derivatives (K, r, m) of values (K, r) by angles (K, m), by central differences."""
+    columns = []
+    for body in range(angles.shape[1]):
+        shift = np.zeros_like(angles)
+        shift[:, body] = step
+        columns.append((values(angles + shift) - values(angles - shift)) / (2 * step))
+    return np.stack(columns, axis=2)
+
+
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_gradient_is_that_of_differences(any_robot, name):
+    case = placed(any_robot, 6)
+
+    def distances(angles) -> Distances:
+        return obstacle_distances(case.shapes.place(case.com, angles), OBSTACLES[name], TIMES)
+
+    expected = by_differences(lambda angles: distances(angles).values, case.angles)
+    assert np.abs(distances(case.angles).by_angle - expected).max() < 1e-8
+
+
+def test_gradient_of_pairs_is_that_of_differences(any_robot):
+    case = placed(any_robot, 7)
+
+    def distances(angles) -> Distances:
+        return pair_distances(*pair_of(case, angles))
+
+    expected = by_differences(lambda angles: distances(angles).values, case.angles)
+    assert np.abs(expected).max() > 0.1
+    assert np.abs(distances(case.angles).by_angle - expected).max() < 1e-8
+
+
+def test_obstacle_of_another_kind_is_refused(gymnast):
+    case = placed(gymnast, 8)
+    with pytest.raises(TypeError, match="no distance to Obstacle"):
+        obstacle_distances(case.shapes.place(case.com, case.angles), Obstacle(), TIMES)

@@ -1,0 +1,45 @@
+"""The two ways to evaluate D are one: a cosine for each pair of bodies, and the rotation of each body."""
+
+import numpy as np
+import pytest
+
+from floatplan.motion.planar.momentum import FEW_BODIES, BodyRotations, PairCosines, momentum_mapping
+
+
+@pytest.fixture
+def state(any_robot):
+    rng = np.random.default_rng(11)
+    n = len(any_robot.joints)
+    return rng.uniform(-4, 4, (50, n)), rng.uniform(-5, 5, (50, n)), rng.uniform(-5, 5, 50)
+
+
+class TestTwoWays:
+    def test_give_the_same_D(self, any_robot, state):
+        cosines, rotations = (way(any_robot.tree)(state[0]).rows for way in (PairCosines, BodyRotations))
+        assert np.abs(cosines - rotations).max() < 1e-13 * np.abs(rotations).max()
+
+    def test_give_the_same_change_of_momentum(self, any_robot, state):
+        positions, velocities, rate = state
+        cosines, rotations = (
+            way(any_robot.tree)(positions).momentum_by_position(rate, velocities)
+            for way in (PairCosines, BodyRotations)
+        )
+        assert np.abs(cosines - rotations).max() < 1e-13 * np.abs(rotations).max()
+
+    @pytest.mark.parametrize("way", [PairCosines, BodyRotations])
+    def test_change_of_momentum_is_its_derivative(self, any_robot, state, way):
+        positions, velocities, rate = state
+        mapping = way(any_robot.tree)
+
+        def momentum(at):
+            return (mapping(at).rows * np.concatenate((rate[:, None], velocities), axis=1)).sum(axis=1)
+
+        actual = mapping(positions).momentum_by_position(rate, velocities)
+        step = 1e-5 * np.eye(positions.shape[1])
+        expected = np.stack([(momentum(positions + d) - momentum(positions - d)) / 2e-5 for d in step], axis=1)
+        assert np.abs(actual - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def test_few_bodies_go_by_cosines(gymnast, any_robot):
+    assert isinstance(momentum_mapping(gymnast.tree), PairCosines)
+    assert isinstance(momentum_mapping(any_robot.tree), PairCosines) == (len(any_robot.tree.mass) <= FEW_BODIES)

@@ -1,0 +1,345 @@
+"""Every constraint and objective: derivatives against differences, values against what they say they are.
+
+A class with ``evaluate`` that is added to ``planning/constraints.py`` or ``planning/objectives.py`` without a case
+here fails the first test.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+from robot_samples import URDF_FOLDER
+from scipy.integrate import simpson
+
+import floatplan as fp
+from floatplan.arrays import read_only
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.planning.transcription import constraints as constraints_module
+from floatplan.planning.transcription import objectives as objectives_module
+from floatplan.planning.transcription.constraints import (
+    MotorLimit,
+    ObstacleClearance,
+    OrientationRateLimit,
+    SelfClearance,
+    TorqueLimit,
+    VelocityLimit,
+    applies,
+    constraints,
+    window_ends,
+)
+from floatplan.planning.transcription.objectives import CoefficientNorm, SquaredAcceleration, SquaredTorque
+from floatplan.planning.transcription.program import (
+    FlightProgram,
+    decision_variables,
+    objective,
+    sine_polynomials,
+    watching,
+)
+from floatplan.planning.transcription.trajectory import flight_model, sample_also, sample_nodes, trajectory
+
+CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
+GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
+BAR = fp.Bar(start=(0.2, 0.5), end=(0.4, 1.4), radius=0.03, velocity=(0.1, 0.3), window=(0.2, 0.8))
+LINKS = ("shank", "thigh", "trunk", "arms")
+JOINTS, LIMITS = (0, 2), read_only([30.0, 12.0])
+GROUPS = read_only([[1.0, 0.0, 0.0], [0.0, -0.5, 2.0]])
+RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
+
+CONSTRAINTS = {
+    "circle": ObstacleClearance(CIRCLE, "circle", LINKS),
+    "half-plane": ObstacleClearance(GROUND, "ground", LINKS),
+    "bar": ObstacleClearance(BAR, "bar", LINKS, window=BAR.window),
+    "self": SelfClearance((0,), (2, 3), ("shank", "arms"), 0.05),
+    "torque": TorqueLimit(("torque of q1", "generalized torque of q3"), GROUPS, LIMITS),
+    "velocity": VelocityLimit(JOINTS, ("q1", "q3"), LIMITS),
+    "motor": MotorLimit(JOINTS, ("q1", "q3"), RATIOS, LIMITS, read_only([2.0, 0.3])),
+    "orientation rate": OrientationRateLimit(4.0),
+}
+OBJECTIVES = {
+    "coefficients": CoefficientNorm(8),
+    "acceleration": SquaredAcceleration(300.0),
+    "torque": SquaredTorque(5e4),
+}
+INSTANTS = np.array([0.0, 0.123, 0.5, 0.77, 1.0])  # besides the nodes; both ends among them
+
+
+def blocks_of(module: ModuleType) -> set[type]:
+    """Classes with derivatives that a module defines, protocols left out."""
+    return {
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value)
+        and value.__module__ == module.__name__
+        and (hasattr(value, "jacobian") or hasattr(value, "gradient"))
+        and not getattr(value, "_is_protocol", False)
+    }
+
+
+def without_case(module: ModuleType, cases) -> set[str]:
+    return {block.__name__ for block in blocks_of(module) - {type(case) for case in cases}}
+
+
+@pytest.mark.parametrize(
+    ("module", "cases"),
+    [(constraints_module, CONSTRAINTS), (objectives_module, OBJECTIVES)],
+    ids=["constraints", "objectives"],
+)
+class TestEveryBlockHasACase:
+    def test_here(self, module, cases):
+        assert without_case(module, cases.values()) == set()
+        assert len(blocks_of(module)) >= 3
+
+    @pytest.mark.parametrize("derivative", ["jacobian", "gradient"])
+    def test_and_a_new_one_without_it_is_noticed(self, module, cases, derivative, monkeypatch):
+        new = type("NewBlock", (), {derivative: lambda self: None, "__module__": module.__name__})
+        monkeypatch.setattr(module, "NewBlock", new, raising=False)
+        assert without_case(module, cases.values()) == {"NewBlock"}
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A flight of four links with everything that can move: rates at both ends, h free, unequal degrees."""
+    robot = fp.Robot.from_urdf(URDF_FOLDER / "high_jumper.urdf")
+    start = fp.Posture(1.4, [0.3, -0.2, -2.0], [0.3, -0.5, 0.2], [1.0, 0.0, -2.0])
+    goal = fp.Posture(3.4, [0.9, -1.0, -0.7], [0.0, 0.4, -0.3])
+    flight = fp.Flight(0.9, "free", fp.Takeoff("foot"), fp.Landing("trunk", 0.8), horizontal_velocity=-2.0)
+    return fp.Problem(robot, start, goal, flight, fp.Motion([7, 9, 7]))
+
+
+@pytest.fixture(scope="module")
+def flight(problem):
+    """What evaluates a motion x: (model, variables, sampling)."""
+    bounds = angular_momentum_interval(problem)
+    polynomials = sine_polynomials(problem, problem.degrees, np.array([[0, 0, 0], [0, 1, -1]]))
+    variables = decision_variables(problem, polynomials, bounds)
+    assert variables.reach > 0
+    sampling = sample_also(sample_nodes(24, polynomials.width), polynomials.width, INSTANTS)
+    return flight_model(problem), variables, sampling
+
+
+@pytest.fixture(scope="module", params=range(3))
+def x(request, flight):
+    """A random motion: p's random part 0.3 rad root mean square, h anywhere within (9)."""
+    _, variables, _ = flight
+    rng = np.random.default_rng(request.param)
+    z = rng.normal(scale=0.3, size=(3, variables.polynomials.width))
+    return variables.variables(z, variables.middle + variables.reach * rng.uniform(-1, 1))
+
+
+def assert_derivative(values, derivative, x, scale):
+    """Fourth-order central differences of values (...) by x against a derivative (..., size).
+
+    Steps are in units of ``scale``: a column of it is a sensible change of x.
+    """
+    step = 1e-3
+    for column in scale.T:
+        ahead, behind, far_ahead, far_behind = (values(x + n * step * column) for n in (1, -1, 2, -2))
+        expected = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * step)
+        size = max(1.0, float(np.abs(expected).max()))
+        assert np.abs(derivative @ column - expected).max() < 1e-6 * size
+
+
+@pytest.fixture(scope="module")
+def scale(flight):
+    """Columns (size, size): changes of x that move p by 1e-1 rad, or h by a tenth of its reach."""
+    return 0.1 * np.linalg.inv(flight[1].metric)
+
+
+class TestDerivatives:
+    """One finite-difference test for all blocks, by every variable, a free h included."""
+
+    @pytest.mark.parametrize("name", CONSTRAINTS)
+    def test_of_constraints(self, flight, x, scale, name):
+        block = CONSTRAINTS[name]
+        motion = trajectory(*flight, x)
+        values, jacobian = block.values(motion), block.jacobian(motion)
+        assert np.abs(jacobian).max() > 1e-3
+        assert values.shape == (29, len(block.labels))
+        assert_derivative(lambda at: block.values(trajectory(*flight, at)), jacobian, x, scale)
+
+    @pytest.mark.parametrize("name", OBJECTIVES)
+    def test_of_objectives(self, flight, x, scale, name):
+        def value(at):
+            return np.array(OBJECTIVES[name].value(trajectory(*flight, at), at))
+
+        gradient = OBJECTIVES[name].gradient(trajectory(*flight, x), x)
+        assert np.abs(gradient).max() > 1e-3
+        assert_derivative(value, gradient, x, scale)
+
+    def test_of_14(self, flight, x, scale):
+        gradient = trajectory(*flight, x).final_gradient
+        assert np.abs(gradient).min() > 0
+        assert_derivative(lambda at: np.array(trajectory(*flight, at).final_orientation), gradient, x, scale)
+
+    def test_of_18(self, flight, x, scale):
+        jacobian = trajectory(*flight, x).orientation_jacobian
+        assert_derivative(lambda at: trajectory(*flight, at).orientation, jacobian, x, scale)
+
+    def test_of_the_whole_program(self, flight, x, scale):
+        """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""
+        program = FlightProgram(*flight, CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values()))
+        here = program.evaluate(x)
+        assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, x, scale)
+        assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, x, scale)
+        assert_derivative(lambda at: np.array(program.evaluate(at).objective), here.gradient, x, scale)
+
+
+class TestConstraints:
+    """What the values mean, from the state that :class:`floatplan.Plan` reports."""
+
+    @pytest.mark.parametrize("name", CONSTRAINTS)
+    def test_derivatives_need_no_values_before_them(self, flight, x, name):
+        before, after = trajectory(*flight, x), trajectory(*flight, x)
+        CONSTRAINTS[name].values(before)
+        assert (CONSTRAINTS[name].jacobian(before) == CONSTRAINTS[name].jacobian(after)).all()
+
+    @pytest.mark.parametrize("name", CONSTRAINTS)
+    def test_labels_units_and_scales_fit(self, name):
+        block = CONSTRAINTS[name]
+        assert len(block.labels) == len(block.scale)
+        assert (block.scale > 0).all()
+        assert block.unit in ("m", "N m", "rad/s")
+
+    def test_limits(self, flight, x):
+        motion = trajectory(*flight, x)
+        torque, velocity = motion.motor_torques @ GROUPS.T, motion.motion.velocities[:, JOINTS]
+        for name, state in (("torque", torque), ("velocity", velocity)):
+            slack = (CONSTRAINTS[name].values(motion) * CONSTRAINTS[name].scale).reshape(-1, 2, 2)
+            assert slack.min(axis=1) == pytest.approx(LIMITS - np.abs(state), abs=1e-11)
+        slack = (CONSTRAINTS["motor"].values(motion) * CONSTRAINTS["motor"].scale).reshape(-1, 4, 2)
+        torque, velocity = motion.motor_torques[:, JOINTS], motion.motion.velocities @ RATIOS.T
+        expected = LIMITS - np.abs(torque) - CONSTRAINTS["motor"].slope * np.abs(velocity)
+        assert slack.min(axis=1) == pytest.approx(expected, abs=1e-11)
+        slack = CONSTRAINTS["orientation rate"].values(motion) * 4.0
+        assert slack.min(axis=1) == pytest.approx(4.0 - np.abs(motion.rate), abs=1e-12)
+
+    def test_obstacles_exist_in_their_windows(self):
+        s = np.array([0.0, 0.2, 0.5, 0.8, 0.81])
+        assert applies(CONSTRAINTS["bar"], s).tolist() == [False, True, True, True, False]
+        for name in CONSTRAINTS.keys() - {"bar"}:
+            assert applies(CONSTRAINTS[name], s).all()
+        assert window_ends(CONSTRAINTS.values()) == (0.2, 0.8)
+
+    @pytest.mark.parametrize("window", [(-1.0, 0.45), (0.45, 7.0), (-1.0, 7.0), (0.0, 5e-324), (0.3, 0.3000001)])
+    def test_windows_are_fractions_of_the_flight(self, problem, window):
+        obstacle = replace(BAR, window=window)
+        (block,) = constraints(replace(problem, obstacles=(obstacle,)), flight_model(problem))
+        expected = np.clip(np.array(window) / problem.flight.duration, 0.0, 1.0)
+        assert block.window == tuple(expected)
+        assert applies(block, expected).all()
+
+    def test_window_ends_are_instants_of_the_program_as_they_are(self):
+        nodes = sample_nodes(24, 3)
+        ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
+        block = ObstacleClearance(BAR, "bar", LINKS, window=ends)
+        sampling = watching(nodes, 3, (block, CONSTRAINTS["circle"]), np.array([0.5]))
+        assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
+
+    def test_margin_is_subtracted(self, flight, x):
+        motion = trajectory(*flight, x)
+        wider = ObstacleClearance(replace(CIRCLE, margin=0.12), "circle", LINKS)
+        gap = (CONSTRAINTS["circle"].values(motion) - wider.values(motion)) * wider.scale
+        assert gap == pytest.approx(0.1, abs=1e-13)
+
+    def test_of_a_problem_are_all_that_it_asks_for(self, problem):
+        limits = fp.Limits(velocity={"q2": 9.0}, torque=40.0, motor={"q1": fp.Motor(50.0, 2.0)}, orientation_rate=5.0)
+        asked = fp.Problem(
+            problem.robot,
+            problem.start,
+            problem.goal,
+            problem.flight,
+            limits=limits,
+            obstacles=(CIRCLE, GROUND),
+            self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
+        )
+        made = constraints(asked, flight_model(asked))
+        kinds = [ObstacleClearance, ObstacleClearance, SelfClearance, TorqueLimit, VelocityLimit, MotorLimit]
+        assert [type(block) for block in made] == [*kinds, OrientationRateLimit]
+        assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
+        assert constraints(problem, flight_model(problem)) == ()
+        named = {label for block in made for label in block.labels}
+        assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named
+
+    def test_a_link_of_several_capsules_has_a_row_for_each_pair(self):
+        block = SelfClearance((0, 1), (2, 3, 4), ("a", "b"), 0.0)
+        assert len(block.labels) == len(block.scale) == 6
+
+
+class TestObjectives:
+    def test_coefficient_norm_is_17(self, flight, x):
+        """``|b|^2 = constant + unit^2 |x|^2``: differences of |b|^2 are in proportion to those of the objective."""
+        _, variables, _ = flight
+        norm = OBJECTIVES["coefficients"]
+
+        def both(at):
+            b = variables.polynomials.powers_of_seconds(variables.free_coefficients(at))
+            return (b**2).sum(), norm.value(trajectory(*flight, at), at)
+
+        origin, here, twice = both(0 * x), both(x), both(2 * x)
+        assert origin[1] == 0
+        assert twice[0] - origin[0] == pytest.approx(4 * (here[0] - origin[0]), rel=1e-9)
+        other = both(x[::-1].copy())
+        ratio = (here[0] - origin[0]) / here[1]
+        assert (other[0] - origin[0]) / other[1] == pytest.approx(ratio, rel=1e-9)
+
+    @pytest.mark.parametrize(("name", "unit"), [("acceleration", 300.0), ("torque", 5e4)])
+    def test_integrals_are_those_of_the_squares(self, flight, x, name, unit):
+        """Against Simpson's rule."""
+        model, variables, _ = flight
+        nodes = sample_nodes(96, variables.polynomials.width)
+        s = np.linspace(0, 1, 2001)
+        dense = trajectory(model, variables, sample_also(nodes, variables.polynomials.width, s), x)
+        values = (dense.torques if name == "torque" else dense.motion.accelerations)[96:]
+        expected = simpson((values**2).sum(axis=1), x=0.9 * s) / unit
+        found = OBJECTIVES[name].value(trajectory(model, variables, nodes, x), x)
+        assert found == pytest.approx(expected, rel=1e-8)
+
+    @pytest.mark.parametrize("name", OBJECTIVES)
+    def test_hessians_are_positive_definite(self, flight, x, name):
+        hessian = OBJECTIVES[name].hessian(trajectory(*flight, x))
+        assert hessian == pytest.approx(hessian.T, rel=1e-12)
+        eigenvalues = np.linalg.eigvalsh(hessian)
+        assert eigenvalues.min() > 1e-4 * eigenvalues.max()
+
+    @pytest.mark.parametrize("name", ["coefficients", "torque", "acceleration"])
+    def test_of_a_problem_is_of_size_one(self, problem, name):
+        asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
+        model = flight_model(asked)
+        branches = np.zeros((2, 3), dtype=np.int64)
+        variables = decision_variables(asked, sine_polynomials(asked, (7,) * 3, branches), (-10.0, 20.0))
+        sampling = sample_nodes(32, 2)
+        made = objective(asked, model, variables, sampling)
+        assert type(made) is type(OBJECTIVES[name])
+        if name != "coefficients":
+            plain = variables.plain_motion()
+            value = made.value(trajectory(model, variables, sampling, plain), plain)
+            assert value == pytest.approx(1.0, rel=1e-12)
+
+
+class TestVariables:
+    def test_there_and_back(self, flight, x):
+        _, variables, _ = flight
+        z, momentum = variables.free_coefficients(x), variables.angular_momentum(x)
+        assert variables.variables(z, momentum) == pytest.approx(x, rel=1e-9, abs=1e-9)
+        assert (z != 0).sum() == sum(variables.polynomials.free) == variables.coefficients
+
+    def test_plain_motion_is_the_hermite_one_at_the_middle_h(self, flight):
+        _, variables, _ = flight
+        plain = variables.plain_motion()
+        assert np.abs(variables.free_coefficients(plain)).max() < 1e-9
+        assert variables.angular_momentum(plain) == variables.middle
+
+    def test_metric_is_the_root_mean_square_of_p(self, flight, x):
+        """Over time and joints, of the change that a step makes to p; h is measured by its reach."""
+        _, variables, _ = flight
+        step = np.append(x[:-1], 0.0)
+        fine = sample_nodes(64, variables.polynomials.width)
+        z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
+        change = fine.values[0][:, 6:] @ z.T
+        expected = np.sqrt(fine.quadrature.weights @ (change**2).mean(axis=1))
+        assert np.linalg.norm(variables.metric @ step) == pytest.approx(expected, rel=1e-10)
+        assert variables.metric[-1].tolist() == [0.0] * variables.coefficients + [1.0]

@@ -1,0 +1,115 @@
+"""A free h: kept within limits at the ends too, not bound to (9), and sought from several sides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from free_problems import free_problem
+
+import floatplan as fp
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.planning.impossibility import impossibilities
+from floatplan.planning.transcription.trajectory import flight_model
+from floatplan.robot.urdf.example_robots import robots_folder
+
+ROOT = Path(__file__).resolve().parents[2]
+PROBLEMS = ROOT / "problems"
+
+
+def free(problem: fp.Problem) -> fp.Problem:
+    return replace(problem, flight=replace(problem.flight, angular_momentum="free"))
+
+
+def given(problem: fp.Problem, momentum: float) -> fp.Problem:
+    return replace(problem, flight=replace(problem.flight, angular_momentum=momentum))
+
+
+@pytest.fixture(scope="module")
+def flip() -> fp.Problem:
+    """A front flip of a Go2 whose thighs' torque at takeoff, which follows from h, is near its limit."""
+    if robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    robot = fp.load_problem(PROBLEMS / "gallery" / "go2.toml").robot
+    degree = np.pi / 180
+
+    def posture(orientation: float, **positions: float) -> fp.Posture:
+        joints = {f"{joint}_joint": degree * angle for joint, angle in positions.items()}
+        return fp.Posture(degree * orientation, joints)
+
+    return fp.Problem(
+        robot,
+        posture(20, FL_thigh=50, FL_calf=-60, RL_thigh=50, RL_calf=-110),
+        posture(360, FL_thigh=60, FL_calf=-120, RL_thigh=60, RL_calf=-120),
+        fp.Flight(0.6, "free", fp.Takeoff("FL_foot"), fp.Landing("FL_foot", 0.0), horizontal_velocity=1.2),
+        fp.Motion(objective="torque"),
+        obstacles=(fp.HalfPlane(point=(0.0, -0.032)),),
+    )
+
+
+@pytest.mark.parametrize(("torque", "known"), [(2.05, 6.7), (2.4, 3.88)])
+def test_limits_that_depend_on_h_hold_at_the_ends(flip: fp.Problem, torque: float, known: float) -> None:
+    """Known are objectives with given h; with h free it was once infeasible, or 6.66."""
+    plan = fp.plan(replace(flip, limits=fp.Limits(velocity="urdf", torque={"FL_thigh_joint": torque})))
+    assert plan.ok, plan.explanation
+    assert plan.objective_value < known
+    index = plan.robot.joints.index("FL_thigh_joint")
+    ends = plan.at([0.0, plan.duration]).torques[:, index]
+    assert (np.abs(ends) <= torque * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(("seed", "momentum"), [(15, -0.86), (22, -12.89)])
+def test_is_as_good_as_given(seed: int, momentum: float) -> None:
+    """The best h of a scan, of problems where the first motion found is not the best."""
+    problem = free_problem(seed)
+    assert problem is not None
+    scanned = fp.plan(given(problem, momentum))
+    plan = fp.plan(problem)
+    assert plan.ok, plan.explanation
+    assert plan.objective_value <= 1.001 * (scanned.objective_value if scanned.ok else np.inf)
+
+
+class TestOutside:
+    """(9) bounds h only where no joint turns back."""
+
+    @pytest.fixture
+    def cat(self) -> fp.Problem:
+        return fp.load_problem(PROBLEMS / "falling_cat.toml")
+
+    def test_a_flight_exists(self, cat: fp.Problem) -> None:
+        low, high = angular_momentum_interval(cat)
+        plan = fp.plan(cat)
+        assert plan.ok
+        assert not low <= plan.angular_momentum <= high
+
+    @pytest.mark.parametrize(("turn", "rate"), [(0.0, 2.35), (-0.1, 2.41)])
+    def test_a_free_h_goes_there_where_nothing_is_inside(self, cat: fp.Problem, turn: float, rate: float) -> None:
+        """The first joint moves at takeoff: with any h in (9) the base then turns faster than it may."""
+        problem = replace(
+            free(cat),
+            start=replace(cat.start, velocities=[4.0, 0.0]),
+            goal=replace(cat.goal, orientation=turn),
+            motion=fp.Motion("auto"),
+            limits=fp.Limits("full", orientation_rate=rate),
+        )
+        low, high = angular_momentum_interval(problem)
+        for inside in (low, high):
+            assert "At takeoff the start itself is impossible" in fp.plan(given(problem, inside)).explanation
+        plan = fp.plan(problem)
+        assert plan.ok, plan.explanation
+        assert not low <= plan.angular_momentum <= high
+
+    def test_nothing_is_called_impossible_for_it(self) -> None:
+        problem = fp.load_problem(PROBLEMS / "handstand.toml")
+        slow = replace(problem, limits=fp.Limits("full", velocity=10.0))
+        fast = given(slow, 40.0)
+        assert impossibilities(fast, flight_model(fast))
+        assert not impossibilities(free(slow), flight_model(slow))
+
+    def test_the_explanation_claims_no_impossibility(self) -> None:
+        plan = fp.plan(given(fp.load_problem(PROBLEMS / "handstand.toml"), 40.0), budget=0.5)
+        assert "outside the interval (9)" in plan.explanation
+        assert "turns back on its way" in plan.explanation
+        assert "impossible" not in plan.explanation

@@ -1,0 +1,313 @@
+"""Problems without a plan end soon and say which requirement cannot be met, by how much and when; and that is so."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from forward_problems import GRADES, forward_problem
+from independent import Look, violations_seen
+
+import floatplan as fp
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.planning.impossibility import impossibilities
+from floatplan.planning.transcription.trajectory import flight_model
+from floatplan.problem.file import save_problem
+from floatplan.problem.parts import Obstacle
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+LONGEST = 10.0  # s
+BUDGET = 1.5  # s, of the searches here
+NEAREST = re.compile(r"In the nearest motion found, (.+?) is violated by (\S+) (.+?) at t = ([\d.]+) s")
+AT_AN_END = re.compile(r"At (takeoff|landing) the (start|goal) itself is impossible: (.+?) lacks (\S+) (\S+)")
+
+
+@cache
+def problem_of(name: str) -> fp.Problem:
+    return fp.load_problem(PROBLEMS / f"{name}.toml")
+
+
+def with_obstacle(name: str, obstacle: Obstacle) -> fp.Problem:
+    return replace(problem_of(name), obstacles=(obstacle,))
+
+
+def with_limits(name: str, **limits: Any) -> fp.Problem:
+    return replace(problem_of(name), limits=fp.Limits(position="full", **limits))
+
+
+def with_momentum(problem: fp.Problem, momentum: float) -> fp.Problem:
+    return replace(problem, flight=replace(problem.flight, angular_momentum=momentum))
+
+
+def com(name: str, share: float) -> tuple[float, float]:
+    """Place of the centre of mass at a share of the flight."""
+    duration = problem_of(name).flight.duration
+    (place,) = flight_model(problem_of(name)).ballistics.positions(np.array([share * duration]))
+    return float(place[0]), float(place[1])
+
+
+def moved_to(place: tuple[float, float], velocity: tuple[float, float], time: float) -> tuple[float, float]:
+    """Where what is at a place at a time was at takeoff."""
+    return place[0] - velocity[0] * time, place[1] - velocity[1] * time
+
+
+def accelerated(name: str, end: str, acceleration: float) -> fp.Problem:
+    problem = problem_of(name)
+    return replace(problem, **{end: replace(getattr(problem, end), accelerations=acceleration)})
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem, what its explanation must say, and whether no search is needed to know it."""
+
+    make: Callable[[], fp.Problem]
+    says: str
+    provable: bool = True
+
+
+A, B = "new_configuration", "handstand"
+SHIN = (0.06, 0.19)  # on the first link of example B at takeoff, m
+A_PEAKS = np.array([2.3107, 1.2570])  # N m, of the plan without limits
+
+COVERED = {
+    "a pole in the shin": lambda: with_obstacle(B, fp.Circle(center=SHIN, radius=0.05)),
+    "a ball at the foot": lambda: with_obstacle(B, fp.Circle(center=(0.0, 0.0), radius=0.3, margin=0.1)),
+    "a pole in the centre of mass": lambda: with_obstacle(A, fp.Circle(center=com(A, 0), radius=0.4)),
+    "a bar through the shin": lambda: with_obstacle(B, fp.Bar(start=(-0.5, 0.2), end=(0.5, 0.2), radius=0.02)),
+    "ground above the foot": lambda: with_obstacle(B, fp.HalfPlane(point=(0.0, 0.1), window=(0.0, 0.3))),
+    "a ball that leaves at once": lambda: with_obstacle(B, fp.Circle(center=SHIN, radius=0.1, velocity=(-8.0, 0.0))),
+    "a pole for a moment": lambda: with_obstacle(B, fp.Circle(center=SHIN, radius=0.05, window=(0.0, 0.01))),
+}
+OCCUPIED = {
+    "a pole where it lands": lambda: with_obstacle(B, fp.Circle(center=com(B, 1), radius=0.2)),
+    "a pole where it arrives": lambda: with_obstacle(A, fp.Circle(center=com(A, 1), radius=0.3, window=(0.9, 1.1))),
+    "a bar across the handstand": lambda: with_obstacle(
+        B, fp.Bar(start=(com(B, 1)[0] - 0.3, 0.5), end=(com(B, 1)[0] + 0.3, 0.5), radius=0.01)
+    ),
+    "ground above the hand": lambda: with_obstacle(B, fp.HalfPlane(point=(0.0, 0.05), window=(1.3, 1.4))),
+    "a ball that comes in time": lambda: with_obstacle(
+        B, fp.Circle(center=moved_to(com(B, 1), (-3.0, 1.0), 1.4), radius=0.1, velocity=(-3.0, 1.0))
+    ),
+}
+IN_THE_WAY = {
+    "a rock around the path": lambda: with_obstacle(B, fp.Circle(center=com(B, 0.5), radius=0.9)),
+    "a rock that flies through": lambda: with_obstacle(
+        B, fp.Circle(center=moved_to(com(B, 0.5), (4.0, 4.0), 0.7), radius=0.8, margin=0.1, velocity=(4.0, 4.0))
+    ),
+    "a flood in mid-flight": lambda: with_obstacle(B, fp.HalfPlane(point=(0.0, 4.0), window=(0.6, 0.8))),
+    "a wall": lambda: with_obstacle(B, fp.Bar(start=(1.5, 0.0), end=(1.5, 6.0), radius=0.02)),
+    "a slanting wall": lambda: with_obstacle(B, fp.Bar(start=(0.8, -1.0), end=(2.4, 8.0), radius=0.0, margin=0.01)),
+    "a wall for a bar": lambda: with_obstacle(
+        "high_jump", fp.Bar(start=(-1.1, 0.0), end=(-1.1, 4.0), radius=0.015, margin=0.05)
+    ),
+    "a wall that flies along": lambda: with_obstacle(
+        B, fp.Bar(start=(2.2, 0.0), end=(2.2, 7.0), radius=0.02, velocity=(-1.0, 0.0))
+    ),
+}
+SLOW = {
+    "velocity of q1": lambda: with_limits(A, velocity={"q1": 2.8}),
+    "velocity of q2": lambda: with_limits(B, velocity={"q2": 0.5}),
+}
+SLOW_TO_TURN = {
+    "half a turn": lambda: with_limits(A, orientation_rate=1.4),
+    "a somersault": lambda: with_limits("somersault", orientation_rate=7.1),
+}
+CANNOT_TURN = {
+    "much momentum": lambda: with_momentum(with_limits(B, velocity=10.0), 40.0),
+    "a cat too slow": lambda: replace(problem_of("falling_cat"), limits=fp.Limits(position="full", velocity=0.2)),
+}
+CASES = {
+    **{name: Case(make, r"covers the start posture") for name, make in COVERED.items()},
+    **{name: Case(make, r"covers the goal posture") for name, make in OCCUPIED.items()},
+    **{name: Case(make, r"Obstacle 0 .* cannot be passed whatever the posture") for name, make in IN_THE_WAY.items()},
+    **{name: Case(make, rf"Joint {name[-2:]} moves .* velocity limit") for name, make in SLOW.items()},
+    **{name: Case(make, r"The orientation changes .* orientation rate limit") for name, make in SLOW_TO_TURN.items()},
+    **{name: Case(make, r"Under the velocity limits the orientation changes") for name, make in CANNOT_TURN.items()},
+    "links apart that are joined by one": Case(
+        lambda: replace(problem_of(B), self_clearances=(fp.SelfClearance(("body0", "body2"), 0.41),)),
+        r"At landing the goal itself is impossible: clearance of body0 to body2",
+    ),
+    "a jerk at takeoff": Case(
+        lambda: replace(accelerated(A, "start", 30.0), limits=fp.Limits(position="full", torque=1.0)),
+        r"At takeoff the start itself is impossible: torque of q1",
+    ),
+    "a jerk at landing": Case(
+        lambda: replace(
+            accelerated(A, "goal", {"q2": 60.0}),
+            limits=fp.Limits(position="full", motor={"q2": fp.Motor(stall=1.0, slope=0.1)}),
+        ),
+        r"At landing the goal itself is impossible: speed-dependent torque of q2",
+    ),
+    "faster at takeoff than allowed": Case(
+        lambda: replace(
+            problem_of("new_configuration_moving"), limits=fp.Limits(position="full", velocity={"q2": 0.06})
+        ),
+        r"At takeoff the start itself is impossible: velocity of q2",
+    ),
+    "a tenth of the torque": Case(
+        lambda: with_limits(A, torque=0.1 * A_PEAKS), r"torque of q[12] is violated", provable=False
+    ),
+    "motors of a tenth": Case(
+        lambda: with_limits(A, motor={"q1": fp.Motor(0.23, 0.01), "q2": fp.Motor(0.12, 0.01)}),
+        r"speed-dependent torque of q[12] is violated",
+        provable=False,
+    ),
+    "momentum far outside": Case(
+        lambda: with_momentum(problem_of(B), 40.0), r"40 kg m\^2/s lies outside the interval \(9\)", provable=False
+    ),
+    "momentum the other way": Case(
+        lambda: with_momentum(problem_of("somersault"), -9.0),
+        r"-9 kg m\^2/s lies outside the interval \(9\)",
+        provable=False,
+    ),
+}
+
+
+def seen(plan: fp.Plan, label: str, instant: float) -> float:
+    """By how much a requirement is violated at an instant, by code that is not the planner's."""
+    look = Look(plan, np.array(sorted({0.0, instant, plan.duration})))
+    return max(worst.amount for worst in violations_seen(look) if label.startswith(worst.label))
+
+
+def as_seen(problem: fp.Problem, amount: float) -> float:
+    """The amount as far as that code can see it: to it, a line that crosses another is at distance 0."""
+    bars = [obstacle.margin + obstacle.radius for obstacle in problem.obstacles if isinstance(obstacle, fp.Bar)]
+    return min([amount, *bars])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_ends_soon_with_a_true_explanation(name: str) -> None:
+    case = CASES[name]
+    problem = case.make()
+    began = time.process_time()
+    plan = fp.plan(problem, budget=None if case.provable else BUDGET)
+    assert time.process_time() - began < LONGEST
+    assert not plan.ok
+    assert plan.status == "infeasible"
+    assert re.search(case.says, plan.explanation), plan.explanation
+    assert not case.provable or plan.solver["starts"] <= 2
+    assert np.isfinite(plan.coefficients).all()
+    fixed = not case.provable and plan.coefficients.shape[1] > 6
+    assert ('"auto"' in plan.explanation) == (fixed and not problem.raises_degree)
+    assert ('"free"' in plan.explanation) == (fixed and problem.flight.angular_momentum != "free")
+    nearest = NEAREST.search(plan.explanation)
+    if nearest:
+        label, amount, _, instant = nearest.groups()
+        assert seen(plan, label, float(instant)) == pytest.approx(as_seen(problem, float(amount)), rel=2e-3, abs=1e-5)
+    for verb, end, label, amount, _ in AT_AN_END.findall(plan.explanation):
+        assert (verb, end) in (("takeoff", "start"), ("landing", "goal"))
+        instant = 0.0 if end == "start" else plan.duration
+        if end == "start" or plan.final_orientation == pytest.approx(problem.final.orientation, abs=1e-6):
+            assert seen(plan, label, instant) >= as_seen(problem, float(amount)) * (1 - 1e-3)
+
+
+def test_there_are_thirty() -> None:
+    assert len(CASES) >= 30
+
+
+class TestNumbersInReasons:
+    """The amounts that are given are those of the problem."""
+
+    def reasons(self, problem: fp.Problem) -> str:
+        return " ".join(impossibilities(problem, flight_model(problem)))
+
+    def test_mean_velocity(self) -> None:
+        problem = with_limits(A, velocity={"q1": 2.8})
+        mean = math.radians(70 + 108.97) / 1.1
+        assert f"needs {mean:.4g} rad/s" in self.reasons(problem)
+        assert not self.reasons(with_limits(A, velocity={"q1": mean}))
+
+    def test_mean_orientation_rate(self) -> None:
+        mean = math.radians(450) / 1.1
+        assert f"needs {mean:.4g} rad/s" in self.reasons(with_limits("somersault", orientation_rate=7.1))
+        assert not self.reasons(with_limits("somersault", orientation_rate=mean))
+
+    def test_turning_bounds_hold_for_every_motion(self) -> None:
+        """Motions within velocity limits turn by no more than the bound that is given."""
+        rng = np.random.default_rng(5)
+        problem = with_momentum(with_limits(B, velocity=10.0), 40.0)
+        least, most = map(float, re.search(r"changes by (\S+) to (\S+) rad", self.reasons(problem)).groups())
+        dynamics = flight_model(problem).dynamics
+        positions = rng.uniform(-np.pi, np.pi, (20_000, 2))
+        rates = dynamics.base_rate(positions, rng.uniform(-10, 10, (20_000, 2)), 40.0)
+        assert least < 1.4 * rates.min()
+        assert 1.4 * rates.max() < most
+
+    def test_rock_that_can_just_be_passed_is_no_reason(self) -> None:
+        depth = re.search(r"is (\S+) m inside it", self.reasons(CASES["a rock around the path"].make())).group(1)
+        reach = re.search(r"further than (\S+) m", self.reasons(CASES["a rock around the path"].make())).group(1)
+        assert float(depth) == pytest.approx(0.9, abs=0.01)
+        smaller = with_obstacle(B, fp.Circle(center=com(B, 0.5), radius=float(reach) - 0.01))
+        assert not self.reasons(smaller)
+
+    def test_bar_with_a_way_round_it_is_no_reason(self) -> None:
+        assert self.reasons(CASES["a wall"].make())
+        for bar in (
+            fp.Bar(start=(1.5, 0.0), end=(1.5, 2.9), radius=0.02),
+            fp.Bar(start=(1.5, 3.0), end=(1.5, 9.0), radius=0.02),
+            fp.Bar(start=(9.0, 0.0), end=(9.0, 9.0), radius=0.02),
+            fp.Bar(start=(1.5, 0.0), end=(1.5, 6.0), radius=0.02, window=(0.0, 0.3)),
+        ):
+            assert not self.reasons(with_obstacle(B, bar)), bar
+
+    @pytest.mark.parametrize("grade", GRADES)
+    def test_none_is_given_for_what_has_a_solution(self, grade: str) -> None:
+        problems = [problem for seed in range(300, 312) if (problem := forward_problem(seed, grade))]
+        assert len(problems) > 2
+        for problem in problems:
+            assert not self.reasons(problem)
+
+    @pytest.mark.parametrize("path", sorted(PROBLEMS.glob("*.toml")), ids=lambda path: path.stem)
+    def test_none_is_given_for_the_examples(self, path: Path) -> None:
+        assert not self.reasons(fp.load_problem(path))
+
+
+class TestCommandLine:
+    @pytest.mark.parametrize("name", ["a pole in the shin", "a wall", "velocity of q1"])
+    def test_files_are_left_and_say_that_there_is_no_plan(self, name: str, floatplan: Callable[..., Any]) -> None:
+        path = save_problem(CASES[name].make(), "asked.toml")
+        run = floatplan("plan", path, "-o", "out")
+        assert run.code == 1
+        assert "no plan found" in run.stderr
+        content = json.loads(Path("out/plan.json").read_text())
+        assert (content["ok"], content["status"]) == (False, "infeasible")
+        assert re.search(CASES[name].says, content["explanation"])
+        assert {"plan.json", "trajectory.csv", "figures"} <= {entry.name for entry in Path("out").iterdir()}
+        assert floatplan("certify", "out/plan.json").code == 1
+
+    def test_momentum_outside_is_said_with_the_interval(self) -> None:
+        plan = fp.plan(CASES["momentum far outside"].make(), budget=0.5)
+        low, high = angular_momentum_interval(problem_of(B))
+        assert f"[{low:.6g}, {high:.6g}]" in plan.explanation
+
+
+def test_a_limit_that_is_hardly_missed_is_no_reason_for_more_freedom() -> None:
+    """One free number, which the goal's orientation settles: the motion is the only one, and its peaks are known."""
+    problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
+    peaks = fp.plan(problem).peaks.torque
+    asked = replace(problem, limits=replace(problem.limits, torque=peaks * (1 - 2e-5)))
+    plan = fp.plan(asked, budget=BUDGET)
+    assert not plan.ok
+    assert "freedom" not in plan.explanation
+    wish = re.search(r"It would be a plan with .*the limit on the .*torque of \S+ (\S+) N m higher", plan.explanation)
+    assert wish, plan.explanation
+    assert 0 < float(wish[1]) <= 2.1e-5 * peaks.max()
+
+
+def test_the_goal_that_only_touches_a_limit_is_reached() -> None:
+    """No room to aim inside: the only motion there is just meets its torque limits."""
+    problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
+    peaks = fp.plan(problem).peaks.torque
+    plan = fp.plan(replace(problem, limits=replace(problem.limits, torque=peaks)), budget=BUDGET)
+    assert plan.ok, plan.explanation
+    assert plan.status == "optimal"
+    assert fp.certify(plan).proved

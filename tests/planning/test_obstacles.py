@@ -1,0 +1,248 @@
+"""Every problem of problems/, and a sample of drawn ones, looked at by code that is not the planner's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from forward_problems import GRADES, forward_problem
+from independent import INSTANTS, Look, clearance, violations_seen
+
+import floatplan as fp
+from floatplan.motion.planar.ballistics import ballistics
+
+PROBLEMS = sorted((Path(__file__).resolve().parents[2] / "problems").glob("*.toml"))
+NAMES = [path.stem for path in PROBLEMS]
+BUDGET = 60.0  # s: a slow machine is no reason to fail
+HOLDS = 1e-6  # m, N m, rad/s, rad
+AT_EDGE = 1e-7  # m
+DENSE = 8_001  # instants at which drawn problems are looked at
+
+
+def problem_of(name: str) -> fp.Problem:
+    return fp.load_problem(next(path for path in PROBLEMS if path.stem == name))
+
+
+@cache
+def plan_of(name: str) -> fp.Plan:
+    return fp.plan(problem_of(name), budget=BUDGET)
+
+
+def closer(look: Look, index: int) -> Look:
+    """Look between the neighbours of a sample, where a fast motion leaves much to see."""
+    last = len(look.times) - 1
+    return Look(look.plan, np.linspace(look.times[max(index - 1, 0)], look.times[min(index + 1, last)], 501))
+
+
+def peak(look: Look, quantity: Callable[[Look], np.ndarray]) -> np.ndarray:
+    """Largest magnitude (n,) of a quantity (K, n): of the highest sample, and of a closer look about it."""
+    sampled = np.abs(quantity(look))
+    return np.array([np.abs(quantity(closer(look, at)))[:, j].max() for j, at in enumerate(sampled.argmax(axis=0))])
+
+
+def least_clearance(look: Look) -> float:
+    """Least clearance: the samples, and a closer look about the lowest of them, which a fast link sweeps by."""
+    values = clearance(look)
+    at = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1
+    lowest = at[np.argsort(values[at])[:4]]
+    return min([float(values.min()), *(float(clearance(closer(look, index)).min()) for index in lowest)])
+
+
+def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
+    """Everything holds, and what the plan file says of it is so."""
+    assert plan.ok, plan.explanation
+    look = Look(plan, np.linspace(0, plan.duration, instants))
+    for worst in violations_seen(look):
+        assert worst.amount < HOLDS, worst
+    record = json.loads(plan.save(folder / "plan.json").read_text())
+    np.testing.assert_allclose(record["torque_peak"], peak(look, lambda at: at.torques), rtol=1e-6, atol=HOLDS)
+    np.testing.assert_allclose(record["velocity_peak"], peak(look, lambda at: at.joints[1]), rtol=1e-6, atol=HOLDS)
+    if plan.problem.obstacles:
+        assert abs(record["clearance_min"] - least_clearance(look)) < HOLDS
+    else:
+        assert record["clearance_min"] is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_problem_file_is_planned_and_holds_at_every_instant(name: str, tmp_path: Path) -> None:
+    check_plan(plan_of(name), tmp_path)
+
+
+@pytest.mark.parametrize("grade", GRADES)
+def test_problems_built_around_a_motion_are_solved(grade: str, tmp_path: Path) -> None:
+    """Among them two where links sweep past an obstacle so fast that a coarse look misses it."""
+    problems = (forward_problem(seed, grade) for seed in range(200, 260))
+    for problem in islice(filter(None, problems), 4):
+        check_plan(fp.plan(problem, budget=BUDGET), tmp_path, DENSE)
+
+
+class TestKnownAnswers:
+    """Costs that are known from elsewhere, and constraints that change a plan."""
+
+    @pytest.mark.parametrize(
+        ("name", "cost"),
+        [("obstacle", 29.48), ("torque_limited", 27.0), ("moving_hoop", 36.0), ("handstand_ground", 29.7)],
+    )
+    def test_cost_is_as_low_as_is_known(self, name: str, cost: float) -> None:
+        assert plan_of(name).objective_value <= cost
+
+    @pytest.mark.parametrize(("name", "cost"), [("handstand_ground", 8.0), ("obstacle", 20.0)])
+    def test_more_starts_find_far_less(self, name: str, cost: float) -> None:
+        several = fp.plan(problem_of(name), starts=4, budget=BUDGET)
+        assert several.ok
+        assert several.objective_value <= cost < plan_of(name).objective_value / 1.4
+
+    def test_example_b_without_its_obstacle_hits_it(self) -> None:
+        problem = problem_of("obstacle")
+        blind = replace(fp.plan(replace(problem, obstacles=())), problem=problem)
+        assert blind.peaks.clearance < problem.obstacles[0].margin - 0.01
+        assert plan_of("obstacle").peaks.clearance == pytest.approx(0.02, abs=HOLDS)
+
+    @pytest.mark.parametrize(("name", "distance"), [("obstacle", 0.4), ("obstacle_hard", 0.3)])
+    def test_poles_stand_where_their_files_say(self, name: str, distance: float) -> None:
+        problem = problem_of(name)
+        path = ballistics(problem)
+        middle = np.array([problem.flight.duration / 2])
+        (place,), (velocity,) = path.positions(middle), path.velocities(middle)
+        left = np.array([-velocity[1], velocity[0]]) / np.linalg.norm(velocity)
+        np.testing.assert_allclose(problem.obstacles[0].center, place + distance * left, atol=5e-4)
+
+    def test_degree_is_raised_where_no_motion_of_degree_7_has_torques_so_low(self) -> None:
+        assert plan_of("torque_limited_hard").coefficients.shape[1] > 8
+
+    def test_hoop_is_hit_where_it_is_not_looked_at(self) -> None:
+        problem = problem_of("moving_hoop")
+        blind = replace(fp.plan(replace(problem, obstacles=())), problem=problem)
+        assert blind.peaks.clearance < -0.01
+
+    def test_cat_folds_through_itself_where_it_is_not_looked_at(self) -> None:
+        problem = problem_of("falling_cat_apart")
+        blind = replace(fp.plan(replace(problem, self_clearances=())), problem=problem)
+        look = Look(blind, np.linspace(0, blind.duration, 2001))
+        assert any(worst.label.startswith("clearance") and worst.amount > 0.04 for worst in violations_seen(look))
+
+
+class TestContact:
+    """The ground at height 0, margin 0: foot and hand are on it at takeoff and landing."""
+
+    def test_ground_is_touched_at_both_ends_and_nowhere_else(self) -> None:
+        plan = plan_of("handstand_ground")
+        times = np.linspace(0, plan.duration, 2001)
+        height = plan.clearances(times)
+        assert np.abs(height[[0, -1]]).max() < 1e-9
+        assert height[1:-1].min() > 0
+
+    def test_ground_under_a_robot_that_would_dig_in(self) -> None:
+        problem = problem_of("handstand_ground")
+        raised = replace(problem, obstacles=(fp.HalfPlane(point=(0.0, 0.2), window=(0.2, 1.2)),))
+        plan = fp.plan(raised, budget=BUDGET)
+        assert plan.ok, plan.explanation
+        assert plan.clearances(np.linspace(0.2, 1.2, 2001)).min() > -AT_EDGE
+
+
+class TestWindows:
+    """An obstacle bounds only while it exists."""
+
+    def wall(self, window: tuple[float, float]) -> fp.Problem:
+        """Example B's pole, grown to cover the start posture and all of the way."""
+        return replace(problem_of("handstand"), obstacles=(fp.Circle(center=(0.0, 0.5), radius=0.6, window=window),))
+
+    def test_obstacle_over_the_start_that_comes_later(self) -> None:
+        assert not fp.plan(self.wall((0.0, 0.1))).ok
+        plan = fp.plan(self.wall((0.9, 1.4)), budget=BUDGET)
+        assert plan.ok, plan.explanation
+        assert plan.clearances(np.linspace(0.9, 1.4, 2001)).min() > -AT_EDGE
+        assert np.isinf(plan.clearances([0.1])).all()
+
+    def test_window_narrower_than_the_nodes(self) -> None:
+        problem = problem_of("obstacle")
+        blink = replace(problem.obstacles[0], window=(0.7, 0.705))
+        plan = fp.plan(replace(problem, obstacles=(blink,)), budget=BUDGET)
+        assert plan.ok, plan.explanation
+        assert plan.clearances(np.linspace(0.7, 0.705, 501)).min() > 0.02 - AT_EDGE
+
+    def test_motion_that_is_nearest_at_a_window_s_end_is_found_at_once(self) -> None:
+        plan = fp.plan(fp.load_problem(Path(__file__).parent / "cases" / "window.toml"), budget=BUDGET)
+        assert plan.ok, plan.explanation
+        assert plan.solver["starts"] == 1
+        assert fp.certify(plan).proved
+
+    @pytest.mark.parametrize(
+        "window",
+        [(0.0, 5e-324), (-1.0, 5e-324), (-1.0, 0.0), (1.4, 2.4), (0.7, np.nextafter(0.7, 1)), (-1.0, 0.7), (0.7, 9.0)],
+    )
+    @pytest.mark.parametrize("center", [(1.485, 3.342), (0.5, 0.5)])
+    def test_windows_of_an_instant_and_beyond_the_flight(
+        self, window: tuple[float, float], center: tuple[float, float]
+    ) -> None:
+        problem = problem_of("obstacle")
+        pole = replace(problem.obstacles[0], window=window, center=center)
+        plan = fp.plan(replace(problem, obstacles=(pole,)), budget=BUDGET)
+        assert plan.ok, plan.explanation
+        ends = np.clip(window, 0.0, plan.duration)
+        assert plan.clearances(ends).min() >= pole.margin - AT_EDGE
+        certificate = fp.certify(plan)
+        assert certificate.proved
+        assert certificate.clearance_min == pytest.approx(plan.peaks.clearance, abs=1e-5)
+
+    @pytest.mark.parametrize(("window", "end"), [((-1.0, 5e-324), 0.0), ((-1.0, 0.0), 0.0), ((1.4, 2.0), 1.4)])
+    def test_obstacle_that_covers_the_robot_at_its_one_instant(self, window: tuple[float, float], end: float) -> None:
+        problem = problem_of("handstand")
+        place = fp.plan(problem).at([end]).com_position[0]
+        ball = fp.Circle(center=(float(place[0]), float(place[1])), radius=0.1, window=window)
+        plan = fp.plan(replace(problem, obstacles=(ball,)), budget=BUDGET)
+        assert not plan.ok
+        assert "impossible" in plan.explanation
+        assert fp.certify(plan).verdict == "refuted"
+
+
+class TestMovingObstacles:
+    def test_one_that_flies_beside_the_robot_is_as_one_that_stands_where_it_flies(self) -> None:
+        """Seen from the obstacle: velocity of the obstacle against that of the robot."""
+        problem = problem_of("obstacle")
+        pole = problem.obstacles[0]
+        still = replace(problem, flight=replace(problem.flight, horizontal_velocity=0.0))
+        moved = replace(still, obstacles=(replace(pole, velocity=(-2.0, 0.0)),))
+        plan = fp.plan(moved, budget=BUDGET)
+        assert plan.objective_value == pytest.approx(plan_of("obstacle").objective_value, rel=1e-6)
+        np.testing.assert_allclose(plan.coefficients, plan_of("obstacle").coefficients, atol=1e-5)
+
+
+class TestObjectives:
+    """With h free, the cost is no higher than with its midpoint."""
+
+    @pytest.mark.parametrize("objective", ["torque", "acceleration"])
+    @pytest.mark.parametrize("name", ["obstacle", "somersault", "torque_limited"])
+    def test_free_momentum_costs_less(self, name: str, objective: str) -> None:
+        problem = replace(problem_of(name), motion=fp.Motion(7, objective))
+        midpoint, free = (
+            fp.plan(replace(problem, flight=replace(problem.flight, angular_momentum=asked)), budget=BUDGET)
+            for asked in ("midpoint", "free")
+        )
+        assert midpoint.ok
+        assert free.ok
+        assert free.objective_value < midpoint.objective_value
+        low, high = free.angular_momentum_bounds
+        assert low <= free.angular_momentum <= high
+
+    def test_somersault_of_least_torque(self) -> None:
+        free, given = plan_of("somersault_low_torque"), plan_of("somersault")
+        times = np.linspace(0, free.duration, 4001)
+        assert (free.at(times).torques ** 2).mean() < 0.7 * (given.at(times).torques ** 2).mean()
+
+
+class TestJobs:
+    @pytest.mark.parametrize("name", ["obstacle_hard", "falling_cat_apart"])
+    def test_several_processes_find_the_same_plan(self, name: str) -> None:
+        together = fp.plan(problem_of(name), jobs=2, budget=BUDGET)
+        assert together.solver["starts"] == plan_of(name).solver["starts"]
+        assert together.objective_value == pytest.approx(plan_of(name).objective_value, rel=1e-8)
+        times = np.linspace(0, together.duration, 101)
+        alone = plan_of(name).at(times)
+        np.testing.assert_allclose(together.at(times).positions, alone.positions, atol=1e-5)

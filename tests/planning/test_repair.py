@@ -1,0 +1,209 @@
+"""Plans with their certificates: in Python, on the command line, in figures and summaries; gaps that are closed."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.certificate.certificate import BUDGET
+from floatplan.certificate.findings import Finding
+from floatplan.errors import InputError
+from floatplan.planning import repair as proving
+from floatplan.planning.planner import planned
+from floatplan.planning.repair import judged, plan_and_prove, proved, shortfalls, tightened
+from floatplan.view.figures.curves import Flown, clearance, rates, torques
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "problems" / "new_configuration.toml"
+CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
+
+
+@pytest.fixture(scope="module")
+def plan_b():
+    """Example B of the paper with its obstacle, and a limit on torques."""
+    problem = fp.load_problem(ROOT / "problems" / "handstand.toml")
+    return plan_and_prove(replace(problem, obstacles=(CIRCLE,), limits=fp.Limits(position="full", torque=20.0)))
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Example A within torque limits that it needs."""
+    problem = fp.load_problem(EXAMPLE)
+    problem = replace(problem, limits=fp.Limits(position="full", torque=[2.0, 1.2]))
+    found = planned(problem, seed=0, starts=1, budget=None, jobs=1, progress=None)
+    assert found.plan.ok
+    return found
+
+
+def asking(found, **changes):
+    """The same search's end, as the answer to a slightly different problem."""
+    return replace(found, plan=asked_otherwise(found.plan, **changes))
+
+
+def asked_otherwise(plan, **changes):
+    """The same motion, as the answer to a slightly different problem."""
+    return replace(plan, problem=replace(plan.problem, **changes))
+
+
+def doubted(certificate):
+    """The certificate as it would be, had the proof not come to an end."""
+    finding = Finding("torque q1", "undecided", 2.5, 0.5, 2.0, 0.5)
+    return replace(certificate, verdict="undecided", findings=(*certificate.findings, finding))
+
+
+class TestCertify:
+    def test_takes_plans_records_and_paths(self, plan_b, tmp_path):
+        path = plan_b.save(tmp_path / "plan.json")
+        for plan in (plan_b, plan_b.record, path, str(path), fp.load_plan(path)):
+            certificate = fp.certify(plan)
+            assert isinstance(certificate, fp.Certificate)
+            assert certificate.proved
+            assert certificate.clearance_min == pytest.approx(plan_b.record.clearance_min, abs=2e-5)
+
+    def test_plan_keeps_its_certificate_in_its_file(self, plan_b, tmp_path):
+        assert plan_b.ok
+        assert plan_b.certificate["verdict"] == "proved"
+        content = json.loads(plan_b.save(tmp_path / "plan.json").read_text())
+        assert content["certificate"] == plan_b.certificate
+        assert fp.load_plan(tmp_path / "plan.json").certificate == plan_b.certificate
+
+    def test_other_budgets(self, plan_b):
+        assert fp.certify(plan_b, budget=24).subintervals == 24
+        assert fp.certify(plan_b, budget=BUDGET).proved
+
+    def test_finds_a_relative_urdf_from_the_plan_file(self, plan_b, tmp_path, monkeypatch):
+        (tmp_path / "robots").mkdir()
+        shutil.copy(plan_b.robot.path, tmp_path / "robots" / "gymnast.urdf")
+        record = replace(plan_b.record, robot=replace(plan_b.record.robot, urdf="robots/gymnast.urdf"))
+        path = record.save(tmp_path / "plan.json")
+        monkeypatch.chdir("/")
+        assert fp.certify(path).proved
+        shutil.move(tmp_path / "robots" / "gymnast.urdf", tmp_path / "gymnast.urdf")
+        assert fp.certify(path).proved
+        (tmp_path / "gymnast.urdf").unlink()
+        with pytest.raises(InputError, match="no such file"):
+            fp.certify(path)
+        assert fp.certify(path, urdf=plan_b.robot.path).proved
+
+
+class TestClosingTheGap:
+    @pytest.mark.parametrize("missing", [1e-7, 1e-5, 3e-4])
+    def test_of_torques(self, found, missing):
+        peaks = np.asarray(found.plan.record.torque_peak)
+        asked = fp.Limits(position="full", torque=(peaks * (1.0 - missing)).tolist())
+        tight = asking(found, limits=asked)
+        assert fp.certify(tight.plan).verdict == "refuted"
+        plan, certificate = proved(tight)
+        assert certificate.proved, certificate.findings
+        assert plan.problem is tight.plan.problem
+        assert plan.record.problem["limits"]["torque"] == asked.torque
+
+    def test_of_the_orientation(self, found):
+        """A change of the motion that vanishes at both ends turns the base a little, and lands at another height."""
+        bubble = 1e-4 * np.array([0, 0, 0, 1, -3, 3, -1, 0]) / found.plan.duration ** np.arange(8)
+        off = replace(found.plan, coefficients=found.plan.coefficients + bubble)
+        certificate = fp.certify(off)
+        failed = {item.label for item in certificate.findings if item.verdict != "proved"}
+        assert {"goal.orientation", "landing.height"} <= failed
+        plan, certificate = proved(replace(found, plan=off))
+        assert certificate.proved, certificate.findings
+        assert plan.record.orientation["goal"] == found.plan.problem.goal.orientation
+
+    def test_of_clearance(self):
+        problem = fp.load_problem(ROOT / "problems" / "handstand.toml")
+        problem = replace(problem, obstacles=(CIRCLE,))
+        found = planned(problem, seed=0, starts=1, budget=None, jobs=1, progress=None)
+        nearest = found.plan.record.clearance_min
+        plan, certificate = proved(asking(found, obstacles=(replace(CIRCLE, margin=nearest + 1e-5),)))
+        assert certificate.proved
+        assert certificate.clearance_min >= nearest + 1e-5 - 1e-8
+        assert plan.ok
+
+    def test_of_the_file_s_own_claims(self, found):
+        record = replace(found.plan.record, torque_peak=found.plan.record.torque_peak * 0.99)
+        plan, certificate = proved(replace(found, plan=found.plan.with_record(record)))
+        assert certificate.proved
+        assert (plan.record.torque_peak == fp.certify(found.plan).torque_peak).all()
+
+    def test_is_not_tried_where_much_is_missing(self, found, monkeypatch):
+        monkeypatch.setattr(proving, "polished", lambda *_: pytest.fail("was tried"))
+        peaks = np.asarray(found.plan.record.torque_peak)
+        tight = asking(found, limits=fp.Limits(position="full", torque=(0.9 * peaks).tolist()))
+        plan = judged(*proved(tight))
+        assert not plan.ok
+        assert plan.status == "infeasible"
+        assert plan.record.ok is False
+        assert plan.explanation.startswith("Refuted: ")
+        assert "torque q1" in plan.explanation
+
+    def test_an_undecided_plan_says_so(self, found):
+        plan = judged(found.plan, doubted(fp.certify(found.plan)))
+        assert plan.ok
+        assert plan.certificate["verdict"] == "undecided"
+        assert "Not proved: " in plan.explanation
+
+    def test_shortfalls_and_tightening(self, found):
+        problem = replace(found.plan.problem, obstacles=(CIRCLE, replace(CIRCLE, margin=0.1)))
+        tighter = tightened(problem, {"torque q2": 0.001, "obstacles[1] circle": 1e-4}, 0.5)
+        assert tighter.torque_limits.tolist() == [2.0, 1.2 - 0.0015]
+        assert [obstacle.margin for obstacle in tighter.obstacles] == [0.02, 0.1 + 1.5e-4]
+        assert tighter.final.orientation == problem.final.orientation
+        assert tightened(problem, {"goal.orientation": 0.5}, 0.5).final.orientation == problem.final.orientation + 0.5
+        assert shortfalls(fp.certify(found.plan)) is None
+
+
+class TestCommands:
+    def test_plan_proves_by_default(self, floatplan):
+        run = floatplan("plan", EXAMPLE, "-o", "out", "--no-figures")
+        assert run.code == 0
+        assert json.loads(Path("out/plan.json").read_text())["certificate"]["verdict"] == "proved"
+        assert "for all times, orientation within" in " ".join(run.stderr.split())
+        assert floatplan("certify", "out/plan.json").code == 0
+
+    def test_plan_without_proof(self, floatplan):
+        run = floatplan("plan", EXAMPLE, "-o", "out", "--no-figures", "--no-certify")
+        assert run.code == 0
+        assert json.loads(Path("out/plan.json").read_text())["certificate"] is None
+
+    @pytest.mark.parametrize("ok", [True, False])
+    def test_exit_code_1_where_the_plan_is_not_proved(self, floatplan, monkeypatch, ok):
+        def doubtful(plan):
+            weak = fp.Limits(position="full", torque=0.1)
+            return doubted(fp.certify(plan)) if ok else fp.certify(asked_otherwise(plan, limits=weak))
+
+        monkeypatch.setattr(proving, "certify", doubtful)
+        run = floatplan("plan", EXAMPLE, "-o", "out", "--json")
+        assert run.code == 1
+        answer = json.loads(run.stdout)
+        assert answer["ok"] is ok
+        assert answer["certificate"]["verdict"] == ("undecided" if ok else "refuted")
+        assert "not proved: " in run.stderr
+
+    def test_no_proof_of_what_is_no_plan(self, floatplan):
+        flight = ("--start", "72,18,-45", "--goal", "-90,0,0", "--degrees", "--duration", "1.4")
+        run = floatplan(
+            "plan", ROOT / "urdf" / "gymnast.urdf", *flight, "--angular-momentum", "40", "--json", "--budget", "1"
+        )
+        assert run.code == 1
+        assert json.loads(run.stdout)["certificate"] is None
+
+
+class TestFigures:
+    @pytest.mark.parametrize(("draw", "words"), [(torques, "proved peak"), (rates, "proved peak")])
+    def test_proved_peaks_are_drawn(self, plan_b, draw, words):
+        figure = draw(Flown.of(plan_b))
+        assert words in [text.get_text() for text in figure.legends[0].get_texts()]
+        name = {torques: "torque_peak", rates: "velocity_peak"}[draw]
+        levels = {abs(line.get_ydata()[0]) for line in figure.axes[0].lines}
+        assert set(plan_b.certificate[name]) <= levels
+        bare = draw(Flown.of(replace(plan_b)))
+        assert words not in [text.get_text() for text in bare.legends[0].get_texts()]
+
+    def test_the_proved_minimum_is_drawn(self, plan_b):
+        figure = clearance(Flown.of(plan_b))
+        assert "proved minimum" in [text.get_text() for text in figure.legends[0].get_texts()]
+        assert plan_b.certificate["clearance_min"] in {line.get_ydata()[0] for line in figure.axes[0].lines}

@@ -1,0 +1,290 @@
+"""Plan files: read back bit for bit, written whole, refused where anything in them is wrong."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from proof_plans import example_b
+
+import floatplan as fp
+from floatplan.arrays import read_only
+from floatplan.files import plain, write_atomically
+from floatplan.plans.plan import rebuild
+from floatplan.plans.record import FORMAT, PlanRecord, load_record, record_from_dict
+
+AWKWARD = [0.1 + 0.2, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, np.nextafter(1, 2), -1e-17, 2.0**53 + 2]
+
+
+@pytest.fixture(scope="module")
+def record() -> PlanRecord:
+    """Example B with its obstacle, made without the planner."""
+    return example_b()
+
+
+def refusal(content):
+    with pytest.raises(fp.InputError) as caught:
+        record_from_dict(content)
+    return caught.value
+
+
+class TestRoundTrip:
+    def test_is_bit_for_bit(self, record, tmp_path):
+        awkward = replace(
+            record,
+            coefficients=read_only(np.resize(AWKWARD, record.coefficients.shape)),
+            torque_peak=read_only(AWKWARD[:2]),
+            angular_momentum=AWKWARD[0],
+            clearance_min=AWKWARD[4],
+            certificate={"verdict": "proved", "orientation_end": AWKWARD[:2]},
+        )
+        read = load_record(awkward.save(tmp_path / "plan.json"))
+        for field in fields(PlanRecord):
+            before, after = getattr(awkward, field.name), getattr(read, field.name)
+            if isinstance(before, np.ndarray):
+                assert (after.tobytes(), after.dtype) == (before.tobytes(), before.dtype), field.name
+                assert not after.flags.writeable
+            elif field.name == "robot":
+                assert after == before
+            else:
+                assert json.dumps(plain(after)) == json.dumps(plain(before)), field.name
+        assert read.angular_momentum_bounds == awkward.angular_momentum_bounds
+
+    def test_of_a_file_gives_the_same_bytes(self, record, tmp_path):
+        first = record.save(tmp_path / "first.json")
+        second = load_record(first).save(tmp_path / "second.json")
+        assert second.read_bytes() == first.read_bytes()
+
+    def test_of_a_plan_gives_the_same_flight(self, record, tmp_path):
+        plan = rebuild(record)
+        again = fp.load_plan(plan.save(tmp_path / "plan.json"))
+        times = np.linspace(0, plan.duration, 7)
+        for name in ("orientation", "positions", "torques", "com_position"):
+            assert getattr(again.at(times), name).tolist() == getattr(plan.at(times), name).tolist()
+        assert again.record.to_dict() == record.to_dict()
+
+    def test_format_and_version_come_first(self, record):
+        assert list(record.to_dict())[:2] == ["format", "floatplan"]
+        assert record.to_dict()["format"] == FORMAT
+
+    def test_with_checks_keeps_what_was_found_before(self, record):
+        proved = record.with_checks(certificate={"verdict": "proved"})
+        both = proved.with_checks(replay={"engine": "pinocchio"})
+        assert (both.certificate, both.replay) == ({"verdict": "proved"}, {"engine": "pinocchio"})
+        assert record.certificate is None
+
+
+class TestPlain:
+    def test_numbers_that_do_not_exist_are_null(self):
+        content = {"a": np.array([1.0, np.inf]), "b": (math.nan, -math.inf, 2), 3: np.float64(1.5)}
+        assert plain(content) == {"a": [1.0, None], "b": [None, None, 2], "3": 1.5}
+
+    def test_a_record_that_holds_nan_after_all_is_not_written(self, record, tmp_path):
+        assert (
+            json.loads(replace(record, clearance_min=math.nan).save(tmp_path / "plan.json").read_text())[
+                "clearance_min"
+            ]
+            is None
+        )
+
+
+class TestWriteWhole:
+    def test_makes_the_folders(self, tmp_path):
+        assert write_atomically(tmp_path / "a" / "b" / "file", "text").read_text() == "text"
+
+    def test_leaves_the_old_file_where_writing_fails(self, tmp_path, monkeypatch):
+        path = write_atomically(tmp_path / "file", "old")
+
+        def fail(*_):
+            raise OSError("disc full")
+
+        monkeypatch.setattr(Path, "replace", fail)
+        with pytest.raises(OSError, match="disc full"):
+            write_atomically(path, "new")
+        assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+        assert path.read_text() == "old"
+
+
+def changed(content, path, value):
+    """A copy of plain data with the value at a path of keys replaced."""
+    content = copy.deepcopy(content)
+    *tables, last = path
+    table = content
+    for key in tables:
+        table = table[key]
+    table[last] = value
+    return content
+
+
+DAMAGES = {  # path, value, element that the message names
+    "another format": (["format"], "floatplan.plan/2", "format"),
+    "no format": (["format"], None, "format"),
+    "unknown status": (["status"], "great", "status"),
+    "ok as a number": (["ok"], 1, "ok"),
+    "explanation missing": (["explanation"], None, "explanation"),
+    "version as a number": (["floatplan"], 1, "floatplan"),
+    "h as text": (["angular_momentum"], "0.13", "angular_momentum"),
+    "h as truth": (["angular_momentum"], True, "angular_momentum"),
+    "h too large for a number": (["angular_momentum"], 10**400, "angular_momentum"),
+    "interval of three": (["angular_momentum_bounds"], [1, 2, 3], "angular_momentum_bounds"),
+    "interval upside down": (["angular_momentum_bounds"], [1, -1], "angular_momentum_bounds"),
+    "centre of three joints": (["centre"], [0, 0, 0], "centre"),
+    "amplitude of zero": (["amplitude"], [3.0, 0.0], "amplitude"),
+    "amplitude null": (["amplitude", 0], None, "amplitude"),
+    "coefficients of one joint": (["coefficients"], [[1.0, 2.0]], "coefficients"),
+    "coefficients of unequal length": (["coefficients", 0], [1.0], "coefficients"),
+    "no coefficients": (["coefficients"], [[], []], "coefficients"),
+    "coefficient as text": (["coefficients", 0, 2], "1", "coefficients"),
+    "peak null": (["torque_peak"], None, "torque_peak"),
+    "clearance as text": (["clearance_min"], "far", "clearance_min"),
+    "leak as text": (["out_of_plane_leak"], "little", "out_of_plane_leak"),
+    "orientation without its goal": (["orientation"], {"start": 0, "end": 0}, "orientation.goal"),
+    "orientation as a list": (["orientation"], [0, 0, 0], "orientation"),
+    "path of one coordinate": (["com", "position0"], [0], "com.position0"),
+    "gravity as text": (["com", "gravity"], "9.81", "com.gravity"),
+    "objective without value": (["objective"], {"name": "torque"}, "objective.value"),
+    "objective without name": (["objective"], {"value": 1.0}, "objective.name"),
+    "solver as a list": (["solver"], [], "solver"),
+    "certificate as text": (["certificate"], "proved", "certificate"),
+    "replay as a number": (["replay"], 1, "replay"),
+    "robot null": (["robot"], None, "robot"),
+    "robot with another key": (["robot", "colour"], "red", "robot"),
+    "urdf as a number": (["robot", "urdf"], 5, "robot.urdf"),
+    "checksum null": (["robot", "sha256"], None, "robot.sha256"),
+    "plane as a number": (["robot", "plane"], 5, "robot.plane"),
+    "joints as text": (["robot", "joints"], "q1", "robot.joints"),
+    "joints as numbers": (["robot", "joints"], [1, 2], "robot.joints"),
+    "locked as a list": (["robot", "locked"], [1], "robot.locked"),
+    "locked at text": (["robot", "locked"], {"j": "x"}, "robot.locked.j"),
+    "coupling of other keys": (["robot", "coupled"], {"j": {"to": "q1"}}, "robot.coupled.j"),
+    "coupling as a number": (["robot", "coupled"], {"j": 3}, "robot.coupled.j"),
+    "coupling to a number": (
+        ["robot", "coupled"],
+        {"j": {"leader": 1, "ratio": 1, "offset": 0}},
+        "robot.coupled.j.leader",
+    ),
+    "problem as a list": (["problem"], [], "problem"),
+    "problem without flight": (["problem"], {}, "problem.flight"),
+    "duration of zero": (["problem", "flight", "duration"], 0, "problem.flight.duration"),
+    "duration as text": (["problem", "flight", "duration"], "1.4", "problem.flight.duration"),
+    "a key that nobody knows": (["colour"], "red", "colour"),
+}
+WRONG_KINDS = ["x", None, [], {}, -1, True]
+
+
+def leaves(content, path=()):
+    """Paths of all that is neither a table nor a list in plain data."""
+    if isinstance(content, dict):
+        return [leaf for key, value in content.items() for leaf in leaves(value, (*path, key))]
+    if isinstance(content, list):
+        return [leaf for index, value in enumerate(content) for leaf in leaves(value, (*path, index))]
+    return [path]
+
+
+OPTIONAL = {
+    "motor_torque_peak",
+    "warnings",
+    "utilisation",
+    "out_of_plane_leak",
+    "certificate",
+    "replay",
+    "floatplan",
+}
+
+
+class TestDamage:
+    @pytest.mark.parametrize("name", DAMAGES)
+    def test_is_refused_with_its_place(self, record, name):
+        path, value, element = DAMAGES[name]
+        assert refusal(changed(record.to_dict(), path, value)).element == element
+
+    @pytest.mark.parametrize("name", [field.name for field in fields(PlanRecord)])
+    def test_each_key_is_missed_or_optional(self, record, name):
+        content = record.to_dict()
+        del content[name]
+        if name in OPTIONAL:
+            assert record_from_dict(content).status == record.status
+        else:
+            assert refusal(content).element == name
+
+    @pytest.mark.parametrize("content", [None, 3, "plan", [], {}])
+    def test_what_is_no_plan_is_refused(self, content):
+        assert "format" in str(refusal(content)) or "no JSON object" in str(refusal(content))
+
+    def test_nothing_but_an_input_error_comes_of_a_wrong_value_anywhere(self, record):
+        """Every single value of the file, replaced by others of every kind, is taken or refused."""
+        content = record.to_dict()
+        refused = 0
+        for path in leaves(content):
+            for value in WRONG_KINDS:
+                try:
+                    rebuild(record_from_dict(changed(content, path, value)))
+                except fp.InputError:
+                    refused += 1
+        assert refused > 300
+
+    @pytest.mark.parametrize(
+        ("content", "reason"),
+        [
+            (b"", "is not JSON"),
+            (b"{", "is not JSON"),
+            (b"\x00\x01\xff\xfe", "is not JSON"),
+            (b"[" * 100_000, "is not JSON"),
+            (b"[1, 2]", "no JSON object"),
+            (b'{"angular_momentum": NaN}', "NaN"),
+            (b'{"angular_momentum": -Infinity}', "-Infinity"),
+        ],
+    )
+    def test_a_file_that_is_none_is_refused(self, tmp_path, content, reason):
+        path = tmp_path / "plan.json"
+        path.write_bytes(content)
+        with pytest.raises(fp.InputError, match=reason) as caught:
+            load_record(path)
+        assert caught.value.source == str(path)
+
+    def test_half_a_file_is_refused(self, record, tmp_path):
+        path = record.save(tmp_path / "plan.json")
+        path.write_text(path.read_text()[:-200])
+        with pytest.raises(fp.InputError, match="is not JSON"):
+            load_record(path)
+
+    def test_a_number_beyond_all_numbers_is_refused(self, record, tmp_path):
+        path = record.save(tmp_path / "plan.json")
+        path.write_text(path.read_text().replace(repr(record.clearance_min), "1e999"))
+        with pytest.raises(fp.InputError, match="not finite"):
+            load_record(path)
+
+    def test_no_file_and_a_folder_are_refused(self, tmp_path):
+        with pytest.raises(fp.InputError, match="no such file"):
+            fp.load_plan(tmp_path / "plan.json")
+        with pytest.raises(fp.InputError, match="is a directory"):
+            fp.load_plan(tmp_path)
+
+
+class TestRobotOfAPlan:
+    def moved(self, record, folder, text=None):
+        """The plan and its URDF in a folder, the URDF nowhere else."""
+        urdf = folder / "gymnast.urdf"
+        urdf.write_text(text or Path(record.robot.urdf).read_text())
+        gone = replace(record, robot=replace(record.robot, urdf="elsewhere/gymnast.urdf"))
+        return gone.save(folder / "plan.json")
+
+    def test_lies_beside_the_plan_where_it_is_gone(self, record, tmp_path):
+        assert fp.load_plan(self.moved(record, tmp_path)).robot.sha256 == record.robot.sha256
+
+    def test_that_has_changed_is_refused(self, record, tmp_path):
+        text = Path(record.robot.urdf).read_text().replace('value="2.5"', 'value="2.6"')
+        with pytest.raises(fp.InputError, match="has changed") as caught:
+            fp.load_plan(self.moved(record, tmp_path, text))
+        assert "sha256" in caught.value.element
+
+    def test_that_is_gone_is_named(self, record, tmp_path):
+        path = self.moved(record, tmp_path)
+        (tmp_path / "gymnast.urdf").unlink()
+        with pytest.raises(fp.InputError, match=r"elsewhere/gymnast\.urdf"):
+            fp.load_plan(path)

@@ -1,0 +1,347 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.problem.file import problem_from_dict, problem_to_dict
+
+ROOT = Path(__file__).resolve().parents[2]
+PROBLEMS = sorted((ROOT / "problems").glob("*.toml"))
+GYMNAST = ROOT / "urdf" / "gymnast.urdf"
+
+SOUND = f"""
+angles = "deg"
+[robot]
+urdf = "{GYMNAST}"
+[start]
+orientation = 72
+positions = {{ q1 = 18, q2 = -45 }}
+[goal]
+orientation = -90
+positions = {{ q1 = 0, q2 = 0 }}
+[flight]
+duration = 1.4
+takeoff = {{ frame = "foot" }}
+[limits]
+position = "full"
+"""
+
+EVERYTHING = f"""
+name = "everything"
+angles = "deg"
+[robot]
+urdf = "{GYMNAST}"
+plane = "xz"
+joints = ["q2", "q1"]
+[start]
+orientation = 90
+positions = [30, -60]
+velocities = 18
+accelerations = {{ q1 = 36 }}
+[goal]
+orientation = 450
+positions = {{ q1 = 45, q2 = 0 }}
+[flight]
+duration = 1.25
+angular_momentum = "free"
+takeoff = {{ frame = "foot", position = [0.25, 0.5] }}
+landing = {{ frame = "hand", height = -0.125 }}
+horizontal_velocity = -2
+gravity = 1.62
+[motion]
+degree = [8, 9]
+objective = "torque"
+[limits]
+position = {{ q1 = [-90, 90] }}
+velocity = 720
+torque = {{ q2 = 12 }}
+motor = {{ q1 = {{ stall = 8, slope = 0.4 }} }}
+orientation_rate = 900
+[[obstacles]]
+kind = "circle"
+center = [1.5, 3]
+radius = 0.2
+margin = 0.02
+velocity = [0.5, 0]
+window = [0.1, 0.9]
+[[obstacles]]
+kind = "half-plane"
+[[obstacles]]
+kind = "capsule"
+start = [0, 0]
+end = [1, 1]
+radius = 0
+[[self_clearance]]
+links = ["body0", "body2"]
+margin = 0.01
+"""
+
+
+def written(path: Path, text: str | bytes) -> Path:
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.fixture
+def everything(tmp_path: Path) -> fp.Problem:
+    return fp.load_problem(written(tmp_path / "everything.toml", EVERYTHING))
+
+
+class TestWhatIsRead:
+    def test_angles_become_radians_in_joint_order(self, everything: fp.Problem) -> None:
+        assert everything.robot.joints == ("q2", "q1")
+        assert everything.initial.orientation == math.pi / 2
+        assert everything.final.orientation == 2.5 * math.pi
+        np.testing.assert_allclose(everything.initial.positions, [math.pi / 6, -math.pi / 3], rtol=1e-15)
+        np.testing.assert_allclose(everything.final.positions, [0, math.pi / 4], rtol=1e-15)
+        np.testing.assert_allclose(everything.initial.velocities, [math.pi / 10] * 2, rtol=1e-15)
+        np.testing.assert_allclose(everything.initial.accelerations, [0, math.pi / 5], rtol=1e-15)
+        np.testing.assert_allclose(everything.velocity_limits, [4 * math.pi] * 2, rtol=1e-15)
+        assert everything.limits.orientation_rate == pytest.approx(5 * math.pi, rel=1e-15)
+
+    def test_limits(self, everything: fp.Problem) -> None:
+        np.testing.assert_allclose(
+            everything.position_limits, [[-math.pi, math.pi], [-math.pi / 2, math.pi / 2]], rtol=1e-15
+        )
+        np.testing.assert_array_equal(everything.torque_limits, [12, math.inf])
+        np.testing.assert_array_equal(everything.motor_stall, [math.inf, 8])
+        np.testing.assert_array_equal(everything.motor_slope, [0, 0.4])
+
+    def test_what_is_no_angle_stays_as_it_is(self, everything: fp.Problem) -> None:
+        assert everything.flight == fp.Flight(
+            duration=1.25,
+            angular_momentum="free",
+            takeoff=fp.Takeoff("foot", (0.25, 0.5)),
+            landing=fp.Landing("hand", -0.125),
+            horizontal_velocity=-2.0,
+            gravity=1.62,
+        )
+        assert everything.obstacles == (
+            fp.Circle(center=(1.5, 3.0), radius=0.2, margin=0.02, velocity=(0.5, 0.0), window=(0.1, 0.9)),
+            fp.HalfPlane(),
+            fp.Bar(start=(0.0, 0.0), end=(1.0, 1.0), radius=0.0),
+        )
+        assert everything.self_clearances == (fp.SelfClearance(("body0", "body2"), 0.01),)
+        assert everything.degrees == (8, 9)
+        assert everything.name == "everything"
+
+    def test_radians_are_the_default(self, tmp_path: Path) -> None:
+        text = SOUND.replace('angles = "deg"', "").replace("72", "1.5").replace("18", "0.25").replace("-45", "-0.5")
+        problem = fp.load_problem(written(tmp_path / "p.toml", text.replace("-90", "-1")))
+        assert problem.initial.orientation == 1.5
+        np.testing.assert_array_equal(problem.initial.positions, [0.25, -0.5])
+
+    def test_what_is_left_out_has_its_default(self, tmp_path: Path) -> None:
+        problem = fp.load_problem(written(tmp_path / "short.toml", SOUND))
+        assert problem.name == "short"
+        assert problem.flight.angular_momentum == "midpoint"
+        assert problem.landing == fp.Landing("foot", 0.0)
+        assert problem.degrees == (7, 7)
+        assert not problem.initial.velocities.any()
+        assert np.isinf(problem.torque_limits).all()
+
+    def test_locked_and_coupled_joints_are_in_the_unit_of_the_file(self, tmp_path: Path) -> None:
+        choice = 'joints = ["q1"]\ncoupled = { q2 = { leader = "q1", ratio = -1, offset = 90 } }\n'
+        text = SOUND.replace("[start]", choice + "[start]").replace(", q2 = -45", "").replace(", q2 = 0", "")
+        coupled = fp.load_problem(written(tmp_path / "c.toml", text)).robot
+        assert coupled.joints == ("q1",)
+        assert coupled.coupled["q2"] == fp.Coupling("q1", -1.0, math.pi / 2)
+        text = SOUND.replace("[start]", "locked = { q2 = 45 }\n[start]").replace(", q2 = -45", "")
+        assert fp.load_problem(written(tmp_path / "l.toml", text.replace(", q2 = 0", ""))).robot.locked == {
+            "q2": math.pi / 4
+        }
+
+    def test_the_moving_example_has_the_paper_s_rates(self) -> None:
+        problem = fp.load_problem(ROOT / "problems" / "new_configuration_moving.toml")
+        np.testing.assert_array_equal(problem.initial.velocities, [0.08, -0.08])
+        np.testing.assert_array_equal(problem.final.velocities, [0.01, -0.01])
+
+
+@pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
+class TestRoundTripsOfTheProblems:
+    def test_plain_data(self, path: Path) -> None:
+        problem = fp.load_problem(path)
+        content = json.loads(json.dumps(problem_to_dict(problem), allow_nan=False))
+        assert problem_to_dict(problem_from_dict(content, problem.robot)) == content
+
+    def test_toml(self, path: Path, tmp_path: Path) -> None:
+        problem = fp.load_problem(path)
+        again = fp.load_problem(fp.save_problem(problem, tmp_path / "folder" / "again.toml"))
+        assert problem_to_dict(again) == problem_to_dict(problem)
+        assert again.robot.sha256 == problem.robot.sha256
+
+
+class TestRoundTripsOfEveryKey:
+    def test_plain_data(self, everything: fp.Problem) -> None:
+        content = problem_to_dict(everything)
+        again = problem_from_dict(json.loads(json.dumps(content, allow_nan=False)), everything.robot)
+        for name in ("position_limits", "velocity_limits", "torque_limits", "motor_stall", "motor_slope"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(everything, name))
+        assert again.obstacles == everything.obstacles
+        assert again.self_clearances == everything.self_clearances
+        assert again.flight == everything.flight
+        assert problem_to_dict(again) == content
+
+    def test_toml(self, everything: fp.Problem, tmp_path: Path) -> None:
+        again = fp.load_problem(fp.save_problem(everything, tmp_path / "again.toml"))
+        assert problem_to_dict(again) == problem_to_dict(everything)
+
+    def test_toml_with_choices_of_the_robot(self, tmp_path: Path) -> None:
+        robot = fp.Robot.from_urdf(GYMNAST, joints=["q1"], coupled={"q2": fp.Coupling("q1", 0.5, 0.1)})
+        problem = fp.Problem(robot, fp.Posture(0, 0.2), fp.Posture(1, 0.4), fp.Flight(1.0))
+        again = fp.load_problem(fp.save_problem(problem, tmp_path / "again.toml"))
+        assert again.robot.joints == robot.joints
+        assert dict(again.robot.coupled) == dict(robot.coupled)
+        assert problem_to_dict(again) == problem_to_dict(problem)
+
+    def test_automatic_degree(self, tmp_path: Path) -> None:
+        problem = fp.load_problem(written(tmp_path / "a.toml", SOUND + '[motion]\ndegree = "auto"\n'))
+        assert problem_from_dict(problem_to_dict(problem), problem.robot).raises_degree
+
+
+WRONG = {
+    "unknown key": (SOUND.replace("duration = 1.4", "duratoin = 1.4\nduration = 1.4"), "flight.duratoin", "'duration'"),
+    "unknown table": (SOUND + "[moton]\n", "moton", "'motion'"),
+    "unknown key of an obstacle": (
+        SOUND + '[[obstacles]]\nkind = "circle"\ncenter = [0, 9]\nradius = 1\nmargni = 0.1\n',
+        "obstacles[0].margni",
+        "'margin'",
+    ),
+    "missing key of an obstacle": (
+        SOUND + '[[obstacles]]\nkind = "capsule"\nstart = [0, 9]\nend = [1, 9]\n',
+        "obstacles[0].radius",
+        "missing",
+    ),
+    "unknown kind of obstacle": (SOUND + '[[obstacles]]\nkind = "cube"\n', "obstacles[0]", "half-plane"),
+    "text for a number": (
+        SOUND.replace("duration = 1.4", 'duration = "1.4"'),
+        "flight.duration",
+        "'1.4' is not a number",
+    ),
+    "truth for a number": (SOUND.replace("= 72", "= true"), "start.orientation", "True is not a number"),
+    "number for a table": (
+        SOUND.replace("[goal]\norientation = -90\npositions = { q1 = 0, q2 = 0 }", "").replace(
+            'angles = "deg"', 'angles = "deg"\ngoal = 1'
+        ),
+        "goal",
+        "1 is not a table",
+    ),
+    "text for joints": (SOUND.replace("{ q1 = 18, q2 = -45 }", '"high"'), "start.positions", "a table by joint"),
+    "not a number": (SOUND.replace("q1 = 18", "q1 = nan"), "start.positions.q1", "nan is not a finite number"),
+    "infinity": (SOUND.replace("1.4", "inf"), "flight.duration", "inf is not a finite number"),
+    "number too long": (SOUND.replace("1.4", "1" + "0" * 400), "flight.duration", "is not a"),
+    "missing goal": (
+        SOUND.replace("[goal]\norientation = -90\npositions = { q1 = 0, q2 = 0 }", ""),
+        "goal",
+        "is missing",
+    ),
+    "missing joint": (SOUND.replace("q1 = 18, ", ""), "start.positions", "no value for joint 'q1'"),
+    "unknown joint": (SOUND.replace("q1 = 0", "q1 = 0, q7 = 0"), "goal.positions", "'q7' is not a planned joint"),
+    "wrong count": (SOUND.replace("{ q1 = 18, q2 = -45 }", "[1, 2, 3]"), "start.positions", "3 values for 2 joints"),
+    "unknown frame": (SOUND.replace('"foot"', '"toe"'), "flight.takeoff.frame", "no frame 'toe'"),
+    "start outside": (
+        SOUND.replace('"full"', "{ q1 = [-10, 10] }"),
+        "start.positions.q1",
+        "outside the joint's range",
+    ),
+    "moving on the edge": (
+        SOUND.replace('"full"', "{ q1 = [-10, 18] }").replace("[goal]", "velocities = { q1 = 1 }\n[goal]"),
+        "start.velocities.q1",
+        "on the edge",
+    ),
+    "accelerating out of the edge": (
+        SOUND.replace('"full"', "{ q1 = [18, 30] }")
+        .replace("q1 = 0,", "q1 = 20,")
+        .replace("[goal]", "accelerations = { q1 = -1 }\n[goal]"),
+        "start.accelerations.q1",
+        "points out of it",
+    ),
+    "low degree": (SOUND + "[motion]\ndegree = 4\n", "motion.degree", "degree 4 is outside 5 to 15"),
+    "broken degree": (SOUND + "[motion]\ndegree = 7.5\n", "motion.degree", "7.5 is not a whole number"),
+    "unknown objective": (SOUND + '[motion]\nobjective = "beauty"\n', "motion.objective", "'torque'"),
+    "negative duration": (SOUND.replace("1.4", "-1.4"), "flight.duration", "-1.4 s is not positive"),
+    "unknown momentum": (
+        SOUND.replace("duration", 'angular_momentum = "much"\nduration'),
+        "flight.angular_momentum",
+        "'midpoint'",
+    ),
+    "unknown unit": (SOUND.replace('"deg"', '"grad"'), "angles", "'rad' or 'deg'"),
+    "reversed range": (SOUND.replace('"full"', "{ q1 = [90, -90] }"), "limits.position.q1", "is not below high"),
+    "negative torque": (SOUND + "torque = -3\n", "limits.torque.q1", "-3.0 is not a positive number"),
+    "reversed window": (
+        SOUND + '[[obstacles]]\nkind = "half-plane"\nwindow = [1, 0.5]\n',
+        "obstacles[0].window",
+        "before it begins",
+    ),
+    "unknown link": (SOUND + '[[self_clearance]]\nlinks = ["body0", "tail"]\n', "self_clearance[0].links", "'tail'"),
+    "no TOML": (SOUND + "\n[goal\n", "", "is not TOML"),
+    "twice the same key": (SOUND.replace("duration", "duration = 1\nduration"), "", "line"),
+    "binary": (bytes(range(256)), "", "not a text file"),
+    "empty": ("", "robot", "is missing"),
+    "nested too deeply": ("a = " + "[" * 5000, "", "nested too deeply"),
+}
+
+
+@pytest.mark.parametrize(("text", "element", "reason"), WRONG.values(), ids=WRONG.keys())
+class TestWrongFiles:
+    def test_one_clear_error(self, text: str | bytes, element: str, reason: str, tmp_path: Path) -> None:
+        path = written(tmp_path / "wrong.toml", text)
+        with pytest.raises(fp.InputError) as caught:
+            fp.load_problem(path)
+        lines = str(caught.value).splitlines()
+        assert any(line.startswith(f"{path}: {element}") and reason in line for line in lines), lines
+
+    def test_the_command_line_says_so_and_writes_nothing(
+        self, text: str | bytes, element: str, reason: str, tmp_path: Path, floatplan: Callable[..., object]
+    ) -> None:
+        path = written(tmp_path / "wrong.toml", text)
+        refused(floatplan, "plan", path, naming=(str(path), element, reason))
+
+
+@pytest.mark.parametrize("name", ["a directory", "a missing file"])
+def test_paths_that_are_no_files(name: str, tmp_path: Path, floatplan: Callable[..., object]) -> None:
+    path = tmp_path / "p.toml"
+    if name == "a directory":
+        path.mkdir()
+    refused(floatplan, "plan", path, naming=(str(path), "is a directory" if path.is_dir() else "no such file"))
+
+
+def refused(floatplan, *arguments, naming) -> None:
+    run = floatplan(*arguments)
+    assert run.code == 2
+    assert run.stdout == ""
+    assert "Traceback" not in run.stderr
+    assert all(line.startswith("error: ") for line in run.stderr.splitlines())
+    assert all(part in run.stderr for part in naming), run.stderr
+    assert list(Path.cwd().iterdir()) == []
+
+
+def test_every_error_is_reported_with_its_place(tmp_path: Path) -> None:
+    text = SOUND.replace("1.4", '"x"').replace("q1 = 18", "q1 = nan").replace("-90", "true") + "[modes]\n"
+    path = written(tmp_path / "wrong.toml", text)
+    with pytest.raises(fp.InputError) as caught:
+        fp.load_problem(path)
+    places = {line.split(": ")[1] for line in str(caught.value).splitlines()}
+    assert places == {"start.positions.q1", "goal.orientation", "flight.duration", "modes"}
+
+
+def test_every_error_of_meaning_is_reported_too(tmp_path: Path) -> None:
+    text = SOUND.replace("1.4", "-1").replace('"foot"', '"toe"').replace("q1 = 0", "q9 = 0") + "torque = -1\n"
+    path = written(tmp_path / "wrong.toml", text)
+    with pytest.raises(fp.InputError) as caught:
+        fp.load_problem(path)
+    places = {line.split(": ")[1] for line in str(caught.value).splitlines()}
+    assert places == {"goal.positions", "flight.takeoff.frame", "flight.duration", "limits.torque.q1"}
+
+
+def test_a_joint_may_rest_on_the_edge_of_its_range(tmp_path: Path) -> None:
+    text = SOUND.replace('"full"', "{ q1 = [0, 18] }")
+    problem = fp.load_problem(written(tmp_path / "edge.toml", text))
+    assert problem.initial.positions[0] == problem.position_limits[0, 1]
+    assert problem.final.positions[0] == problem.position_limits[0, 0]

@@ -1,0 +1,250 @@
+"""Replay: forward dynamics lands where plans say, in two engines; what is wrong shows."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot_samples import TWO_LINKS, inertial, joint, robot_text
+
+import floatplan as fp
+from floatplan.plans.record import load_record
+from floatplan.simulation.disturbance import Disturbance, parse_disturbance
+from floatplan.simulation.mujoco_engine import whole_step
+
+PROBLEMS = sorted((Path(__file__).parents[2] / "problems").glob("*.toml"))
+
+
+@pytest.fixture(scope="module")
+def plans():
+    found = {}
+
+    def get(name):
+        if name not in found:
+            found[name] = fp.plan(fp.load_problem(next(path for path in PROBLEMS if path.stem == name)))
+        return found[name]
+
+    return get
+
+
+@pytest.fixture(scope="module")
+def handstand(plans):
+    return plans("handstand")
+
+
+@pytest.mark.parametrize("name", [path.stem for path in PROBLEMS])
+def test_every_problem_lands_where_its_plan_says(plans, name):
+    plan = plans(name)
+    flown = fp.replay(plan)
+    assert flown.landed
+    assert flown.orientation_error < 1e-8
+    assert max(flown.position_error) < 1e-8
+    assert flown.com_error < 1e-9
+    assert flown.momentum_drift < 1e-9
+    assert max(flown.growth.orientation.max(), flown.growth.joints.max(), flown.growth.com.max()) < 1e-8
+
+
+def test_sensitivity_is_the_derivative_of_the_orientation(handstand):
+    record, step = handstand.record, 1e-5
+    ends = []
+    for sign in (-1.0, 1.0):
+        momentum = record.angular_momentum + sign * step
+        moved = replace(handstand, angular_momentum=momentum)
+        moved.__dict__.pop("record", None)
+        ends.append(moved.final_orientation)
+    expected = (ends[1] - ends[0]) / (2 * step)
+    assert fp.replay(record).orientation_sensitivity == pytest.approx(expected, rel=1e-7)
+
+
+def test_a_wrong_momentum_at_takeoff_turns_the_base_as_the_sensitivity_says(handstand):
+    flown = fp.replay(handstand, perturb="h=0.1%", feedback=100.0)
+    expected = 1e-3 * abs(handstand.angular_momentum) * flown.orientation_sensitivity
+    assert flown.orientation_error == pytest.approx(expected, rel=0.05)
+    assert flown.disturbed
+    assert not flown.landed
+
+
+def test_feedback_helps_against_wrong_masses_and_motors(handstand):
+    open_loop = fp.replay(handstand, perturb="mass=2%,torque=2%")
+    tracked = fp.replay(handstand, perturb="mass=2%,torque=2%", feedback=40.0)
+    assert max(tracked.position_error) < 0.1 * max(open_loop.position_error)
+    assert tracked.momentum_drift < 1e-9
+    assert open_loop.growth.orientation[0] < open_loop.growth.orientation[-1]
+
+
+def test_feedback_changes_nothing_where_nothing_is_wrong(handstand):
+    assert fp.replay(handstand, feedback=20.0).landed
+
+
+@pytest.mark.parametrize("name", ["handstand", "high_jump"])
+def test_mujoco_agrees_and_converges_with_fourth_order(plans, name):
+    pytest.importorskip("mujoco")
+    errors = []
+    for step in (2e-3, 1e-3, 5e-4):
+        flown = fp.replay(plans(name), engine="mujoco", step=step)
+        errors.append(max(flown.orientation_error, *flown.position_error, flown.com_error))
+        assert (flown.engine, flown.step) == ("mujoco", step)
+    assert errors[-1] < 1e-8
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(16.0, rel=0.3)
+
+
+def test_what_the_plan_file_holds_is_what_is_flown(handstand, tmp_path):
+    record = load_record(handstand.save(tmp_path / "plan.json"))
+    assert fp.replay(record).orientation_error == fp.replay(handstand).orientation_error
+
+
+@pytest.mark.parametrize(
+    "tampered",
+    [
+        lambda r: replace(r, coefficients=r.coefficients * (1.0 + 1e-5 * (np.arange(r.coefficients.shape[1]) == 4))),
+        lambda r: replace(r, angular_momentum=r.angular_momentum * (1.0 + 1e-4)),
+        lambda r: replace(r, orientation={**r.orientation, "goal": r.orientation["goal"] + 1e-5}),
+        lambda r: replace(r, problem={**r.problem, "flight": {**r.problem["flight"], "duration": r.duration - 1e-4}}),
+    ],
+)
+def test_tampered_plans_do_not_land(handstand, tampered):
+    assert not fp.replay(tampered(handstand.record), handstand.robot).landed
+
+
+CHAIN = robot_text(
+    joint("one", "a", "b"),
+    joint("two", "b", "c", "0 -1 0"),
+    joint("roll", "a", "d", "1 0 0"),
+    joint("side", "d", "e", "0 -1 0"),
+    joint("slide", "c", "f", "0 0 1", kind="prismatic"),
+    links="abcdef",
+)
+CHAIN = CHAIN.replace("</robot>", f'<link name="world">{inertial(0.2)}</link>{joint("tip", "f", "world")}</robot>')
+
+
+@pytest.fixture(scope="module")
+def branched(tmp_path_factory):
+    path = tmp_path_factory.mktemp("branched") / "robot.urdf"
+    path.write_text(CHAIN)
+    coupled = {"side": fp.Coupling("two", -0.5, 0.2)}
+    locked = {"roll": 0.0, "slide": 0.05, "tip": 0.4}
+    robot = fp.Robot.from_urdf(path, plane="xz", joints=["one", "two"], coupled=coupled, locked=locked)
+    problem = fp.Problem(
+        robot,
+        start=fp.Posture(0.3, [0.2, -0.4]),
+        goal=fp.Posture(-0.7, [1.0, 0.8]),
+        flight=fp.Flight(duration=0.7, takeoff=fp.Takeoff("a")),
+        limits=fp.Limits(position="full"),
+    )
+    return fp.plan(problem)
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+def test_coupled_joints_are_driven_and_locked_ones_are_rigid(branched, engine):
+    if engine == "mujoco":
+        pytest.importorskip("mujoco")
+    assert branched.ok
+    flown = fp.replay(branched, engine=engine)
+    assert flown.orientation_error < 1e-8
+    assert max(flown.position_error) < 1e-8
+
+
+def test_a_link_that_moves_without_mass_is_refused_by_mujoco(tmp_path):
+    pytest.importorskip("mujoco")
+    text = robot_text(joint("one", "a", "m"), joint("two", "m", "b"), links="ab")
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.replace("</robot>", '<link name="m"/></robot>'))
+    robot = fp.Robot.from_urdf(path, plane="xz")
+    problem = fp.Problem(
+        robot,
+        start=fp.Posture(0.0, [0.2, 0.4]),
+        goal=fp.Posture(0.5, [1.0, 0.8]),
+        flight=fp.Flight(duration=0.7, takeoff=fp.Takeoff("a")),
+    )
+    plan = fp.plan(problem)
+    assert fp.replay(plan).landed
+    with pytest.raises(fp.InputError, match="MuJoCo refuses the robot"):
+        fp.replay(plan, engine="mujoco")
+
+
+class TestInput:
+    @pytest.mark.parametrize(
+        ("arguments", "reason"),
+        [
+            ({"engine": "bullet"}, "is no engine"),
+            ({"perturb": "speed=1%"}, "cannot be perturbed"),
+            ({"perturb": "h=much"}, "is not a number"),
+            ({"perturb": "h=1%,h=2%"}, "given twice"),
+            ({"perturb": "mass=95%"}, "more than 90%"),
+            ({"feedback": 0.0}, "is not positive"),
+            ({"step": -1.0}, "is not positive"),
+        ],
+    )
+    def test_is_refused(self, handstand, arguments, reason):
+        with pytest.raises(fp.InputError, match=reason):
+            fp.replay(handstand, **arguments)
+
+    def test_errors_are_relative(self):
+        assert parse_disturbance("h=1%, mass=0.02") == Disturbance(h=0.01, mass=0.02)
+        assert parse_disturbance("") == Disturbance()
+
+    def test_without_mujoco_the_error_names_the_command(self, handstand, monkeypatch):
+        monkeypatch.setitem(sys.modules, "mujoco", None)
+        with pytest.raises(fp.InputError, match="pip install mujoco"):
+            fp.replay(handstand, engine="mujoco")
+
+    def test_mass_errors_are_pinocchio_s(self, handstand):
+        with pytest.raises(fp.InputError, match="pinocchio only"):
+            fp.replay(handstand, engine="mujoco", perturb="mass=1%")
+
+    def test_another_robot_is_refused(self, handstand, tmp_path):
+        path = tmp_path / "two.urdf"
+        path.write_text(TWO_LINKS)
+        other = replace(handstand.record, robot=replace(handstand.record.robot, urdf=str(path), joints=("j",)))
+        with pytest.raises(fp.InputError, match=r"no joint|not a joint|has no|changed"):
+            fp.replay(other)
+
+
+def test_steps_divide_the_parts_of_the_flight():
+    for duration in (1.4, 0.7, 1.0, 0.1234):
+        step = whole_step(duration, 1e-3, 4)
+        assert step <= 1e-3 * (1.0 + 1e-9)
+        assert duration / 4 / step == pytest.approx(round(duration / 4 / step), abs=1e-9)
+
+
+class TestCommand:
+    def test_lands(self, floatplan, handstand):
+        plan = handstand.save("plan.json")
+        run = floatplan("replay", plan, "--json")
+        assert run.code == 0, run
+        content = json.loads(run.stdout)
+        keys = {"engine", "orientation_error", "position_error", "com_error", "momentum_drift"}
+        assert keys | {"orientation_sensitivity", "seconds", "growth", "landed"} <= set(content)
+        assert content["orientation_error"] < 1e-8
+        assert len(content["position_error"]) == 2
+        assert "landed" in floatplan("replay", plan).stdout
+
+    def test_is_kept_when_asked_for(self, floatplan, handstand):
+        plan = handstand.save("plan.json")
+        assert floatplan("replay", plan, "--save").code == 0
+        assert load_record(plan).replay["landed"] is True
+        assert fp.load_plan(plan).record.replay["engine"] == "pinocchio"
+
+    def test_missing_the_goal_is_a_failed_check(self, floatplan, handstand):
+        record = replace(handstand.record, angular_momentum=handstand.angular_momentum + 0.01)
+        run = floatplan("replay", record.save("plan.json"))
+        assert run.code == 1
+        assert "missed the goal" in run.stdout
+
+    def test_disturbed_is_no_check(self, floatplan, handstand):
+        run = floatplan("replay", handstand.save("plan.json"), "--perturb", "h=1%", "--feedback", "30")
+        assert run.code == 0
+        assert "landed elsewhere, disturbed" in run.stdout
+        assert "h +0.01" in run.stdout
+
+    def test_bad_input(self, floatplan, handstand):
+        plan = handstand.save("plan.json")
+        for arguments in (("--engine", "bullet"), ("--perturb", "x=1"), ("--urdf", "nowhere.urdf")):
+            run = floatplan("replay", plan, *arguments)
+            assert run.code == 2, run
+            assert "error" in run.stderr

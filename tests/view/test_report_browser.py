@@ -1,0 +1,238 @@
+"""The report and the scene in a browser: they play, they hold the plan's numbers, and they ask nothing of a network."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Browser, started
+
+import floatplan as fp
+from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.view.postures import clearances_to
+from floatplan.view.report.report import write_report
+from floatplan.view.scene.scene import write_scene
+
+ROOT = Path(__file__).parents[2]
+PROBLEMS = sorted((ROOT / "problems").glob("**/*.toml"))
+BUDGET = 5.0  # s of search: a report shows what was found, also where that is no plan
+PATIENCE = 10.0  # s for what takes a fraction of one
+HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    yield from started()
+
+
+@pytest.fixture(scope="module")
+def handstand() -> fp.Plan:
+    plan = fp.plan(fp.load_problem(ROOT / "problems" / "handstand.toml"))
+    bar = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02, velocity=(0.1, 0.0), window=(0.2, 1.2))
+    return replace(plan, problem=replace(plan.problem, obstacles=(bar, fp.HalfPlane())))
+
+
+@pytest.fixture(scope="module")
+def report(handstand: fp.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report(handstand, tmp_path_factory.mktemp("report") / "report.html")
+
+
+@pytest.fixture
+def page(browser: Browser, report: Path) -> Browser:
+    if browser.driver.current_url != report.as_uri():
+        browser.open(report)
+    browser.run("floatplan.player.pause(); floatplan.player.seek(0)")
+    return browser
+
+
+def numbers(browser: Browser) -> dict[str, float]:
+    """What the page says beside its curves, SI."""
+    script = "return [...document.querySelectorAll('.value')].map(e => [e.dataset.key, e.dataset.value])"
+    return {key: float(value) for key, value in browser.run(script) if value}
+
+
+def expected(plan: fp.Plan, instant: float) -> dict[str, float]:
+    state = plan.at(instant)
+    found = {"orientation": state.orientation[0], "orientation_rate": state.orientation_rate[0]}
+    for name in ("positions", "velocities", "motor_torques"):
+        leaders = getattr(state, name)[0][: len(plan.robot.joints)]  # mirrored followers have no curve of their own
+        found |= {f"{name}.{index}": value for index, value in enumerate(leaders)}
+    return {**found, "angular_momentum": plan.angular_momentum}
+
+
+def agree(found: dict[str, float], wanted: dict[str, float]) -> None:
+    assert {key: found[key] for key in wanted} == pytest.approx(wanted, rel=1e-6, abs=1e-6)
+
+
+def scrub(browser: Browser, instant: float) -> None:
+    """Move the slider, as a hand does."""
+    browser.run(
+        "const scrub = document.getElementById('scrub'); scrub.value = arguments[0];"
+        "scrub.dispatchEvent(new Event('input'))",
+        instant,
+    )
+
+
+def wait_for(browser: Browser, condition: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not browser.run(f"return {condition}"):
+        assert time.monotonic() < deadline, f"never: {condition}"
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
+def test_every_report_plays_and_scrubs_without_complaint_or_network(
+    browser: Browser, path: Path, tmp_path: Path
+) -> None:
+    from selenium.webdriver.common.by import By
+
+    if path.parent.name == "gallery" and robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    plan = fp.plan(fp.load_problem(path), budget=BUDGET)
+    report = write_report(plan, tmp_path / "report.html")
+    browser.open(report)
+    play = browser.driver.find_element(By.ID, "play")
+    play.click()
+    wait_for(browser, "floatplan.player.time > 0.02")
+    play.click()
+    middle = plan.duration / 2
+    scrub(browser, middle)
+    wanted = expected(plan, middle)
+    for index, obstacle in enumerate(plan.problem.obstacles):
+        distance = clearances_to(plan, obstacle, np.array([middle]))[0]
+        if np.isfinite(distance):
+            wanted[f"clearance.{index}"] = distance
+    agree(numbers(browser), wanted)
+    assert browser.complaints() == []
+    assert browser.requests() == [report.as_uri()]
+
+
+def test_it_plays_pauses_and_steps(page: Browser, handstand: fp.Plan) -> None:
+    from selenium.webdriver.common.by import By
+
+    find = lambda name: page.driver.find_element(By.ID, name)  # noqa: E731
+    find("play").click()
+    time.sleep(0.5)
+    find("play").click()
+    paused = page.run("return floatplan.player.time")
+    assert 0.05 < paused < handstand.duration
+    find("step").click()
+    stepped = page.run("return floatplan.player.time")
+    assert stepped == pytest.approx(paused + 0.01)
+    assert find("clock").text == f"{stepped:.3f} s"
+    agree(numbers(page), expected(handstand, stepped))
+    find("home").click()
+    assert page.run("return floatplan.player.time") == 0
+
+
+def test_scrubbing_shows_the_plan_s_values_at_mid_flight(page: Browser, handstand: fp.Plan) -> None:
+    middle = handstand.duration / 2
+    scrub(page, middle)
+    found = numbers(page)
+    agree(found, expected(handstand, middle))
+    assert found["clearance.0"] == pytest.approx(handstand.clearances([middle])[0], abs=1e-6)
+
+
+def test_values_between_samples_are_the_plan_s(page: Browser, handstand: fp.Plan) -> None:
+    for share in (0.0, 0.1234, 0.987, 1.0):
+        page.run("floatplan.player.seek(arguments[0])", share * handstand.duration)
+        agree(numbers(page), expected(handstand, share * handstand.duration))
+
+
+def test_dragging_along_a_curve_seeks(page: Browser, handstand: fp.Plan) -> None:
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.by import By
+
+    curve = page.driver.find_element(By.CSS_SELECTOR, ".u-over")
+    quarter = -round(curve.size["width"] / 4)
+    ActionChains(page.driver).move_to_element(curve).click_and_hold().move_by_offset(quarter, 0).release().perform()
+    assert page.run("return floatplan.player.time") == pytest.approx(handstand.duration / 4, abs=0.02)
+
+
+def test_the_page_places_links_as_the_robot_has_them(page: Browser, handstand: fp.Plan) -> None:
+    from floatplan.view.postures import postures
+
+    placed = postures(handstand, np.array([0.5]))
+    script = (
+        "const m = floatplan.motion, p = m.posture(0.5);"
+        "return m.data.robot.links.map(l => [m.place(p, l.start), m.place(p, l.end)])"
+    )
+    found = np.array(page.run(script)) @ [1, 1j]
+    np.testing.assert_allclose(found, np.stack((placed.start[0], placed.end[0]), axis=1), atol=1e-6)
+
+
+def test_the_robot_is_painted(page: Browser) -> None:
+    script = """
+        floatplan.player.seek(0.5);
+        const canvas = document.getElementById('robot');
+        const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+        const want = floatplan.stage.colours.map(c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16)).join());
+        const seen = new Set();
+        for (let k = 0; k < data.length; k += 4) seen.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
+        return want.every(colour => seen.has(colour));
+    """
+    assert page.run(script)
+
+
+def test_a_frame_takes_a_quarter_of_its_time_at_most(page: Browser) -> None:
+    """Scripts and layout of most frames, at 60 per second; measured, they take half a millisecond."""
+    script = """
+        return Array.from({length: 100}, (_, k) => {
+            const began = performance.now();
+            floatplan.player.seek(k / 100 * floatplan.motion.duration);
+            document.body.getBoundingClientRect();
+            return performance.now() - began;
+        });
+    """
+    assert np.median(page.run(script)) < 1000 / 60 / 4
+
+
+def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Browser) -> None:
+    page.driver.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}
+    )
+    try:
+        assert page.run("return document.documentElement.scrollWidth") <= 360
+        page.run("document.querySelector('#charts figure:last-child').scrollIntoView({block: 'end'})")
+        at = "return document.elementFromPoint(180, arguments[0]).closest(arguments[1]) !== null"
+        assert page.run(at, 100, "#stage")  # the robot stays in sight beside its curves
+        assert page.run(at, 740 / 2, "#charts")
+    finally:
+        page.run("window.scrollTo(0, 0)")
+        page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_names_from_files_stay_text(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
+    plan = replace(handstand, problem=replace(handstand.problem, name=HOSTILE), explanation=HOSTILE)
+    browser.open(write_report(plan, tmp_path / "report.html"))
+    assert browser.run("return document.getElementById('name').textContent") == HOSTILE
+    assert browser.run("return window.broken") is None
+    assert browser.complaints() == []
+
+
+def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    scene = write_scene(handstand, tmp_path / "scene.html")
+    browser.driver.set_window_size(300, 250)
+    browser.open(scene)
+    wait_for(browser, "document.querySelector('canvas') !== null")
+    assert browser.requests() == [scene.as_uri()]
+    assert browser.complaints("SEVERE") == []
+    browser.driver.get("about:blank")
+    browser.driver.set_window_size(1000, 640)
+
+
+def test_a_notebook_shows_the_report_in_a_frame(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
+    cell: Any = handstand._repr_html_()
+    notebook = tmp_path / "notebook.html"
+    notebook.write_text(f"<!DOCTYPE html><meta charset='utf-8'><link rel='icon' href='data:,'>{cell}")
+    browser.open(notebook)
+    browser.driver.switch_to.frame(0)
+    assert browser.run("return floatplan.motion.duration") == handstand.duration
+    browser.driver.switch_to.default_content()
+    assert browser.complaints() == []
