@@ -420,7 +420,7 @@ class TestProcess:
             "import os, signal, floatplan.planning.planner as planner, floatplan.cli\n"
             "def search(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
             "planner.search = search\n"
-            "floatplan.cli.commands()"
+            "floatplan.cli.main()"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, "plan", str(EXAMPLE)],
