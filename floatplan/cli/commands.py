@@ -108,7 +108,7 @@ def plan(
         write_problem,
         write_results,
     )
-    from floatplan.export.trajectory import sample_times
+    from floatplan.export.table import sample_times
     from floatplan.planning.planner import plan as plan_only
     from floatplan.planning.repair import plan_and_prove
     from floatplan.problem.options import Options, asked_problem, is_robot

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from floatplan.errors import InputError
-from floatplan.export.trajectory import write_trajectory
+from floatplan.export.table import write_table
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import save_problem
 from floatplan.problem.problem import Problem
@@ -54,7 +54,7 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
         The directory cannot be written to.
     """
     with naming_the_place(directory):
-        return [plan.save(directory / PLAN), write_trajectory(plan, directory / TRAJECTORY, rate)]
+        return [plan.save(directory / PLAN), write_table(plan, directory / TRAJECTORY, rate)]
 
 
 def write_problem(plan: Plan, directory: Path) -> Path:
