@@ -275,7 +275,12 @@ BAR = '[[obstacles]]\nkind = "circle"\ncenter = [3, 3]\nradius = 0.1'
 ASKED = {  # URDF, what the problem file chooses, what it adds, part of the message
     "3000 joints": (chain_of(3000), "", "", "has 3000 joints, more than the 150"),
     "links without inertia": (SINGULAR["massless end"][0], "", "", 'joint "k": moves no inertia of its own'),
-    "coupled to a joint that is not there": (robot_text(J, links="ab"), 'coupled = { j = "x" }', "", 'no joint is called "x"'),
+    "coupled to a joint that is not there": (
+        robot_text(J, links="ab"),
+        'coupled = { j = "x" }',
+        "",
+        'no joint is called "x"',
+    ),
     "coupled by another word": (robot_text(J, links="ab"), 'coupled = "left"', "", "is not 'mirror'"),
     "no name": (robot_text(J, links="ab").replace(' name="sample"', ""), "", "", "<robot>: has no name"),
     "missing mesh": (robot_text(J, links="ab").replace('<link name="b">', MESH), "", BAR, '"nowhere.stl" not found'),
