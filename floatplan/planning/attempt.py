@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.optimization.feasibility import Nearest, reduce_violations
+from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.constraints import Constraint, constraints
@@ -187,7 +187,7 @@ class Attempts:
         sampling = watching(nodes, start.variables.polynomials.width, self.constraints, beside)
         program = FlightProgram(self.model, start.variables, sampling, make_objective(nodes), self.constraints)
         for nearest in self._nearly_feasible(start, program, is_first, stop):
-            if nearest.squares < PROMISING:
+            if nearest.squared_violation < PROMISING:
                 found = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
@@ -204,7 +204,7 @@ class Attempts:
 
     def _nearly_feasible(
         self, start: Start, program: FlightProgram, is_first: bool, stop: Callable[[], bool]
-    ) -> Iterator[Nearest]:
+    ) -> Iterator[LeastViolation]:
         """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
         yield reduce_violations(program, start.x, stop)
         if not is_first:

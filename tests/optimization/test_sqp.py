@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from floatplan.optimization import quadratic_program
-from floatplan.optimization.hessian import curvature
+from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation, Settings
 from floatplan.optimization.sqp import minimise
 
@@ -47,7 +47,7 @@ class Textbook:
         return Evaluation(float(values[0][0]), values[1], values[2], lambda: derivatives)
 
     def solve(self, settings=None, **options):
-        guess = curvature(np.eye(len(self.start)), inequalities=self.inequality is not none)
+        guess = hessian_approximation(np.eye(len(self.start)), inequalities=self.inequality is not none)
         return minimise(self, np.array(self.start), guess, settings or Settings(iterations=300), **options)
 
 
@@ -169,7 +169,7 @@ class TestTextbook:
     @pytest.mark.parametrize("name", [name for name, program in TEXTBOOK.items() if program.inequality is none])
     def test_the_hessian_itself_leads_there_too(self, name):
         program = TEXTBOOK[name]
-        guess = curvature(np.eye(len(program.start)), inequalities=True)
+        guess = hessian_approximation(np.eye(len(program.start)), inequalities=True)
         found = minimise(program, np.array(program.start), guess, Settings(iterations=300))
         assert found.status == "optimal"
         assert found.x == pytest.approx(np.array(program.solution), abs=2e-4)
@@ -271,7 +271,7 @@ class TestSteps:
 
     def test_last_hessian_approaches_the_lagrangian_s(self):
         found = TEXTBOOK["quadratic"].solve(Settings(optimality=1e-14))
-        assert found.curvature.hessian == pytest.approx(np.diag([2.0, 8.0]), rel=0.2, abs=0.2)
+        assert found.hessian.hessian == pytest.approx(np.diag([2.0, 8.0]), rel=0.2, abs=0.2)
 
 
 class TestBadLuck:

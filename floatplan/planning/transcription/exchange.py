@@ -15,7 +15,7 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.hessian import curvature
+from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, minimise
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
@@ -161,7 +161,7 @@ def solve(
         start = program.evaluate(x)
         if _is_resolved(start):
             break
-    guess = curvature(program.hessian(start), inequalities=bool(constraints))
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints))
     stages = _stages(settings, start, level, bool(constraints))
     stage = next(stages)
     iterations = evaluations = 0
@@ -171,7 +171,7 @@ def solve(
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
             solution = _made_feasible(program, solution, stop)
-        x, start, guess = solution.x, solution.evaluation, solution.curvature or guess
+        x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
         assert isinstance(motion, Trajectory)
         was_last, stage = stage.settings == settings, next(stages, stage)
@@ -224,7 +224,7 @@ def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool
 def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[], bool]) -> Solution:
     """Give up the objective of a nearly feasible motion to make it feasible, where that can be done."""
     nearest = reduce_violations(program, solution.x, stop)
-    if nearest.squares > solution.evaluation.worst_violation**2:
+    if nearest.squared_violation > solution.evaluation.worst_violation**2:
         return solution
     turned = np.abs(nearest.evaluation.equality).max() <= ORIENTATION / 2
     status = "feasible" if turned and nearest.evaluation.worst_violation <= program.back_off / 4 else "infeasible"
