@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from collections.abc import Callable
 
 import witness_benchmark
 from forward_problems import GRADES, forward_problems
@@ -44,7 +45,7 @@ def obstacle(counts: Counts) -> None:
     for name in ("B, obstacle", "B, hard"):
         problem = example(name)
         plan = fp.plan(problem)
-        runs = {"floatplan": planner(problem, counts.slow_turns)}
+        runs: dict[str, Callable[[], object]] = {"floatplan": planner(problem, counts.slow_turns)}
         runs |= {"SLSQP": Slsqp(problem).solve, "IPOPT": Ipopt(problem).solve}
         timed = in_turns(runs, counts.slow_turns)
         for key in runs:

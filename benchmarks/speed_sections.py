@@ -6,14 +6,16 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import long_chains
 import numpy as np
 import pinocchio as pin
 from generated_problems import random_problem
 from measuring import Counts, example, heading, in_turns, planner, stopwatch, table
-from peers import Answer, Ipopt, Slsqp
+from peers import NODES, Answer, Ipopt, Slsqp
 
 import floatplan as fp
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -30,9 +32,14 @@ def final_nodes(plan: fp.Plan) -> int:
     b = plan.coefficients
     polynomials = program.variables.polynomials
     powers = powers_map(polynomials.width, polynomials.duration)
-    z = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
+    z: Any = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
     x = program.variables.variables(z, plan.angular_momentum)
     return NODE_COUNTS[nodes_needed(program.trajectory(x))]
+
+
+def slsqp(problem: fp.Problem, nodes: int = NODES) -> Answer:
+    """Build SLSQP's program for a problem, and solve it."""
+    return Slsqp(problem, nodes).solve()
 
 
 def speed(counts: Counts) -> None:
@@ -44,9 +51,9 @@ def speed(counts: Counts) -> None:
         problem = example(name)
         plan = fp.plan(problem)
         nodes = final_nodes(plan)
-        peers = {
-            "SLSQP 64": lambda problem=problem: Slsqp(problem).solve(),
-            "SLSQP own": lambda problem=problem, nodes=nodes: Slsqp(problem, nodes).solve(),
+        peers: dict[str, Callable[[], object]] = {
+            "SLSQP 64": partial(slsqp, problem),
+            "SLSQP own": partial(slsqp, problem, nodes),
             "IPOPT": Ipopt(problem).solve,
         }
         slow = name.startswith("chain") and int(name.split()[-1]) > 8

@@ -10,11 +10,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from measuring import PROBLEMS, Counts, example, heading, in_turns, table
 
 import floatplan as fp
+from floatplan.certificate.certificate import certify
 
 
 def startup(counts: Counts) -> None:
@@ -63,13 +65,11 @@ def _imports() -> None:
 
 
 def _certificates(counts: Counts) -> None:
-    from floatplan.certificate.certificate import certify
-
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name, bar in (("A", 50), ("B, obstacle", 100)):
             plan = fp.plan(example(name))
             record, urdf = plan.record, plan.robot.path or Path(folder)
-            timed = in_turns({"certify": lambda record=record, urdf=urdf: certify(record, urdf)}, counts.slow_turns)
+            timed = in_turns({"certify": partial(certify, record, urdf)}, counts.slow_turns)
             rows.append([name, timed.results["certify"].verdict, timed.median_ms("certify"), bar])
     table(["certificate", "verdict", "ms", "bar ms"], rows)
