@@ -15,6 +15,7 @@ import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, flight_model, sample_nodes, trajectory
+from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.parts import Obstacle
 
 GRADES = ("easy", "medium", "hard")
@@ -49,10 +50,9 @@ def forward_problem(seed: int, grade: str) -> fp.Problem | None:
     if rng.random() < 1 / 3:
         limits = _limits_just_above(drawn, difficulty)
         return replace(drawn.problem, limits=limits, name=name) if _exceeds(guess, limits) else None
-    obstacles = [obstacle_between(rng, drawn, guess) for _ in range(difficulty + 1)]
-    if None in obstacles:
-        return None
-    return replace(drawn.problem, obstacles=tuple(obstacles), name=name)
+    drawn_obstacles = [obstacle_between(rng, drawn, guess) for _ in range(difficulty + 1)]
+    obstacles = tuple(obstacle for obstacle in drawn_obstacles if obstacle is not None)
+    return replace(drawn.problem, obstacles=obstacles, name=name) if len(obstacles) > difficulty else None
 
 
 def forward_problems(count: int) -> list[fp.Problem]:
@@ -93,7 +93,7 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
     return Drawn(problem, _look(flight_model(problem), variables, x))
 
 
-def _look(model: FlightModel, variables: object, x: np.ndarray) -> Trajectory:
+def _look(model: FlightModel, variables: DecisionVariables, x: np.ndarray) -> Trajectory:
     return trajectory(model, variables, sample_nodes(DENSE, variables.polynomials.width), x)
 
 
@@ -144,4 +144,4 @@ def _limits_just_above(drawn: Drawn, difficulty: int) -> fp.Limits:
 
 def _exceeds(guess: fp.Plan, limits: fp.Limits) -> bool:
     """Whether the plan made without the limits breaks the torque limits."""
-    return bool((guess.peaks.torque > limits.torque).any())
+    return bool((guess.peaks.torque > np.asarray(limits.torque)).any())

@@ -44,7 +44,7 @@ def free_problem(seed: int) -> fp.Problem | None:
         problem,
         flight=replace(problem.flight, angular_momentum="free"),
         limits=_limits(rng, drawn, guess, kind),
-        obstacles=tuple(obstacles) if "obstacle" in kind else (),
+        obstacles=tuple(each for each in obstacles if each is not None) if "obstacle" in kind else (),
         name=f"free_{seed}_{kind.replace(' ', '_')}",
     )
 

@@ -18,6 +18,7 @@ from numpy.polynomial import polynomial
 from scipy.integrate import solve_ivp
 
 import floatplan as fp
+from floatplan.problem.parts import JointState
 
 INSTANTS = 20_000
 TOLERANCE = 1e-12  # of the integration
@@ -124,7 +125,7 @@ class Look:
         problem = self.plan.problem
         gravity, duration = problem.flight.gravity, problem.flight.duration
 
-        def from_com(frame: str, state: object) -> np.ndarray:
+        def from_com(frame: str, state: JointState) -> np.ndarray:
             one = Skeleton(self.plan.robot, np.array([state.orientation]), state.positions[None, :])
             return one.from_com(frame)[0]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -52,7 +53,7 @@ class Flyer:
     """A robot floating in space, its base held in the plane: three directions free."""
 
     def __init__(self, robot: fp.Robot) -> None:
-        document = ET.fromstring(axes_turned_in_file(robot)[0])
+        document: Any = ET.fromstring(axes_turned_in_file(robot)[0])
         for link in document.findall("link"):
             for collision in link.findall("collision"):  # Pinocchio does not know every kind of shape
                 link.remove(collision)
@@ -115,7 +116,7 @@ class Skeleton:
     """
 
     def __init__(self, robot: fp.Robot, orientation: np.ndarray, positions: np.ndarray) -> None:
-        document = ET.fromstring(axes_turned_in_file(robot)[0])
+        document: Any = ET.fromstring(axes_turned_in_file(robot)[0])
         self._robot = robot
         self._plane = np.array([robot.plane.horizontal, robot.plane.vertical])
         self._links = {link.get("name"): link for link in document.iter("link")}
@@ -141,7 +142,7 @@ class Skeleton:
                     self.segments.append((child, end))
                 waiting.append(child)
 
-    def _move(self, joint: ET.Element, child: str, positions: np.ndarray) -> None:
+    def _move(self, joint: Any, child: str, positions: np.ndarray) -> None:
         """Displace a joint's child by the joint's motion."""
         (rest,), (by_planned,) = joint_map(self._robot, [joint.get("name")])
         axis = joint.find("axis")
@@ -155,7 +156,7 @@ class Skeleton:
     @cached_property
     def com(self) -> np.ndarray:
         """Centre of mass (K, 3)."""
-        mass, moment = 0.0, 0.0
+        mass, moment = 0.0, np.zeros(3)
         for name, link in self._links.items():
             inertial = link.find("inertial")
             if inertial is not None:
@@ -185,8 +186,8 @@ class Skeleton:
             if link not in fitted:
                 yield link, self.from_com(link), (end - self.com) @ self._plane.T, 0.0
         beginnings = {link for link, _ in self.segments}
-        for name, link in self._links.items():
-            if name not in fitted | beginnings and link.find("inertial") is not None:
+        for name, element in self._links.items():
+            if name not in fitted | beginnings and element.find("inertial") is not None:
                 yield name, self.from_com(name), self.from_com(name), 0.0
 
 

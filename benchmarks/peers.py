@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -76,18 +77,19 @@ class Slsqp:
         self._at = b""
         began = time.perf_counter()
         at, variables = self._evaluation, self.program.variables
-        rules = [{"type": "eq", "fun": lambda x: at(x).equality, "jac": lambda x: at(x).equality_jacobian}]
+        options: Any = {"maxiter": self._iterations, "ftol": 1e-9}
+        rules: list[Any] = [{"type": "eq", "fun": lambda x: at(x).equality, "jac": lambda x: at(x).equality_jacobian}]
         if len(at(variables.plain_motion()).inequality):
             rules.append(
                 {"type": "ineq", "fun": lambda x: at(x).inequality, "jac": lambda x: at(x).inequality_jacobian}
             )
-        found = minimize(
+        found = minimize(  # type: ignore[call-overload]  # its stubs know no Jacobian of a constraint
             lambda x: at(x).objective,
             variables.plain_motion(),
             jac=lambda x: at(x).gradient,
             method="SLSQP",
             constraints=rules,
-            options={"maxiter": self._iterations, "ftol": 1e-9},
+            options=options,
         )
         seconds = time.perf_counter() - began
         solved = bool(found.success) and at(found.x).worst_violation <= ACCEPTED
@@ -105,7 +107,7 @@ class SymbolicFlight:
     @property
     def joints(self) -> int:
         """Number n of joints."""
-        return self.model.tree.turns.shape[1]
+        return int(self.model.tree.turns.shape[1])
 
     @cached_property
     def coupling(self) -> tuple[np.ndarray, np.ndarray]:
@@ -251,8 +253,8 @@ class Ipopt:
             *((s.positions, s.velocities, s.accelerations) for s in (problem.initial, problem.final)), strict=True
         )
         for given, wanted in zip(self._at(np.array([0.0, problem.flight.duration])), states, strict=True):
-            wanted = np.array(wanted).ravel()
-            self._require(given, wanted, wanted)
+            fixed = np.array(wanted).ravel()
+            self._require(given, fixed, fixed)
 
     def _limits(self) -> None:
         """Torques, velocities and the orientation rate, at the nodes."""

@@ -31,7 +31,7 @@ def starts_problem(seed: int) -> fp.Problem | None:
         flight=replace(drawn.problem.flight, angular_momentum=momentum),
         motion=fp.Motion("auto" if rng.random() < 0.5 else 7, objective),
         limits=fp.Limits(torque=torque) if kind in ("torque", "free h") else fp.Limits(),
-        obstacles=(obstacle,) if kind == "obstacle" else (),
+        obstacles=(obstacle,) if kind == "obstacle" and obstacle is not None else (),
         name=f"starts_{seed}_{kind.replace(' ', '_')}_{objective}",
     )
 

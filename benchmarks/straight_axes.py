@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,9 +16,10 @@ def axes_turned_in_file(robot: Robot) -> tuple[str, float]:
 
     Forward kinematics of its own, by SciPy, at planned positions zero; joint origins stay as they are.
     """
-    root = ElementTree.fromstring(robot.xml)
+    root: Any = ElementTree.fromstring(robot.xml)
     joints = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
-    orientations, largest = {}, 0.0
+    orientations: dict[str, Rotation] = {}
+    largest = 0.0
 
     def orientation(link: str) -> Rotation:
         """Of a link in the root link; turns the axes above it on the way."""
@@ -48,10 +50,6 @@ def axes_turned_in_file(robot: Robot) -> tuple[str, float]:
     for link in joints:
         orientation(link)
     return ElementTree.tostring(root, encoding="unicode"), largest
-
-
-def _numbers(text: str) -> np.ndarray:
-    return np.array([float(word) for word in text.split()])
 
 
 def _numbers(text: str) -> np.ndarray:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from independent import Look, Worst, violations_seen
@@ -116,11 +117,11 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
         start=_posture(rng, robot, float(rng.uniform(-math.pi, math.pi))),
         goal=_posture(rng, robot, float(rng.uniform(-math.pi, math.pi))),
         flight=_airborne(rng, robot),
-        motion=fp.Motion(_degree(rng, n), str(rng.choice(OBJECTIVES))),
+        motion=fp.Motion(_degree(rng, n), OBJECTIVES[rng.choice(len(OBJECTIVES))]),
         name=name,
     )
     bounds = angular_momentum_interval(problem)
-    kind = str(rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]))
+    kind: Any = rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]).item()
     polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, n), dtype=np.int64))
     variables = decision_variables(problem, polynomials, bounds)
     z = polynomials.no_free_part + rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape)
@@ -140,8 +141,8 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
         return None
     if kind != "given":
         solved = replace(solved, flight=replace(solved.flight, angular_momentum=kind))
-    plans = (_as_plan(solved, variables, free, momentum) for free in (z, polynomials.no_free_part))
-    return (solved, *plans)
+    drawn, plain = (_as_plan(solved, variables, free, momentum) for free in (z, polynomials.no_free_part))
+    return solved, drawn, plain
 
 
 def _posture(rng: np.random.Generator, robot: fp.Robot, orientation: float) -> fp.Posture:
@@ -159,7 +160,7 @@ def _posture(rng: np.random.Generator, robot: fp.Robot, orientation: float) -> f
 
 def _airborne(rng: np.random.Generator, robot: fp.Robot) -> fp.Flight:
     frames = sorted(robot.layout.tree.links)
-    place = tuple(float(part) for part in rng.uniform(-0.2, 0.2, 2))
+    place = _pair(rng.uniform(-0.2, 0.2, 2))
     landing = fp.Landing(str(rng.choice(frames)), float(rng.uniform(-0.2, 0.4))) if rng.random() < 0.6 else None
     return fp.Flight(
         duration=float(rng.uniform(0.4, 1.3)),
@@ -170,7 +171,7 @@ def _airborne(rng: np.random.Generator, robot: fp.Robot) -> fp.Flight:
     )
 
 
-def _degree(rng: np.random.Generator, joints: int) -> object:
+def _degree(rng: np.random.Generator, joints: int) -> Any:
     """One for all, "auto", or one per joint, three free coefficients at least in all."""
     kind = rng.random()
     if kind < 0.1:
@@ -217,13 +218,13 @@ def _limits(rng: np.random.Generator, plan: fp.Plan) -> fp.Limits:
     def headroom(peaks: np.ndarray) -> np.ndarray:
         return peaks * rng.uniform(*HEADROOM, len(peaks))
 
-    torque: object = "none"
+    torque: Any = "none"
     if asked(0.6):
         torque = headroom(_peaks(plan, lambda state: state.torques))
         if len(robot.motors) > len(robot.joints) and asked(0.5):
             each = headroom(_peaks(plan, lambda state: state.motor_torques))
             torque = dict(zip(robot.motors, each.tolist(), strict=True))
-    velocity = headroom(_peaks(plan, lambda state: state.velocities)) if asked(0.5) else "none"
+    velocity: Any = headroom(_peaks(plan, lambda state: state.velocities)) if asked(0.5) else "none"
     rate = _peaks(plan, lambda state: state.orientation_rate[:, None])[0] * rng.uniform(*HEADROOM)
     return fp.Limits(
         position="urdf" if asked(0.5) else _written_ranges(plan),
@@ -253,16 +254,15 @@ def _met_motors(rng: np.random.Generator, plan: fp.Plan) -> Iterator[tuple[str, 
         yield name, fp.Motor(stall, slope)
 
 
-def _peaks(plan: fp.Plan, quantity: Callable[[object], np.ndarray]) -> np.ndarray:
+def _peaks(plan: fp.Plan, quantity: Callable[[fp.FlightState], np.ndarray]) -> np.ndarray:
     """Largest magnitudes (r,) of quantities (K, r) over the flight."""
     times = np.linspace(0.0, plan.duration, GRID)
     seen = np.abs(quantity(plan.at(times)))
-    return np.array(
-        [
-            -_least(lambda near, j=j: -np.abs(quantity(plan.at(near))[:, j]), times, -seen[:, j])
-            for j in range(seen.shape[1])
-        ]
-    )
+
+    def negative(j: int) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda near: -np.abs(quantity(plan.at(near))[:, j])
+
+    return np.array([-_least(negative(j), times, -seen[:, j]) for j in range(seen.shape[1])])
 
 
 def _least(values: Callable[[np.ndarray], np.ndarray], times: np.ndarray, seen: np.ndarray) -> float:
@@ -329,6 +329,7 @@ def _cleared(plan: fp.Plan, obstacle: Obstacle) -> Obstacle:
     if isinstance(obstacle, fp.HalfPlane):
         normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
         return replace(obstacle, point=_pair(np.array(obstacle.point) - lacking * normal))
+    assert isinstance(obstacle, fp.Circle | fp.Bar)
     return replace(obstacle, radius=obstacle.radius - lacking)
 
 
@@ -346,7 +347,7 @@ def _obstacle(rng: np.random.Generator, duration: float, seen: _Seen) -> Obstacl
     beside = (1 - share) * segments.start[at, link] + share * segments.end[at, link]
     beside += (segments.radius[link] + rng.uniform(0.03, 0.4)) * np.exp(2j * math.pi * rng.random())
     place = np.array([beside.real, beside.imag]) - velocity * seen.times[at]
-    shared = {
+    shared: dict[str, Any] = {
         "margin": float(rng.choice([0.0, 0.01, rng.uniform(0.0, 0.03)])),
         "velocity": _pair(velocity),
         "window": window,
@@ -359,7 +360,7 @@ def _obstacle(rng: np.random.Generator, duration: float, seen: _Seen) -> Obstacl
         plane = fp.HalfPlane(point=_pair(place), normal=_pair(normal * rng.uniform(0.5, 2.0)), **shared)
         return replace(plane, point=_pair(place + (seen.distance(plane) - gap) * normal))
     if kind == "circle":
-        thin: Obstacle = fp.Circle(center=_pair(place), radius=0.0, **shared)
+        thin: fp.Circle | fp.Bar = fp.Circle(center=_pair(place), radius=0.0, **shared)
     else:
         angle, length = rng.uniform(0, 2 * math.pi), rng.uniform(0.1, 0.6)
         along = length * np.array([math.cos(angle), math.sin(angle)])

@@ -40,8 +40,8 @@ def integrate_orientation(plan: fp.Plan, times: np.ndarray) -> np.ndarray:
         return [(plan.angular_momentum - row @ (robot.selection @ velocity)) / row[2]]
 
     start = [plan.problem.initial.orientation]
-    tight = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12}
-    return solve_ivp(rate, (0, plan.duration), start, t_eval=times, **tight).y[0]
+    flown = solve_ivp(rate, (0, plan.duration), start, t_eval=times, method="DOP853", rtol=1e-12, atol=1e-12)
+    return flown.y[0]
 
 
 def drawn_plan(

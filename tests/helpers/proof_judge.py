@@ -194,7 +194,7 @@ def _same(record):
     if not isinstance(problem["flight"]["angular_momentum"], str):
         pairs.append((record.angular_momentum, problem["flight"]["angular_momentum"]))
     for number, other in pairs:
-        off = abs(Fraction(number) - Fraction(other)) - Fraction(1e-12) * max(1, abs(Fraction(number)))
+        off = abs(Fraction(number) - Fraction(other)) - Fraction(1e-12) * max(Fraction(1), abs(Fraction(number)))
         yield _at(0.0, float(off), None, 1e-14, noise=1e-15)
 
 
@@ -225,10 +225,14 @@ def _clearances(robot, record, dense, sharp):
     for obstacle in record.problem["obstacles"]:
         distance = _clear(robot, record, dense, obstacle)
         least = min(least, distance.min())
+
+        def violation(t, obstacle=obstacle):
+            return arb(obstacle["margin"]) - arb(1e-8) - sharp.clearance(t, obstacle)
+
         yield Question(
             obstacle["margin"] - 1e-8 - distance,
             dense.times,
-            lambda t, obstacle=obstacle: arb(obstacle["margin"]) - arb(1e-8) - sharp.clearance(t, obstacle),
+            violation,
             5e-9 if obstacle["kind"] == "half-plane" else 1e-6,
         )
     yield _at(0.0, abs(record.clearance_min - least) - 2e-4, None, 1e-6, noise=1e-6, needs_all=True)

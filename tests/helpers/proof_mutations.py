@@ -57,7 +57,7 @@ def _tight_margins(record: PlanRecord) -> PlanRecord:
         room = ROOM if obstacle["kind"] != "half-plane" else 0.0
         assert clear > room - 1e-9, (obstacle, clear)
         obstacles.append(obstacle | {"margin": max(0.0, float(clear - room))})
-    return replace(record, problem=record.problem | {"obstacles": obstacles})
+    return replace(record, problem={**record.problem, "obstacles": obstacles})
 
 
 def load(record: PlanRecord) -> Robot:
@@ -143,13 +143,13 @@ def _obstacle(rng, record, folder):
         room = ROOM if obstacles[index]["kind"] != "half-plane" else 0.0
         margin = obstacles[index]["margin"] + room + 4e-8 * rng.uniform(-1.0, 1.0)
         obstacles[index]["margin"] = max(0.0, margin)
-        return Case("obstacle", load(record), replace(record, problem=record.problem | {"obstacles": obstacles}))
+        return Case("obstacle", load(record), replace(record, problem={**record.problem, "obstacles": obstacles}))
     shift = 10.0 ** rng.uniform(-4, -2) * np.exp(2j * np.pi * rng.random())
     for key in ("center", "point", "start", "end"):
         if key in obstacles[index]:
             x, y = obstacles[index][key]
             obstacles[index][key] = [x + shift.real, y + shift.imag]
-    return Case("obstacle", load(record), replace(record, problem=record.problem | {"obstacles": obstacles}))
+    return Case("obstacle", load(record), replace(record, problem={**record.problem, "obstacles": obstacles}))
 
 
 def _com(rng, record, folder):

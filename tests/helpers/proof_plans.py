@@ -37,7 +37,7 @@ def example_a(**changes) -> PlanRecord:
     """Example A of the paper: no limits but the full joint ranges, no obstacle unless asked for."""
     start, goal = np.radians([-108.97, 90.0]), np.radians([70.0, 56.73])
     free = [[0.2921251, -0.38431191], [-12.44290253, -6.92081978]]
-    rows = [resting(*ends, 1.1, z) for *ends, z in zip(start, goal, free, strict=True)]
+    rows = [resting(begin, end, 1.1, z) for begin, end, z in zip(start, goal, free, strict=True)]
     return make_plan(
         Robot.from_urdf(URDF / "gymnast.urdf"),
         np.array(rows),
@@ -49,7 +49,7 @@ def example_b(**changes) -> PlanRecord:
     """Example B of the paper: a circle of 20 cm to be passed at 2 cm."""
     start, goal = np.radians([18.0, -45.0]), [0.0, 0.0]
     free = [[44.18450995, 20.92510309], [-36.25068977, -17.36466123]]
-    rows = [resting(*ends, 1.4, z) for *ends, z in zip(start, goal, free, strict=True)]
+    rows = [resting(begin, end, 1.4, z) for begin, end, z in zip(start, goal, free, strict=True)]
     circle = {"kind": "circle", "center": [1.485, 3.342], "radius": 0.2, "margin": 0.02}
     settings = {"duration": 1.4, "angular_momentum": -1.1778, "orientation": math.radians(72.0), "velocity": (2.0, 6.8)}
     settings |= {"frames": ("foot", "hand"), "obstacles": [circle]}
@@ -59,8 +59,8 @@ def example_b(**changes) -> PlanRecord:
 def unlimited(record: PlanRecord) -> PlanRecord:
     """The same plan without limits of velocity, torque and orientation rate."""
     n = len(record.robot.joints)
-    limits = record.problem["limits"] | {"velocity": [None] * n, "torque": [None] * n, "orientation_rate": None}
-    return replace(record, problem=record.problem | {"limits": limits})
+    limits = {**record.problem["limits"], "velocity": [None] * n, "torque": [None] * n, "orientation_rate": None}
+    return replace(record, problem={**record.problem, "limits": limits})
 
 
 def make_plan(
@@ -95,7 +95,7 @@ def make_plan(
         problem={"flight": {"duration": duration}},
         robot=RobotRecord(
             str(robot.path),
-            hashlib.sha256(Path(robot.path).read_bytes()).hexdigest(),
+            hashlib.sha256(Path(str(robot.path)).read_bytes()).hexdigest(),
             robot.joints,
             robot.plane.name,
             {name: asdict(coupling) for name, coupling in robot.coupled.items()},
@@ -117,11 +117,11 @@ def make_plan(
     )
     dense = reference.evaluate(robot, blank, np.linspace(0.0, duration, instants))
     foot = reference.frame_place(robot, blank, dense, takeoff, 0)
-    moved = replace(blank, com=blank.com | {"position0": [float(-foot.real), float(-foot.imag)]})
+    moved = replace(blank, com={**blank.com, "position0": [float(-foot.real), float(-foot.imag)]})
     end = float(dense.orientation[-1])
     hand = reference.frame_place(robot, moved, dense, landing, -1)
     if grounded:
-        moved = replace(moved, com=moved.com | {"velocity0": [velocity[0], float(velocity[1] - hand.imag / duration)]})
+        moved = replace(moved, com={**moved.com, "velocity0": [velocity[0], float(velocity[1] - hand.imag / duration)]})
         hand = 0j
     torque, speed = np.abs(dense.torques).max(0), np.abs(dense.velocities).max(0)
     problem = {

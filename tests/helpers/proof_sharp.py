@@ -3,6 +3,8 @@
 The robot's constants are the doubles of the robot room's planar tree; everything after them is 176-bit arithmetic.
 """
 
+from typing import Any
+
 import flint
 import numpy as np
 from flint import acb, arb
@@ -24,7 +26,7 @@ class Sharp:
 
     def joints(self, t):
         """Positions, velocities and accelerations: three lists of n."""
-        states = [[], [], []]
+        states: list[list[Any]] = [[], [], []]
         rows = zip(self.record.coefficients, self.record.centre, self.record.amplitude, strict=True)
         for row, centre, amplitude in rows:
             polynomial = flint.arb_poly(row.tolist())

@@ -1,0 +1,75 @@
+"""Whole processes, imports, and certificates."""
+
+from __future__ import annotations
+
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from measuring import PROBLEMS, Counts, example, heading, in_turns, table
+
+import floatplan as fp
+from floatplan.certificate.certificate import certify
+
+
+def startup(counts: Counts) -> None:
+    """Processes from their beginning to their end, imports, and certificates."""
+    heading("startup: whole processes")
+    program = [sys.executable, "-m", "floatplan"]
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        plan_it = ["plan", str(PROBLEMS / "new_configuration.toml"), "--json", "--no-figures", "-o", folder]
+        for label, arguments in (("floatplan --help", ["--help"]), ("floatplan plan .. --json --no-figures", plan_it)):
+            spent = [_run(program + arguments) for _ in range(counts.subprocesses)]
+            rows.append([label, *(statistics.median(one[index] for one in spent) for index in (0, 1))])
+    table(["command", "wall s", "processor s"], rows)
+    print("  Bar: --help in 0.2 s, a plan in 1 s.\n")
+    _imports()
+    _certificates(counts)
+
+
+def _run(command: Sequence[str]) -> tuple[float, float]:
+    """Wall and processor seconds of a process."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=_environment())
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _environment() -> dict[str, str]:
+    """Environment of this process, with the floatplan that is imported here in front."""
+    home = str(Path(fp.__file__).resolve().parents[1])
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (home, os.environ.get("PYTHONPATH"))))}
+
+
+def _imports() -> None:
+    """Seconds of the dearest packages that planning from a file imports, each with what only it brings."""
+    code = "import floatplan.planning.planner, floatplan.problem.file, floatplan.cli.results"
+    command = [sys.executable, "-X", "importtime", "-c", code]
+    report = subprocess.run(command, check=True, capture_output=True, text=True, env=_environment()).stderr
+    spent: dict[str, float] = {}
+    for line in report.splitlines():
+        own, _, name = (part.strip() for part in line.removeprefix("import time:").split("|"))
+        if own.isdigit():
+            package = name.split(".")[0]
+            spent[package] = spent.get(package, 0.0) + int(own) / 1e3
+    dearest = sorted(spent.items(), key=lambda pair: -pair[1])[:10]
+    table(["imported package", "own ms"], [*dearest, ("all", sum(spent.values()))])
+
+
+def _certificates(counts: Counts) -> None:
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, bar in (("A", 50), ("B, obstacle", 100)):
+            plan = fp.plan(example(name))
+            record, urdf = plan.record, plan.robot.path or Path(folder)
+            timed = in_turns({"certify": partial(certify, record, urdf)}, counts.slow_turns)
+            rows.append([name, timed.results["certify"].verdict, timed.median_ms("certify"), bar])
+    table(["certificate", "verdict", "ms", "bar ms"], rows)
