@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.optimization.nonlinear_program import Evaluation, Program
+from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program
 
 ITERATIONS = 60
 ENOUGH = 1e-11  # root of the sum of squares below which the search for the objective takes over
@@ -25,18 +26,18 @@ PASSES = 4  # times that rows a step would violate join it
 
 
 @dataclass(frozen=True, eq=False)
-class Nearest:
+class Nearest(Generic[Detail]):
     """The least violating motion found: x, the program there, the sum of squared violations, how many evaluations."""
 
     x: Array
-    evaluation: Evaluation
+    evaluation: Evaluation[Detail]
     squares: float
     evaluations: int
 
 
 def reduce_violations(
-    program: Program, x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
-) -> Nearest:
+    program: Program[Detail], x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
+) -> Nearest[Detail]:
     """Reduce the violations of a program from x (m,), by steps short in the program's metric and in x itself.
 
     For objective (17) x is the whitened b: short steps keep motions smooth.
@@ -63,13 +64,13 @@ def reduce_violations(
     return Nearest(x, evaluation, squares, evaluations)
 
 
-def _squares(evaluation: Evaluation) -> float:
+def _squares(evaluation: AnyEvaluation) -> float:
     """Sum of squared violations."""
     violated = np.minimum(evaluation.inequality, 0)
     return float(evaluation.equality @ evaluation.equality + violated @ violated)
 
 
-def _step(evaluation: Evaluation, damping: Array) -> Array:
+def _step(evaluation: AnyEvaluation, damping: Array) -> Array:
     """Minimise the squared violations of the linearised program and the damping.
 
     Rows that hold now and would be violated by the step join those that are violated now: without them the search

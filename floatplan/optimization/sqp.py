@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.optimization.hessian import Curvature, solve_small
-from floatplan.optimization.nonlinear_program import Evaluation, Program, Settings
+from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program, Settings
 from floatplan.optimization.quadratic_program import Multipliers, Step
 
 ARMIJO = 1e-4  # sufficient decrease of the merit function, Nocedal and Wright p. 540
@@ -36,7 +37,7 @@ POLISHED = 1e-12  # equalities within this are about as good as rounding lets th
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Generic[Detail]):
     """Where the search ended.
 
     ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible"; ``curvature``
@@ -44,7 +45,7 @@ class Solution:
     """
 
     x: Array
-    evaluation: Evaluation
+    evaluation: Evaluation[Detail]
     status: str
     iterations: int
     evaluations: int
@@ -52,23 +53,23 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class _Accepted:
+class _Accepted(Generic[Detail]):
     """What the line search accepted after a share of the step: x moved by ``change``."""
 
     x: Array
     change: Array
-    evaluation: Evaluation
+    evaluation: Evaluation[Detail]
     share: float
 
 
 def minimise(
-    program: Program,
+    program: Program[Detail],
     x: Array,
     guess: Curvature,
     settings: Settings | None = None,
     stop: Callable[[], bool] = lambda: False,
-    start: Evaluation | None = None,
-) -> Solution:
+    start: Evaluation[Detail] | None = None,
+) -> Solution[Detail]:
     """Minimise a program from x (m,), with a first guess of the Lagrangian's Hessian.
 
     Parameters
@@ -133,7 +134,9 @@ def minimise(
     return Solution(x, current, status, iteration, evaluations, guess)
 
 
-def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluation) -> tuple[Array, Evaluation, int]:
+def _polish(
+    program: Program[Detail], x: Array, current: Evaluation[Detail], linearised: Evaluation[Detail]
+) -> tuple[Array, Evaluation[Detail], int]:
     """Shortest steps on to the equalities alone, with the derivatives of a point nearby, as long as they gain."""
     used = 0
     while used < POLISHING_STEPS and max(map(abs, current.equality.tolist()), default=0.0) > POLISHED:
@@ -150,7 +153,7 @@ def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluat
     return x, current, used
 
 
-def _is_settled(current: Evaluation, step: Step, slope: float, settings: Settings) -> bool:
+def _is_settled(current: AnyEvaluation, step: Step, slope: float, settings: Settings) -> bool:
     """What a full step still promises of the Lagrangian, ``d H d`` twice over, is small beside the objective.
 
     ``slope`` is the objective's along the step.
@@ -163,13 +166,19 @@ def _is_settled(current: Evaluation, step: Step, slope: float, settings: Setting
     return abs(promised) <= settings.optimality * (1 + abs(current.objective))
 
 
-def _merit(evaluation: Evaluation, penalty: float) -> float:
+def _merit(evaluation: AnyEvaluation, penalty: float) -> float:
     return evaluation.objective + penalty * evaluation.violation
 
 
 def _line_search(
-    program: Program, x: Array, current: Evaluation, step: Step, slope: float, share: float, penalty: float
-) -> tuple[_Accepted | None, int]:
+    program: Program[Detail],
+    x: Array,
+    current: Evaluation[Detail],
+    step: Step,
+    slope: float,
+    share: float,
+    penalty: float,
+) -> tuple[_Accepted[Detail] | None, int]:
     """Go ``share`` of a step or less: the point accepted, None where none was good enough; and the evaluations."""
     start = _merit(current, penalty)
     slope = min(slope - penalty * (current.violation - step.left), 0.0)
@@ -194,7 +203,7 @@ def _line_search(
     return None, used
 
 
-def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
+def _second_order_correction(current: AnyEvaluation, trial: AnyEvaluation) -> Array:
     """Shortest step that takes the constraints violated after a full step back to zero, to first order."""
     violated = trial.inequality < 0
     jacobian = np.concatenate((current.equality_jacobian, current.inequality_jacobian[violated]))
@@ -205,8 +214,8 @@ def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
 def _damped_bfgs(
     guess: Curvature,
     step: Step,
-    accepted: _Accepted,
-    previous: Evaluation,
+    accepted: _Accepted[Detail],
+    previous: AnyEvaluation,
     multipliers: Multipliers,
     largest_curvature: float,
 ) -> Curvature | None:
