@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.optimization.nonlinear_program import Evaluation, Program
+from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program
 
 ITERATIONS = 60
 FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
@@ -25,18 +26,18 @@ PASSES = 4  # of one step, each with the rows that the step before would violate
 
 
 @dataclass(frozen=True, eq=False)
-class LeastViolation:
+class LeastViolation(Generic[Detail]):
     """Result of :func:`reduce_violations`: a point x, the program there, its violation, and the evaluations used."""
 
     x: Array
-    evaluation: Evaluation
+    evaluation: Evaluation[Detail]
     squared_violation: float
     evaluations: int
 
 
 def reduce_violations(
-    program: Program, x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
-) -> LeastViolation:
+    program: Program[Detail], x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
+) -> LeastViolation[Detail]:
     """Minimise the squared violations from x (m,); steps are damped in the program's metric and in x itself."""
     metric = program.metric.T @ program.metric + np.eye(len(x))
     damping = INITIAL_DAMPING
@@ -60,13 +61,13 @@ def reduce_violations(
     return LeastViolation(x, evaluation, squared, evaluations)
 
 
-def _squares(evaluation: Evaluation) -> float:
+def _squares(evaluation: AnyEvaluation) -> float:
     """Sum of squared violations."""
     violated = np.minimum(evaluation.inequality, 0)
     return float(evaluation.equality @ evaluation.equality + violated @ violated)
 
 
-def _damped_step(evaluation: Evaluation, damping: Array) -> Array:
+def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:
     """Minimise the squared violations of the linearised program and the damping.
 
     Rows that hold now and would be violated by the step join those that are violated now: without them the search

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optimization.nonlinear_program import Evaluation
+from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.optimization.quadratic_program import Multipliers, Step, elastic_qp, solve_qp
 
 
@@ -27,7 +27,7 @@ class HessianApproximation(Protocol):
     def largest(self) -> float:
         """About H's largest diagonal entry."""
 
-    def step(self, current: Evaluation, active: IntArray, slack_penalty: float) -> Step:
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """Solve the QP of a linearised program, see :func:`floatplan.optimization.quadratic_program.solve_qp`."""
 
     def product(self, change: Array, step: Step, step_length: float) -> Array:
@@ -48,7 +48,7 @@ class DirectHessian:
         """Largest diagonal entry."""
         return float(self.hessian.diagonal().max(initial=1.0))
 
-    def step(self, current: Evaluation, active: IntArray, slack_penalty: float) -> Step:
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """By constraint generation."""
         return solve_qp(current, self.hessian, active, slack_penalty)
 
@@ -80,7 +80,7 @@ class InverseHessian:
         """Reciprocal of the smallest diagonal entry of the inverse: a lower bound of H's largest."""
         return max(1.0, 1 / float(self.inverse.diagonal().min(initial=1.0)))
 
-    def step(self, current: Evaluation, active: IntArray, slack_penalty: float) -> Step:
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """``-H^-1 (g + A^T y)``, with the multipliers y for which it satisfies the linearised equalities."""
         rows, gradient = current.equality_jacobian, current.gradient
         unconstrained, per_multiplier = self.inverse @ gradient, self.inverse @ rows.T

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optimization.nonlinear_program import Evaluation, total_violation
+from floatplan.optimization.nonlinear_program import AnyEvaluation, total_violation
 
 QP_ACCURACY = 1e-9  # of ProxQP's residuals, in the units of its rows
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
@@ -84,7 +84,7 @@ class Step:
     lagrangian_gradient: Array | None = None
 
 
-def solve_qp(current: Evaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
+def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
     """Solve the QP of the linearised program by constraint generation, by :func:`elastic_qp` where that fails.
 
     Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
@@ -137,7 +137,7 @@ def _most_violated(values: Array, threshold: float) -> IntArray:
     return lowest[values[lowest] < threshold]
 
 
-def elastic_qp(current: Evaluation, hessian: Array, slack_penalty: float) -> Step:
+def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> Step:
     """Solve the QP with a slack in every constraint and a quadratic penalty on the slacks: it always has a solution.
 
     Without the slacks it is a piecewise quadratic function, minimised by Newton's method on the violated rows.

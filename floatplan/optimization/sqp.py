@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.optimization.hessian import HessianApproximation, solve_small
-from floatplan.optimization.nonlinear_program import Evaluation, Program, Settings
+from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program, Settings
 from floatplan.optimization.quadratic_program import Multipliers, Step
 
 ARMIJO = 1e-4  # [-] sufficient decrease of the merit function, Nocedal and Wright p. 540
@@ -36,7 +37,7 @@ POLISHED = 1e-12  # in its own unit, of an equality: hardly more than rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Generic[Detail]):
     """The point where the solver stopped, and why.
 
     ``status`` is "optimal" (both tolerances hold), "feasible" (only the constraints do) or "infeasible"; ``hessian`` is
@@ -44,7 +45,7 @@ class Solution:
     """
 
     x: Array
-    evaluation: Evaluation
+    evaluation: Evaluation[Detail]
     status: str
     iterations: int
     evaluations: int
@@ -52,23 +53,23 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class _Accepted:
+class _Accepted(Generic[Detail]):
     """A point that the line search accepted: x moved by ``change``."""
 
     x: Array
     change: Array
-    evaluation: Evaluation
+    evaluation: Evaluation[Detail]
     step_length: float
 
 
 def minimise(
-    program: Program,
+    program: Program[Detail],
     x: Array,
     hessian: HessianApproximation,
     settings: Settings | None = None,
     stop: Callable[[], bool] = lambda: False,
-    start: Evaluation | None = None,
-) -> Solution:
+    start: Evaluation[Detail] | None = None,
+) -> Solution[Detail]:
     """Minimise a program from x (m,), with a first approximation of the Lagrangian's Hessian.
 
     Parameters
@@ -133,7 +134,9 @@ def minimise(
     return Solution(x, current, status, iteration, evaluations, hessian)
 
 
-def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluation) -> tuple[Array, Evaluation, int]:
+def _polish(
+    program: Program[Detail], x: Array, current: Evaluation[Detail], linearised: Evaluation[Detail]
+) -> tuple[Array, Evaluation[Detail], int]:
     """Least-norm steps on to the equalities, with the derivatives of a point nearby, while the violation decreases."""
     used = 0
     while used < POLISHING_STEPS and max(map(abs, current.equality.tolist()), default=0.0) > POLISHED:
@@ -150,7 +153,7 @@ def _polish(program: Program, x: Array, current: Evaluation, linearised: Evaluat
     return x, current, used
 
 
-def _is_stationary(current: Evaluation, step: Step, slope: float, settings: Settings) -> bool:
+def _is_stationary(current: AnyEvaluation, step: Step, slope: float, settings: Settings) -> bool:
     """Whether the Lagrangian's predicted decrease over a full step, ``d H d``, is small relative to the objective.
 
     ``slope`` is the objective's along the step.
@@ -163,13 +166,19 @@ def _is_stationary(current: Evaluation, step: Step, slope: float, settings: Sett
     return abs(predicted) <= settings.optimality * (1 + abs(current.objective))
 
 
-def _merit(evaluation: Evaluation, penalty: float) -> float:
+def _merit(evaluation: AnyEvaluation, penalty: float) -> float:
     return evaluation.objective + penalty * evaluation.violation
 
 
 def _line_search(
-    program: Program, x: Array, current: Evaluation, step: Step, slope: float, first: float, penalty: float
-) -> tuple[_Accepted | None, int]:
+    program: Program[Detail],
+    x: Array,
+    current: Evaluation[Detail],
+    step: Step,
+    slope: float,
+    first: float,
+    penalty: float,
+) -> tuple[_Accepted[Detail] | None, int]:
     """Backtrack from a ``first`` step length: the point accepted, None where none is; and the number of evaluations."""
     start = _merit(current, penalty)
     slope = min(slope - penalty * (current.violation - step.violation_left), 0.0)
@@ -194,7 +203,7 @@ def _line_search(
     return None, used
 
 
-def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
+def _second_order_correction(current: AnyEvaluation, trial: AnyEvaluation) -> Array:
     """Shortest step that takes the constraints violated after a full step back to zero, to first order."""
     violated = trial.inequality < 0
     jacobian = np.concatenate((current.equality_jacobian, current.inequality_jacobian[violated]))
@@ -205,8 +214,8 @@ def _second_order_correction(current: Evaluation, trial: Evaluation) -> Array:
 def _damped_bfgs(
     hessian: HessianApproximation,
     step: Step,
-    accepted: _Accepted,
-    previous: Evaluation,
+    accepted: _Accepted[Detail],
+    previous: AnyEvaluation,
     multipliers: Multipliers,
     largest_curvature: float,
 ) -> HessianApproximation | None:

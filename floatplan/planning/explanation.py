@@ -12,7 +12,7 @@ from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import SearchResult
 from floatplan.planning.transcription.constraints import Constraint, ObstacleClearance, SelfClearance, applies
-from floatplan.planning.transcription.trajectory import Trajectory, sample_also, sample_nodes, trajectory
+from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
 
@@ -71,7 +71,6 @@ def _rounded_up(amount: float) -> str:
 def _missed_turn(prepared: Attempts, found: SearchResult) -> float:
     """By how much the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
     motion = found.best.solution.evaluation.detail
-    assert isinstance(motion, Trajectory)
     missed = motion.final_orientation - prepared.model.final_orientation
     return missed if abs(missed) > ORIENTATION else 0.0
 
@@ -133,7 +132,6 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try."""
     best = found.best
     motion = best.solution.evaluation.detail
-    assert isinstance(motion, Trajectory)
     tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
     missed = _missed_turn(prepared, found)
     sentences = []

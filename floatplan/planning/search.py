@@ -20,7 +20,6 @@ import numpy as np
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_SHARES, Start
-from floatplan.planning.transcription.trajectory import Trajectory
 from floatplan.planning.work import USUAL
 from floatplan.problem.problem import Problem
 
@@ -273,7 +272,6 @@ def _portable(outcome: Outcome) -> Outcome:
     """Strip an outcome of what cannot go from one process to another: its derivatives, and what its motion caches."""
     solution = outcome.solution
     motion = solution.evaluation.detail
-    assert isinstance(motion, Trajectory)
     evaluation = replace(solution.evaluation, differentiate=_no_derivatives, detail=replace(motion))
     return replace(outcome, solution=replace(solution, evaluation=evaluation))
 

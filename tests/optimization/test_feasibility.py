@@ -27,6 +27,7 @@ class Program:
             differentiate=lambda: Derivatives(
                 np.zeros(2), np.array([equality_gradient(*x)]), np.array([inequality_gradient(*x)])
             ),
+            detail=None,
         )
 
 

@@ -19,7 +19,7 @@ def positive_definite(rng):
 def evaluation(rng, equalities=1, rows=None):
     rows = rng.normal(size=(equalities, SIZE)) if rows is None else rows
     derivatives = Derivatives(rng.normal(size=SIZE), rows, np.empty((0, SIZE)))
-    return Evaluation(0.0, rng.normal(size=len(rows)), np.empty(0), lambda: derivatives)
+    return Evaluation(0.0, rng.normal(size=len(rows)), np.empty(0), lambda: derivatives, None)
 
 
 @pytest.fixture(params=range(5))

@@ -44,7 +44,7 @@ class Textbook:
             for f, value in zip(everything, values, strict=True)
         ]
         derivatives = Derivatives(jacobians[0][0], jacobians[1], jacobians[2])
-        return Evaluation(float(values[0][0]), values[1], values[2], lambda: derivatives)
+        return Evaluation(float(values[0][0]), values[1], values[2], lambda: derivatives, None)
 
     def solve(self, settings=None, **options):
         guess = hessian_approximation(np.eye(len(self.start)), inequalities=self.inequality is not none)
@@ -305,9 +305,9 @@ def underived():
 
 class TestEvaluation:
     def test_violations_are_those_of_both_kinds(self):
-        evaluation = Evaluation(0.0, np.array([0.5, -0.25]), np.array([1.0, -2.0]), underived)
+        evaluation = Evaluation(0.0, np.array([0.5, -0.25]), np.array([1.0, -2.0]), underived, None)
         assert (evaluation.violation, evaluation.worst_violation) == (2.75, 2.0)
 
     def test_without_constraints_nothing_is_violated(self):
-        evaluation = Evaluation(0.0, np.empty(0), np.empty(0), underived)
+        evaluation = Evaluation(0.0, np.empty(0), np.empty(0), underived, None)
         assert (evaluation.violation, evaluation.worst_violation) == (0.0, 0.0)

@@ -142,7 +142,7 @@ def solve(
     settings: Settings = FINE,
     stop: Callable[[], bool] = lambda: False,
     first_level: int = 0,
-) -> Solution:
+) -> Solution[Trajectory]:
     """Minimise the objective subject to (14) and to the constraints at all times, from x.
 
     ``first_level`` is the index into NODE_COUNTS to start from.
@@ -173,7 +173,6 @@ def solve(
             solution = _made_feasible(program, solution, stop)
         x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
-        assert isinstance(motion, Trajectory)
         was_last, stage = stage.settings == settings, next(stages, stage)
         needed = max(level, nodes_needed(motion, stage.quadrature_error))
         finished = was_last and needed == level
@@ -205,13 +204,12 @@ class _Stage:
     quadrature_error: float
 
 
-def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool) -> Iterator[_Stage]:
+def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, constrained: bool) -> Iterator[_Stage]:
     """The way to a solution, from nodes at ``level``: the fewer nodes, the cheaper the iterations.
 
     Where the nodes are enough from the beginning, there is but the last stage.
     """
     motion = start.detail
-    assert isinstance(motion, Trajectory)
     if constrained:
         yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
     elif nodes_needed(motion, NEARLY_RESOLVED) > level:
@@ -221,7 +219,9 @@ def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool
     yield _Stage(settings, QUADRATURE_ERROR)
 
 
-def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[], bool]) -> Solution:
+def _made_feasible(
+    program: FlightProgram, solution: Solution[Trajectory], stop: Callable[[], bool]
+) -> Solution[Trajectory]:
     """Give up the objective of a nearly feasible motion to make it feasible, where that can be done."""
     nearest = reduce_violations(program, solution.x, stop)
     if nearest.squared_violation > solution.evaluation.worst_violation**2:
@@ -262,10 +262,9 @@ def _cheap_level(bodies: int) -> int:
     return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
 
 
-def _is_resolved(start: Evaluation) -> bool:
+def _is_resolved(start: Evaluation[Trajectory]) -> bool:
     """Whether the nodes resolve theta0' well enough to start from."""
     motion = start.detail
-    assert isinstance(motion, Trajectory)
     return motion.unresolved < COARSELY_RESOLVED
 
 
