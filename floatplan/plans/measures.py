@@ -21,7 +21,7 @@ from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque"]
@@ -131,6 +131,11 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
     """Return how much of its limits each motor uses, worst first."""
     rows = (_of_motor(problem, peaks, index) for index in range(len(problem.robot.motors)))
     return tuple(sorted(rows, key=lambda row: -row.worst))
+
+
+def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
+    """Limits whose utilisation is worth a column: those that are always told, and those that some motor has."""
+    return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
 
 
 def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
