@@ -17,6 +17,7 @@ import typer
 from floatplan.cli.parts import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
+from floatplan.tables import OBJECTIVES
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -72,7 +73,7 @@ def plan(
         str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
     ] = None,
     objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help="'coefficients' (the default), 'torque' or 'acceleration'.")
+        str | None, typer.Option(metavar="NAME", help=f"What is least: {', '.join(OBJECTIVES)}; the first if left out.")
     ] = None,
     plane: PlaneName = None,
     output: Annotated[

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
 from floatplan.arrays import Array
+from floatplan.tables import Objective
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
-Objective: TypeAlias = Literal["coefficients", "torque", "acceleration"]
-
-OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +95,8 @@ class Motion:
     ----------
     degree : int, (n,) ints, or "auto"
         k_i of (12), at least 5; "auto" starts at 7 and raises it where nothing else helps.
-    objective : "coefficients", "torque" or "acceleration"
-        (17), or the integral of the squared torques, or of the squared joint accelerations.
+    objective : str
+        One of the table of objectives, :data:`floatplan.tables.OBJECTIVE_TABLE`; "coefficients" is (17).
     """
 
     degree: int | Sequence[int] | Literal["auto"] = 7

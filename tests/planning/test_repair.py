@@ -15,11 +15,16 @@ from floatplan.errors import InputError
 from floatplan.planning import repair as proving
 from floatplan.planning.planner import planned
 from floatplan.planning.repair import judged, plan_and_prove, proved, shortfalls, tightened
-from floatplan.view.figures.curves import Flown, clearance, rates, torques
+from floatplan.tables import LIMIT_TABLE
+from floatplan.view.figures.curves import Flown, clearance, limited, torques
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "problems" / "new_configuration.toml"
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
+
+
+def rates(flown):
+    return limited(flown, LIMIT_TABLE["velocity"])
 
 
 @pytest.fixture(scope="module")

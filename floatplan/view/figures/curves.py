@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from floatplan.arrays import Array
 from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
+from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.motors import motor_colours, shown_motors, torque_limits
 from floatplan.view.postures import clearances_to, robot_size
 from floatplan.view.style import (
@@ -81,22 +83,35 @@ def draw_configuration(axes: Axes, flown: Flown, other: Flown | None = None) -> 
     axes.yaxis.set_major_locator(_angle_ticks(axes))
 
 
-def rates(flown: Flown, other: Flown | None = None) -> Figure:
-    """Draw the rates of the joints with limits and proved peaks, and that of the orientation below, rad/s."""
-    problem = flown.plan.problem
-    figure, (joints, base) = _time_figure(flown.plan, 2)
-    peak = _draw_columns(joints, flown, other, _velocities, first=1)
-    limits = _draw_limits(joints, flown, problem.velocity_limits, peak)
-    base_peak = _draw_columns(base, flown, other, _orientation_rate)
-    limits = _draw_limits(base, flown, _orientation_rate_limit(flown), base_peak) or limits
-    peaks = (flown.plan.certificate or {}).get("velocity_peak") or []
-    limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(flown.plan.robot.joints) + 1)[1:])]
-    joints.set_ylabel("joints (rad/s)")
-    base.set_ylabel("orientation (rad/s)")
-    for axes in (joints, base):
+def drawn_limits(plan: Plan) -> list[LimitRow]:
+    """Return the limits of the joints' motion whose quantities are drawn: always, or where something limits them."""
+    return [row for row in JOINT_LIMITS if row.always or bool(np.isfinite(plan.problem.joint_limits[row.key]).any())]
+
+
+def base_limit(plan: Plan, key: str) -> float:
+    """Return the limit of a quantity of the base, infinite where there is none."""
+    limit = getattr(plan.problem.limits, key)
+    return np.inf if limit is None else float(limit)
+
+
+def limited(flown: Flown, row: LimitRow, other: Flown | None = None) -> Figure:
+    """Draw what a row limits of the joints, with limits and proved peaks, and that of the base below."""
+    plan = flown.plan
+    figure, (joints, *below) = _time_figure(plan, 1 if row.base is None else 2)
+    peak = _draw_columns(joints, flown, other, attrgetter(row.quantity), first=1)
+    limits = _draw_limits(joints, flown, plan.problem.joint_limits[row.key], peak)
+    joints.set_ylabel(f"joints ({row.unit})")
+    for base in below:
+        base_peak = _draw_columns(base, flown, other, _column(row.base or ""))
+        of_base = np.full(len(plan.robot.joints), base_limit(plan, row.base or ""))
+        limits = _draw_limits(base, flown, of_base, base_peak) or limits
+        base.set_ylabel(f"orientation ({row.unit})")
+    peaks = (plan.certificate or {}).get(f"{row.key}_peak") or []
+    limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(plan.robot.joints) + 1)[1:])]
+    for axes in (joints, *below):
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     figure.align_ylabels()
-    _curve_legend(figure, flown, other, extra=limits)
+    _curve_legend(figure, flown, other, extra=limits, first=0 if below else 1)
     return figure
 
 
@@ -192,12 +207,14 @@ def _angles(state: FlightState) -> Array:
     return np.rad2deg(np.column_stack((state.orientation, state.positions)))
 
 
-def _velocities(state: FlightState) -> Array:
-    return state.velocities
+def _column(quantity: str) -> Callable[[FlightState], Array]:
+    """The quantity (N,) of a state as its only column."""
 
+    def column(state: FlightState) -> Array:
+        values: Array = getattr(state, quantity)
+        return values[:, None]
 
-def _orientation_rate(state: FlightState) -> Array:
-    return state.orientation_rate[:, None]
+    return column
 
 
 def _time_figure(plan: Plan, rows: int) -> tuple[Figure, list[Axes]]:
@@ -267,11 +284,6 @@ def _draw_proved_clearances(axes: Axes, flown: Flown, colours: Sequence[str]) ->
             axes.axhline(least, color=colour, zorder=1.6, **PROVED)
             drawn = True
     return [(Line2D([], [], color=INK, **PROVED), "proved minimum")] if drawn else []
-
-
-def _orientation_rate_limit(flown: Flown) -> Array:
-    limit = flown.plan.problem.limits.orientation_rate
-    return np.full(len(flown.plan.robot.joints), np.inf if limit is None else limit)
 
 
 def _angle_ticks(axes: Axes) -> Any:

@@ -13,7 +13,7 @@ from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.view.figures.comparison import comparison
-from floatplan.view.figures.curves import Flown, clearance, configuration, rates, torques
+from floatplan.view.figures.curves import Flown, clearance, configuration, drawn_limits, limited, torques
 from floatplan.view.figures.kinogram import kinogram
 from floatplan.view.figures.snapshots import snapshots
 from floatplan.view.style import DPI, styled
@@ -39,7 +39,8 @@ def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
     -------
     dict of str to Figure
         "snapshots" (the robot along the path of its centre of mass, m), "kinogram" (side by side), "configuration"
-        (degrees), "rates" (rad/s) and "torques" (N m) over time; with obstacles "clearance" (m); with ``compare``
+        (degrees), "rates" (rad/s) and "torques" (N m) over time, and what else of the joints' motion the problem
+        limits, such as "accelerations"; with obstacles "clearance" (m); with ``compare``
         "comparison" (both plans' robots, m).
 
     Raises
@@ -86,7 +87,8 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     yield "snapshots", snapshots(plan)
     yield "kinogram", kinogram(plan)
     yield "configuration", configuration(flown, other)
-    yield "rates", rates(flown, other)
+    for row in drawn_limits(plan):
+        yield row.title.lower(), limited(flown, row, other)
     yield "torques", torques(flown, other)
     if plan.problem.obstacles:
         yield "clearance", clearance(flown, other)

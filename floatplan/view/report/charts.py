@@ -9,7 +9,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
-from floatplan.view.figures.curves import NEAR, obstacle_names
+from floatplan.tables import LimitRow
+from floatplan.view.figures.curves import NEAR, base_limit, drawn_limits, obstacle_names
 from floatplan.view.motors import motor_colours, shown_motors, torque_limits
 from floatplan.view.postures import robot_size
 from floatplan.view.report.data import hex_colour, rounded, sample_grid
@@ -24,7 +25,8 @@ def charts(plan: Plan, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
     Each has a title, a unit, a factor from SI to it, ``series`` (name, colour, key of its column) and ``lines``
     (name, colour, one value or samples): limits, margins and marks; ``beyond`` tells of limits that are not drawn.
     """
-    found = [_angles(plan), _rates(plan, columns), _torques(plan, columns), _momentum(plan)]
+    of_joints = [_of_limit(plan, row, columns) for row in drawn_limits(plan)]
+    found = [_angles(plan), *of_joints, _torques(plan, columns), _momentum(plan)]
     return [*found, _clearance(plan, columns)] if plan.problem.obstacles else found
 
 
@@ -34,14 +36,16 @@ def _angles(plan: Plan) -> dict[str, Any]:
     return _chart("Angles", "deg", _series(plan, keys), factor=DEGREES, starts=ends[0], goals=ends[1])
 
 
-def _rates(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
-    keys = ["orientation_rate", *_of_joints(plan, "velocities")]
-    base = plan.problem.limits.orientation_rate
+def _of_limit(plan: Plan, row: LimitRow, columns: Mapping[str, Array]) -> dict[str, Any]:
+    """What a row of the table limits: that of the joints, and of the base where it has one."""
+    keys = _of_joints(plan, row.quantity)
     colours = palette(len(plan.robot.joints) + 1)
-    of_joints = _limits(keys[1:], plan.problem.velocity_limits, columns, colours[1:])
-    of_base = _limits(keys[:1], [np.inf if base is None else base], columns, colours[:1])
-    limits = {"lines": of_joints["lines"] + of_base["lines"], "beyond": of_joints["beyond"]}
-    return _chart("Rates", "rad/s", _series(plan, keys), **limits)
+    limits = _limits(keys, plan.problem.joint_limits[row.key], columns, colours[1:])
+    if row.base is not None:
+        of_base = _limits([row.base], [base_limit(plan, row.base)], columns, colours[:1])
+        limits["lines"] += of_base["lines"]
+        keys = [row.base, *keys]
+    return _chart(row.title, row.unit, _series(plan, keys), **limits)
 
 
 def _torques(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import (
     Bar,
@@ -31,7 +32,7 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
         {"title": "Asked", "rows": _asked(plan.problem)},
         {"title": "Found", "rows": _found(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
         {"title": "Proved", "rows": proved, "tone": tone, "findings": _findings(plan)},
-        {"title": "Use of limits", "rows": [], "motors": _motors(plan)},
+        {"title": "Use of limits", "rows": [], **_motors(plan)},
     ]
     if plan.warnings:
         warned = [(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
@@ -88,22 +89,26 @@ def _found(plan: Plan) -> list[Row]:
     return rows if seconds is None else [*rows, ("found in", f"{float(seconds):.3g} s")]
 
 
-def _motors(plan: Plan) -> list[list[str]]:
-    """Peaks, limits and shares of each motor, worst first: the cells of a table."""
-    return [
+def _motors(plan: Plan) -> dict[str, list[Any]]:
+    """Peaks, limits and shares of each motor, worst first: titles and cells of a table."""
+    rows = told_limits(plan.utilisation)
+    titles = [title for row in rows for title in (row.unit, "limit", "used")]
+    cells = [
         [
             use.joint,
-            _number(use.torque_peak),
-            _number(use.torque_limit),
-            _percent(use.torque_utilisation),
-            _number(use.velocity_peak),
-            _number(use.velocity_limit),
-            _percent(use.velocity_utilisation),
+            *(cell for row in rows for cell in _use(use, row.key)),
             _percent(use.range_used),
             f"{use.instant:.3f}",
         ]
         for use in plan.utilisation
     ]
+    return {"titles": ["joint", *titles, "of range", "at, s"], "motors": cells}
+
+
+def _use(use: Utilisation, key: str) -> tuple[str, str, str]:
+    """Peak, limit and the share of it, of one limit."""
+    peak, limit, share = (getattr(use, f"{key}_{name}") for name in ("peak", "limit", "utilisation"))
+    return _number(peak), _number(limit), _percent(share)
 
 
 def _proved(plan: Plan) -> tuple[list[Row], str]:
