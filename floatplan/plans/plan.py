@@ -334,7 +334,7 @@ class Plan:
 
     @cached_property
     def objective_value(self) -> float:
-        """|b| of (17), or the integral of squared torques (N^2 m^2 s) or accelerations (rad^2/s^3)."""
+        """``|b|`` of (17), or the integral of squared torques (N^2 m^2 s) or accelerations (rad^2/s^3)."""
         if self.problem.motion.objective == "coefficients":
             return float(np.linalg.norm(self.coefficients))
         quadrature = gauss_legendre(NODE_COUNTS[-1])
