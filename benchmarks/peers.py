@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.momentum import centroidal_coupling
-from floatplan.optimization.nonlinear_program import Evaluation
+from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.planning.transcription.constraints import constraints
 from floatplan.planning.transcription.program import FlightProgram, decision_variables, objective, sine_polynomials
 from floatplan.planning.transcription.trajectory import FlightModel, flight_model, sample_nodes
@@ -66,7 +66,7 @@ class Slsqp:
         self._iterations = iterations
         self._at: bytes = b""
 
-    def _evaluation(self, x: np.ndarray) -> Evaluation:
+    def _evaluation(self, x: np.ndarray) -> AnyEvaluation:
         """The program at x: evaluated once for objective and constraints, and once for their derivatives if asked."""
         if x.tobytes() != self._at:
             self._last, self._at = self.program.evaluate(x.copy()), x.tobytes()

@@ -21,8 +21,8 @@ from floatplan.errors import InputError
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
 
-GARBAGE_THRESHOLD = 100_000  # objects: what a command imports stays, and looking through it again takes time
-COMPARISON_BUDGET = 2.0  # s, for the plan that the figures are compared with
+GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and looking through it again takes time
+COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
     help="Plan the flight phase of robots that have left the ground.",
@@ -69,7 +69,7 @@ def plan(
     landing: Annotated[str | None, typer.Option(metavar="FRAME", help="Frame that lands first.")] = None,
     horizontal_velocity: Annotated[float | None, typer.Option(metavar="V", help="Of the centre of mass, m/s.")] = None,
     degree: Annotated[
-        str | None, typer.Option(metavar="K", help="Of (12): one number, one per joint, or auto.")
+        str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
     ] = None,
     objective: Annotated[
         str | None, typer.Option(metavar="NAME", help="'coefficients' (the default), 'torque' or 'acceleration'.")
@@ -108,7 +108,7 @@ def plan(
         write_problem,
         write_results,
     )
-    from floatplan.export.trajectory import sample_times
+    from floatplan.export.table import sample_times
     from floatplan.planning.planner import plan as plan_only
     from floatplan.planning.repair import plan_and_prove
     from floatplan.problem.options import Options, asked_problem, is_robot
@@ -135,7 +135,7 @@ def plan(
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
-        raise InputError(f"{budget} s is not positive", element="--budget")
+        raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
     with _progress(quiet) as progress:
         search = plan_and_prove if certify else plan_only
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress)
@@ -190,7 +190,7 @@ def bounds(
     problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
     json_output: Json = False,
 ) -> None:
-    """Tell which angular momentum suits a flight whose joints do not turn back: the interval (9), its midpoint (10)."""
+    """Tell which angular momentum suits a flight whose joints do not turn back: an interval, and its midpoint."""
     from floatplan.cli.facts import momentum_facts
     from floatplan.problem.file import load_problem
 
@@ -255,10 +255,10 @@ def replay(
     from floatplan.simulation.replay import check_engine
     from floatplan.simulation.replay import replay as fly
 
-    known = check_engine(engine)
+    checked = check_engine(engine)
     record = load_record(plan_file)
     robot = recorded_robot(record.robot, plan_file, urdf)
-    flown = fly(record, robot, engine=known, perturb=perturb, feedback=feedback, step=step)
+    flown = fly(record, robot, engine=checked, perturb=perturb, feedback=feedback, step=step)
     facts = flown.to_dict()
     if save:
         record.with_checks(replay=facts).save(plan_file)
@@ -272,19 +272,19 @@ def replay(
 
 
 def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
-    """Return the plan that knows no obstacles, for the pictures, where there is one at once that runs into them."""
+    """Return a plan of the problem without its obstacles, for the pictures, if it is found at once and hits them."""
     from floatplan.planning.planner import plan as search
     from floatplan.view.figures.comparison import worst_passage
 
     if not answer.problem.obstacles:
         return None
-    blind = search(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
-    return blind if blind.ok and worst_passage(answer, blind)[1] is not None else None
+    unobstructed = search(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
+    return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """What the search says, on stderr: one line that changes where people watch, elsewhere a line each."""
+    """Show the progress of the search on stderr: one line that changes in a terminal, elsewhere a line each."""
     if quiet:
         yield None
         return

@@ -1,4 +1,4 @@
-"""What ``floatplan info`` and ``floatplan bounds`` tell, as plain data: the objects that ``--json`` prints."""
+"""Results of ``floatplan info`` and ``floatplan bounds`` as plain data: the objects that ``--json`` prints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from floatplan.robot.robot import Robot
 
 
 def robot_facts(robot: Robot) -> dict[str, Any]:
-    """Return what the robot is; lists in the order of ``joints``, ``None`` for a limit that is not given.
+    """Return a robot's properties; lists in the order of ``joints``, ``None`` for a limit that is not given.
 
     The extremes of D are those over the joint ranges of the URDF, [-pi, pi] where it gives none.
     """

@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, options that mean the same everywhere, and how errors reach people."""
+"""Common parts of the commands: exit codes, options that mean the same everywhere, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.
 Urdf = Annotated[
     str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
 ]
-Save = Annotated[bool, typer.Option("--save", help="Keep what was found in the plan file.")]
+Save = Annotated[bool, typer.Option("--save", help="Keep the result in the plan file.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No summary, no progress: errors only.")]
 

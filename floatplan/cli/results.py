@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from floatplan.errors import InputError
-from floatplan.export.trajectory import write_trajectory
+from floatplan.export.table import write_table
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import save_problem
 from floatplan.problem.problem import Problem
@@ -24,7 +24,7 @@ def default_directory(problem: Problem) -> Path:
 
 
 def check_directory(directory: Path) -> None:
-    """Find out, before a search and without writing, whether results can go there.
+    """Check, before a search and without writing, that results can go there.
 
     Raises
     ------
@@ -35,14 +35,18 @@ def check_directory(directory: Path) -> None:
     while not os.path.lexists(existing):
         existing = existing.parent
     if not existing.is_dir():
-        raise InputError(f"{existing} is not a directory", source="--output", element=str(directory))
+        raise _unsuitable(directory, f"{existing} is not a directory")
     if not os.access(existing, os.W_OK | os.X_OK):
-        raise InputError(f"{existing} cannot be written to", source="--output", element=str(directory))
+        raise _unsuitable(directory, f"{existing} cannot be written to")
     for name in (PLAN, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
         if (directory / name).is_dir():
-            raise InputError(f"{name} is a directory there", source="--output", element=str(directory))
+            raise _unsuitable(directory, f"{name} is a directory there")
     if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
-        raise InputError(f"{FIGURES} is not a directory there", source="--output", element=str(directory))
+        raise _unsuitable(directory, f"{FIGURES} is not a directory there")
+
+
+def _unsuitable(directory: Path, reason: str) -> InputError:
+    return InputError(reason, source="--output", element=str(directory), advice="choose another directory")
 
 
 def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
@@ -54,7 +58,7 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
         The directory cannot be written to.
     """
     with naming_the_place(directory):
-        return [plan.save(directory / PLAN), write_trajectory(plan, directory / TRAJECTORY, rate)]
+        return [plan.save(directory / PLAN), write_table(plan, directory / TRAJECTORY, rate)]
 
 
 def write_problem(plan: Plan, directory: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The program's short answers, for people: what was asked, what was found, how good it is, where the files are."""
+"""Summaries of the commands' results for reading: problem, result, how good it is, where the files are."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
 
-MOST_JOINTS_SHOWN = 6
-MOST_WARNINGS_SHOWN = 3
-MOST_FINDINGS_SHOWN = 20
+MOST_JOINTS_SHOWN = 6  # [-] rows of a table
+MOST_WARNINGS_SHOWN = 3  # [-] lines
+MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 
 
 def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
     """Return at most 25 lines about a plan and the files that were written of it."""
     record, problem = plan.record, plan.problem
     table = _two_columns()
-    table.add_row("asked", _question(problem))
+    table.add_row("problem", _problem(problem))
     table.add_row("start", _posture(problem.initial.orientation, problem.initial.positions))
     table.add_row("goal", _posture(problem.final.orientation, problem.final.positions))
-    table.add_row("found" if plan.ok else "nearest", _answer(plan))
+    table.add_row("result" if plan.ok else "nearest", _result(plan))
     table.add_row("momentum", _momentum(record.angular_momentum, record.angular_momentum_bounds))
     if record.clearance_min is not None:
         table.add_row("clearance", f"{record.clearance_min:.4g} m at least")
@@ -75,7 +75,7 @@ def _utilisation(plan: Plan) -> RenderableType:
 
 
 def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
-    """Return what ``floatplan info`` found, for reading."""
+    """Return the result of ``floatplan info``, for reading."""
     table = _two_columns()
     plane = facts["plane"]
     table.add_row("robot", f"{escape(facts['name'])}, {facts['mass']:.6g} kg")
@@ -92,17 +92,16 @@ def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
 
 
 def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableType:
-    """Return what ``floatplan bounds`` found, for reading."""
+    """Return the result of ``floatplan bounds``, for reading."""
     low, high = facts["angular_momentum_bounds"]
     table = _two_columns()
     table.add_row("problem", escape(problem.name))
-    table.add_row("interval (9)", f"{low:.6g} to {high:.6g} kg m^2/s")
-    table.add_row("midpoint (10)", f"{facts['angular_momentum_midpoint']:.6g} kg m^2/s")
-    asked = problem.flight.angular_momentum
-    outside = not isinstance(asked, str) and not low <= asked <= high
-    table.add_row(
-        "asked", f"{asked}, outside the interval: a joint or the base has to turn back" if outside else f"{asked}"
-    )
+    table.add_row("interval for monotonic joints", f"{low:.6g} to {high:.6g} kg m^2/s")
+    table.add_row("midpoint", f"{facts['angular_momentum_midpoint']:.6g} kg m^2/s")
+    given = problem.flight.angular_momentum
+    outside = not isinstance(given, str) and not low <= given <= high
+    text = given if isinstance(given, str) else f"{given} kg m^2/s"
+    table.add_row("given", f"{text}, outside the interval: a joint or the base has to turn back" if outside else text)
     extremes = Table("", "least", "largest", box=None, header_style="dim", pad_edge=False)
     for index, (least, largest) in enumerate(zip(facts["D_min"], facts["D_max"], strict=True)):
         extremes.add_row(f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2")
@@ -110,7 +109,7 @@ def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableTy
 
 
 def certificate_summary(facts: Mapping[str, Any]) -> RenderableType:
-    """Return what ``floatplan certify`` found, for reading: what is not proved comes first."""
+    """Return the result of ``floatplan certify``, for reading: what is not proved comes first."""
     colour = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
     verdict = Text(f"{facts['verdict']} in {facts['seconds']:.3g} s", colour[facts["verdict"]])
     verdict.append(f", {facts['subintervals']} intervals of time, {len(facts['findings'])} constraints", "default")
@@ -124,7 +123,7 @@ def certificate_summary(facts: Mapping[str, Any]) -> RenderableType:
 
 
 def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
-    """Return where ``floatplan replay`` landed, for reading."""
+    """Return the result of ``floatplan replay``, for reading."""
     disturbance = {name: error for name, error in facts["disturbance"].items() if name != "seed" and error}
     disturbed = ", ".join(f"{name} {error:+.3g}" for name, error in disturbance.items())
     landed = "landed" if facts["landed"] else "landed elsewhere, disturbed" if disturbed else "missed the goal"
@@ -171,7 +170,7 @@ def _verdict(plan: Plan) -> Text:
     return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
 
 
-def _question(problem: Problem) -> str:
+def _problem(problem: Problem) -> str:
     joints = "1 joint" if len(problem.robot.joints) == 1 else f"{len(problem.robot.joints)} joints"
     many = len(problem.obstacles)
     extras = ["1 obstacle" if many == 1 else f"{many} obstacles"] if many else []
@@ -184,7 +183,7 @@ def _posture(orientation: float, positions: Any) -> str:
     )
 
 
-def _answer(plan: Plan) -> str:
+def _result(plan: Plan) -> str:
     reached = plan.record.orientation
     error = abs(reached["end"] - reached["goal"])
     objective = plan.record.objective
@@ -192,7 +191,7 @@ def _answer(plan: Plan) -> str:
 
 
 def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
-    """What is proved for all times, in a line; what is not, where there is such."""
+    """Bounds proved for all times, in a line; or the constraints that are not proved."""
     low, high = certificate["orientation_end"]
     unproved = [finding["label"] for finding in certificate["findings"] if finding["verdict"] != "proved"]
     took = f"{certificate['seconds']:.2g} s, {certificate['subintervals']} intervals"
@@ -208,8 +207,8 @@ def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
 
 def _momentum(momentum: float, bounds: tuple[float, float]) -> str:
     low, high = bounds
-    place = "in" if low <= momentum <= high else "outside"
-    return f"{momentum:.6g} kg m^2/s, {place} [{low:.6g}, {high:.6g}] of (9)"
+    place = "inside" if low <= momentum <= high else "outside"
+    return f"{momentum:.6g} kg m^2/s, {place} [{low:.6g}, {high:.6g}], the interval for monotonic joints"
 
 
 def _leak(leak: float) -> str:
@@ -248,8 +247,8 @@ def _listed(values: Any, digits: int = 4) -> str:
     return ", ".join(shown)
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.0f}"
+def _percent(fraction: float | None) -> str:
+    return "-" if fraction is None else f"{100 * fraction:.0f}"
 
 
 def _number(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""A plan in the formats that controllers, robots and simulators take. SI units and radians in all of them."""
+"""File formats of controllers, robots and simulators; SI units and radians in all of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.export.trajectory import sample_times, write_trajectory
+from floatplan.export.table import sample_times, write_table
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 
@@ -25,7 +25,7 @@ PLACES = ("com_position", "com_velocity", "base_position", "angular_momentum")
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written, what its files are called, and how many instants per second it has unless told, Hz."""
+    """A file format: its writer, the usual name of its files, and their usual rate, Hz."""
 
     write: Writer
     file: str
@@ -56,7 +56,7 @@ def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | 
 def format_of(name: str) -> Format:
     """Return the format of that name; InputError where there is none."""
     if name not in FORMATS:
-        raise InputError(f"{name!r} is no format", element="format", advice=f"known are {', '.join(FORMATS)}")
+        raise InputError(f"must be one of {', '.join(FORMATS)}, not {name!r}", element="format")
     return FORMATS[name]
 
 
@@ -109,7 +109,7 @@ def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
 def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
     """Write CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
 
-    The first line is a comment that names the columns. Where the flight is no whole number of steps, the last row is
+    The first line is a comment that names the columns. Where the flight is not a whole number of steps, the last row is
     the landing, less than a step early.
     """
     motion = plan.full_motion(sample_times(plan.duration, rate))
@@ -135,7 +135,7 @@ def _yaml(values: Array) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(write_trajectory, "trajectory.csv", 1000.0),
+    "csv": Format(write_table, "trajectory.csv", 1000.0),
     "npz": Format(write_npz, "trajectory.npz", 1000.0),
     "ros": Format(write_ros, "joint_trajectory.yaml", 100.0),
     "mujoco": Format(write_mujoco, "mujoco.npz", 1000.0),

@@ -1,75 +1,73 @@
-"""A motion that violates nothing, whatever it costs: Levenberg-Marquardt on the violations alone.
+"""Feasible points, whatever their objective: Levenberg-Marquardt on the constraint violations.
 
-From one start, sequential quadratic programming loses many obstacle problems that have a solution; least squares on
-what is violated, from several starts, finds most of them (Nocedal and Wright, Numerical Optimization, section 10.3).
+From one start, sequential quadratic programming fails on many obstacle problems that have a solution; least squares on
+the violations, from several starts, solves most of them (Nocedal and Wright, Numerical Optimization, section 10.3).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.optimization.nonlinear_program import Evaluation, Program
+from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program
 
 ITERATIONS = 60
-ENOUGH = 1e-11  # root of the sum of squares below which the search for the objective takes over
-PATIENCE = 6  # iterations over which the violations must fall to STALLED of what they were
-STALLED = 0.8
-FIRST_DAMPING = 1e-2
-SMALLEST_DAMPING = 1e-8
-LARGEST_DAMPING = 1e8
-PASSES = 4  # times that rows a step would violate join it
+FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
+STALL_ITERATIONS = 6  # within which the squared violation must fall below STALLED
+STALLED = 0.8  # [-] of the squared violation before
+INITIAL_DAMPING = 1e-2  # [-] weight of the squared step
+SMALLEST_DAMPING = 1e-8  # [-]
+LARGEST_DAMPING = 1e8  # [-] beyond it the iteration ends
+PASSES = 4  # of one step, each with the rows that the step before would violate
 
 
 @dataclass(frozen=True, eq=False)
-class Nearest:
-    """The least violating motion found: x, the program there, the sum of squared violations, how many evaluations."""
+class LeastViolation(Generic[Detail]):
+    """Result of :func:`reduce_violations`: a point x, the program there, its violation, and the evaluations used."""
 
     x: Array
-    evaluation: Evaluation
-    squares: float
+    evaluation: Evaluation[Detail]
+    squared_violation: float
     evaluations: int
 
 
 def reduce_violations(
-    program: Program, x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
-) -> Nearest:
-    """Reduce the violations of a program from x (m,), by steps short in the program's metric and in x itself.
-
-    For objective (17) x is the whitened b: short steps keep motions smooth.
-    """
+    program: Program[Detail], x: Array, stop: Callable[[], bool] = lambda: False, iterations: int = ITERATIONS
+) -> LeastViolation[Detail]:
+    """Minimise the squared violations from x (m,); steps are damped in the program's metric and in x itself."""
     metric = program.metric.T @ program.metric + np.eye(len(x))
-    damping = FIRST_DAMPING
+    damping = INITIAL_DAMPING
     evaluation = program.evaluate(x)
-    squares = _squares(evaluation)
-    evaluations, history = 1, [squares]
+    squared = _squares(evaluation)
+    evaluations, history = 1, [squared]
     for _ in range(iterations):
-        stalled = len(history) > PATIENCE and history[-1] > STALLED * history[-1 - PATIENCE]
-        if squares < ENOUGH**2 or damping > LARGEST_DAMPING or stalled or stop():
+        stalled = len(history) > STALL_ITERATIONS and history[-1] > STALLED * history[-1 - STALL_ITERATIONS]
+        if squared < FEASIBLE**2 or damping > LARGEST_DAMPING or stalled or stop():
             break
         while damping <= LARGEST_DAMPING:
-            step = _step(evaluation, damping * metric)
+            step = _damped_step(evaluation, damping * metric)
             trial = program.evaluate(x + step)
             evaluations += 1
-            if _squares(trial) < squares:
+            if _squares(trial) < squared:
                 x, damping = x + step, max(damping / 5, SMALLEST_DAMPING)
-                evaluation, squares = trial, _squares(trial)
+                evaluation, squared = trial, _squares(trial)
                 break
             damping *= 4
-        history.append(squares)
-    return Nearest(x, evaluation, squares, evaluations)
+        history.append(squared)
+    return LeastViolation(x, evaluation, squared, evaluations)
 
 
-def _squares(evaluation: Evaluation) -> float:
+def _squares(evaluation: AnyEvaluation) -> float:
     """Sum of squared violations."""
     violated = np.minimum(evaluation.inequality, 0)
     return float(evaluation.equality @ evaluation.equality + violated @ violated)
 
 
-def _step(evaluation: Evaluation, damping: Array) -> Array:
+def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:
     """Minimise the squared violations of the linearised program and the damping.
 
     Rows that hold now and would be violated by the step join those that are violated now: without them the search

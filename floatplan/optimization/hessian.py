@@ -1,7 +1,7 @@
-"""Guesses of the Lagrangian's Hessian, updated by BFGS, and the steps that they make of a linearised program.
+"""Quasi-Newton approximations of the Lagrangian's Hessian, updated by BFGS, and the QP steps that they give.
 
-Where there are no inequalities the inverse is kept instead: then a step needs products only, and a system as small as
-the multipliers (Nocedal and Wright, Numerical Optimization, 2nd ed., section 16.2, range-space method).
+Without inequalities the inverse is kept instead: a step then needs products only, and a system as small as the
+multipliers (Nocedal and Wright, Numerical Optimization, 2nd ed., section 16.2, range-space method).
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Protocol
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optimization.nonlinear_program import Evaluation
+from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.optimization.quadratic_program import Multipliers, Step, elastic_qp, solve_qp
 
 
-class Curvature(Protocol):
-    """A guess H (m, m) of the Lagrangian's Hessian, positive definite."""
+class HessianApproximation(Protocol):
+    """A quasi-Newton approximation H (m, m) of the Lagrangian's Hessian, positive definite."""
 
     @property
     def hessian(self) -> Array:
@@ -27,19 +27,19 @@ class Curvature(Protocol):
     def largest(self) -> float:
         """About H's largest diagonal entry."""
 
-    def step(self, current: Evaluation, active: IntArray, price: float) -> Step:
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """Solve the QP of a linearised program, see :func:`floatplan.optimization.quadratic_program.solve_qp`."""
 
-    def image(self, change: Array, step: Step, share: float) -> Array:
-        """H times a change of x (m,), which followed a ``share`` of a step."""
+    def product(self, change: Array, step: Step, step_length: float) -> Array:
+        """Hessian product H change (m,); the change of x is ``step_length`` times the step's direction."""
 
-    def updated(self, change: Array, image: Array, gradient_change: Array) -> Curvature:
-        """BFGS, for ``image`` = H change: H maps the change to the Lagrangian's change of gradient (m,)."""
+    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> HessianApproximation:
+        """BFGS update: the new H maps the change to the change of the Lagrangian's gradient (m,)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Hessian:
-    """H itself."""
+class DirectHessian:
+    """H itself, for programs with inequalities."""
 
     hessian: Array
 
@@ -48,18 +48,20 @@ class Hessian:
         """Largest diagonal entry."""
         return float(self.hessian.diagonal().max(initial=1.0))
 
-    def step(self, current: Evaluation, active: IntArray, price: float) -> Step:
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """By constraint generation."""
-        return solve_qp(current, self.hessian, active, price)
+        return solve_qp(current, self.hessian, active, slack_penalty)
 
-    def image(self, change: Array, step: Step, share: float) -> Array:
-        """Their product."""
+    def product(self, change: Array, step: Step, step_length: float) -> Array:
+        """By multiplication."""
         return self.hessian @ change
 
-    def updated(self, change: Array, image: Array, gradient_change: Array) -> Hessian:
+    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> DirectHessian:
         """Nocedal and Wright (6.19)."""
-        gained = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
-        return Hessian(self.hessian + gained - (image / (image @ change))[:, None] * image)
+        correction = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
+        return DirectHessian(
+            self.hessian + correction - (hessian_product / (hessian_product @ change))[:, None] * hessian_product
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,36 +77,38 @@ class InverseHessian:
 
     @property
     def largest(self) -> float:
-        """What the smallest diagonal entry of the inverse stands for: no more than H's largest."""
+        """Reciprocal of the smallest diagonal entry of the inverse: a lower bound of H's largest."""
         return max(1.0, 1 / float(self.inverse.diagonal().min(initial=1.0)))
 
-    def step(self, current: Evaluation, active: IntArray, price: float) -> Step:
-        """``-H^-1 (g + A^T y)``, with the multipliers y that take it on to the linearised equalities."""
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
+        """``-H^-1 (g + A^T y)``, with the multipliers y for which it satisfies the linearised equalities."""
         rows, gradient = current.equality_jacobian, current.gradient
         unconstrained, per_multiplier = self.inverse @ gradient, self.inverse @ rows.T
         multipliers = solve_small(rows @ per_multiplier, current.equality - rows @ unconstrained)
         if multipliers is None:
-            return elastic_qp(current, self.hessian, price)
+            return elastic_qp(current, self.hessian, slack_penalty)
         direction = -(unconstrained + per_multiplier @ multipliers)
-        return Step(direction, Multipliers(multipliers, current.inequality), pull=gradient + multipliers @ rows)
+        return Step(
+            direction, Multipliers(multipliers, current.inequality), lagrangian_gradient=gradient + multipliers @ rows
+        )
 
-    def image(self, change: Array, step: Step, share: float) -> Array:
-        """By the step's own optimality, ``H direction = -pull``."""
-        assert step.pull is not None, "no elastic step teaches anything of H"
-        return -share * step.pull
+    def product(self, change: Array, step: Step, step_length: float) -> Array:
+        """By the step's own optimality, ``H direction = -lagrangian_gradient``."""
+        assert step.lagrangian_gradient is not None, "an elastic step does not update H"
+        return -step_length * step.lagrangian_gradient
 
-    def updated(self, change: Array, image: Array, gradient_change: Array) -> InverseHessian:
+    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> InverseHessian:
         """Nocedal and Wright (6.17)."""
-        product = float(gradient_change @ change)
+        curvature = float(gradient_change @ change)
         mapped = self.inverse @ gradient_change
-        half = (0.5 + 0.5 * float(gradient_change @ mapped) / product) * change - mapped
-        cross = change[:, None] * (half / product)
+        half = (0.5 + 0.5 * float(gradient_change @ mapped) / curvature) * change - mapped
+        cross = change[:, None] * (half / curvature)
         return InverseHessian(self.inverse + cross + cross.T)
 
 
-def curvature(hessian: Array, *, inequalities: bool) -> Curvature:
-    """Return a first guess (m, m), to be kept in the form that suits programs with inequalities or without."""
-    return Hessian(hessian) if inequalities else InverseHessian(_inverse(hessian))
+def hessian_approximation(hessian: Array, *, inequalities: bool) -> HessianApproximation:
+    """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
+    return DirectHessian(hessian) if inequalities else InverseHessian(_inverse(hessian))
 
 
 def _inverse(matrix: Array) -> Array:
@@ -112,7 +116,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def solve_small(matrix: Array, right: Array) -> Array | None:
-    """Solution of a small symmetric system, positive semidefinite, the shortest of many; None where there is none."""
+    """Solution of a small symmetric system, positive semidefinite: that of least norm; None where there is none."""
     if len(right) == 1:
         return np.asarray(right / matrix[0, 0]) if matrix[0, 0] > 0 else None
     solution = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-12)[0], dtype=np.float64)

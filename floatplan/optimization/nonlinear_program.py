@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from floatplan.arrays import Array
+
+Detail = TypeVar("Detail")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,18 +27,17 @@ class Derivatives:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class Evaluation(Generic[Detail]):
     """A program at a point of m variables; the derivatives are computed when asked for.
 
-    ``equality`` (e,), ``inequality`` (k,) with >= 0 wanted. ``detail`` is whatever the program wants to remember of the
-    point.
+    ``equality`` (e,), ``inequality`` (k,) with >= 0 wanted. ``detail`` is what the program remembers of the point.
     """
 
     objective: float
     equality: Array
     inequality: Array
     differentiate: Callable[[], Derivatives]
-    detail: object = None
+    detail: Detail
 
     @cached_property
     def _derivatives(self) -> Derivatives:
@@ -75,7 +76,10 @@ def total_violation(equality: Array, inequality: Array) -> float:
     return lacking - float(np.minimum(inequality, 0).sum()) if inequality.size else lacking
 
 
-class Program(Protocol):
+AnyEvaluation: TypeAlias = Evaluation[Any]  # whose detail does not matter
+
+
+class Program(Protocol[Detail]):
     """What :func:`floatplan.optimization.sqp.minimise` solves.
 
     ``metric`` (m, m) says how far a step goes: 1 is a long one, ``|metric @ step|`` its length.
@@ -85,7 +89,7 @@ class Program(Protocol):
     def metric(self) -> Array:
         """Measure of steps (m, m), invertible."""
 
-    def evaluate(self, x: Array) -> Evaluation:
+    def evaluate(self, x: Array) -> Evaluation[Detail]:
         """Values and derivatives at x (m,)."""
 
 

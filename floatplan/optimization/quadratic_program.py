@@ -1,4 +1,4 @@
-"""The QP of a linearised program: by constraint generation, elastic where it has no solution; ProxSuite solves most.
+"""The QP subproblem of SQP: by constraint generation, elastic where it is infeasible; ProxSuite solves most.
 
 minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`floatplan.optimization.sqp`.
 """
@@ -13,23 +13,23 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optimization.nonlinear_program import Evaluation, total_violation
+from floatplan.optimization.nonlinear_program import AnyEvaluation, total_violation
 
-QP_ACCURACY = 1e-9
+QP_ACCURACY = 1e-9  # of ProxQP's residuals, in the units of its rows
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
-ELASTIC_ITERATIONS = 20
-REGULARISATION = 1e-12  # of the elastic system, relative to the price
+ELASTIC_ITERATIONS = 20  # of Newton's method
+REGULARISATION = 1e-12  # [-] of the elastic system, relative to the slack penalty
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
-GENERATIONS = 12
-ROW_TOLERANCE = 1e-8  # by which a row left out of a QP may be violated by its solution
+GENERATIONS = 12  # times that rows are added before the QP counts as infeasible
+ROW_TOLERANCE = 1e-8  # in its own unit, by which a row left out of a QP may be violated by its solution
 
 
 def _reproducible_proxqp() -> Any:
     """Import ProxQP as built for the instructions that every processor has.
 
     Its builds for AVX add up in an order that depends on where memory happens to lie, so that the last digit differs
-    from call to call, and with it, in the end, the motion found. For our small QPs they are no faster. Where something
+    from call to call, and with it, in the end, the solution. For our small QPs they are no faster. Where something
     else has imported ProxSuite before, it stays as it is: two builds in one process crash it.
     """
     if "proxsuite" not in sys.modules:
@@ -60,32 +60,32 @@ class Multipliers:
         largest = max(map(abs, self.equality.tolist()), default=0.0)
         return max(largest, float(self.inequality.max())) if self.inequality.size else largest
 
-    def towards(self, wanted: Multipliers, share: float) -> Multipliers:
-        """Go a share of the way, as far as the step went (Nocedal and Wright, algorithm 18.3)."""
-        if share == 1:
-            return wanted
+    def towards(self, target: Multipliers, step_length: float) -> Multipliers:
+        """Move towards the multipliers of the QP by the step length (Nocedal and Wright, algorithm 18.3)."""
+        if step_length == 1:
+            return target
         return Multipliers(
-            self.equality + share * (wanted.equality - self.equality),
-            self.inequality + share * (wanted.inequality - self.inequality),
+            self.equality + step_length * (target.equality - self.equality),
+            self.inequality + step_length * (target.inequality - self.inequality),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Solution of a QP; ``left`` is the violation of the linearised constraints after it, 0 but for an elastic one.
+    """Solution of a QP; ``violation_left`` is that of the linearised constraints after it, 0 unless it is elastic.
 
-    ``pull`` (m,) is the Lagrangian's gradient before the step, for programs without inequalities.
+    ``lagrangian_gradient`` (m,) is taken before the step, for programs without inequalities.
     """
 
     direction: Array
     multipliers: Multipliers
-    left: float = 0.0
+    violation_left: float = 0.0
     elastic: bool = False
-    pull: Array | None = None
+    lagrangian_gradient: Array | None = None
 
 
-def solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float) -> Step:
-    """Solve the QP of the linearised program by constraint generation; ``price`` is that of a slack if need be.
+def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
+    """Solve the QP of the linearised program by constraint generation, by :func:`elastic_qp` where that fails.
 
     Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
     until none is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
@@ -106,19 +106,19 @@ def solve_qp(current: Evaluation, hessian: Array, active: IntArray, price: float
         else:
             solved = _equality_qp(hessian, current.gradient, equality, -current.equality)
         if solved is None:
-            return elastic_qp(current, hessian, price)
-        direction, equality_multiplier, row_multiplier = solved
+            return elastic_qp(current, hessian, slack_penalty)
+        direction, equality_multipliers, row_multipliers = solved
         if not inequality.size:
-            return Step(direction, Multipliers(equality_multiplier, inequality))
+            return Step(direction, Multipliers(equality_multipliers, inequality))
         linearised = inequality + current.inequality_jacobian @ direction
         linearised[rows] = np.inf
-        missing = _most_violated(linearised, -ROW_TOLERANCE)
-        if not missing.size:
-            inequality_multiplier = np.zeros(len(inequality))
-            inequality_multiplier[rows] = np.maximum(row_multiplier, 0)
-            return Step(direction, Multipliers(equality_multiplier, inequality_multiplier))
-        rows = _union(len(inequality), rows, missing)
-    return elastic_qp(current, hessian, price)
+        violated = _most_violated(linearised, -ROW_TOLERANCE)
+        if not violated.size:
+            inequality_multipliers = np.zeros(len(inequality))
+            inequality_multipliers[rows] = np.maximum(row_multipliers, 0)
+            return Step(direction, Multipliers(equality_multipliers, inequality_multipliers))
+        rows = _union(len(inequality), rows, violated)
+    return elastic_qp(current, hessian, slack_penalty)
 
 
 def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
@@ -137,29 +137,33 @@ def _most_violated(values: Array, threshold: float) -> IntArray:
     return lowest[values[lowest] < threshold]
 
 
-def elastic_qp(current: Evaluation, hessian: Array, price: float) -> Step:
-    """The QP with slack in every constraint, at a quadratic price: it always has a solution.
+def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> Step:
+    """Solve the QP with a slack in every constraint and a quadratic penalty on the slacks: it always has a solution.
 
-    With the slacks eliminated it is a piecewise quadratic function, minimised by Newton's method on its active rows.
+    Without the slacks it is a piecewise quadratic function, minimised by Newton's method on the violated rows.
     """
     equality, rows = current.equality_jacobian, current.inequality_jacobian
-    fixed_hessian = hessian + price * equality.T @ equality
-    fixed_gradient = current.gradient + price * equality.T @ current.equality
+    fixed_hessian = hessian + slack_penalty * equality.T @ equality
+    fixed_gradient = current.gradient + slack_penalty * equality.T @ current.equality
     direction: Array = np.zeros(len(hessian))
-    lacking = current.inequality < 0
+    violated = current.inequality < 0
     for _ in range(ELASTIC_ITERATIONS):
-        violated = rows[lacking]
-        matrix = fixed_hessian + price * violated.T @ violated + REGULARISATION * price * np.eye(len(hessian))
-        direction = np.asarray(
-            -np.linalg.solve(matrix, fixed_gradient + price * violated.T @ current.inequality[lacking])
+        jacobian = rows[violated]
+        matrix = (
+            fixed_hessian
+            + slack_penalty * jacobian.T @ jacobian
+            + REGULARISATION * slack_penalty * np.eye(len(hessian))
         )
-        now = current.inequality + rows @ direction < 0
-        if (now == lacking).all():
+        direction = np.asarray(
+            -np.linalg.solve(matrix, fixed_gradient + slack_penalty * jacobian.T @ current.inequality[violated])
+        )
+        violated_after = current.inequality + rows @ direction < 0
+        if (violated_after == violated).all():
             break
-        lacking = now
-    missed, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
-    multipliers = Multipliers(price * missed, price * np.maximum(-linearised, 0))
-    return Step(direction, multipliers, total_violation(missed, linearised), elastic=True)
+        violated = violated_after
+    residual, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
+    multipliers = Multipliers(slack_penalty * residual, slack_penalty * np.maximum(-linearised, 0))
+    return Step(direction, multipliers, total_violation(residual, linearised), elastic=True)
 
 
 def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:

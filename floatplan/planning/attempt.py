@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.optimization.feasibility import Nearest, reduce_violations
+from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.constraints import Constraint, constraints
@@ -62,7 +62,7 @@ class Outcome:
     """
 
     variables: DecisionVariables
-    solution: Solution
+    solution: Solution[Trajectory]
     lacking: float
     worst: Worst
     number: int
@@ -89,7 +89,6 @@ class Outcome:
     def objective_value(self) -> float:
         """The user's objective, which compares motions of any degree and branch."""
         motion = self.solution.evaluation.detail
-        assert isinstance(motion, Trajectory)
         return objective_value(self.objective, motion, self.solution.x)
 
     @property
@@ -187,7 +186,7 @@ class Attempts:
         sampling = watching(nodes, start.variables.polynomials.width, self.constraints, beside)
         program = FlightProgram(self.model, start.variables, sampling, make_objective(nodes), self.constraints)
         for nearest in self._nearly_feasible(start, program, is_first, stop):
-            if nearest.squares < PROMISING:
+            if nearest.squared_violation < PROMISING:
                 found = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
@@ -204,7 +203,7 @@ class Attempts:
 
     def _nearly_feasible(
         self, start: Start, program: FlightProgram, is_first: bool, stop: Callable[[], bool]
-    ) -> Iterator[Nearest]:
+    ) -> Iterator[LeastViolation[Trajectory]]:
         """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
         yield reduce_violations(program, start.x, stop)
         if not is_first:
@@ -213,11 +212,10 @@ class Attempts:
         yield reduce_violations(program, free.x, stop)
 
     def _judge(
-        self, variables: DecisionVariables, solution: Solution, number: int, degrees: tuple[int, ...]
+        self, variables: DecisionVariables, solution: Solution[Trajectory], number: int, degrees: tuple[int, ...]
     ) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
         used = solution.evaluation.detail
-        assert isinstance(used, Trajectory)
         nodes = NODE_COUNTS[max(nodes_needed(used), self._level)]
         motion = used
         if nodes > used.sampling.nodes:

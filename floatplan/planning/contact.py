@@ -1,4 +1,4 @@
-"""Whether what stands on the ground at takeoff and landing can leave and reach it."""
+"""Contact with the ground: whether links that stand on it at takeoff or landing can leave or reach it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
-CONTACT = 1e-7  # [m] over the ground: what is nearer stands on it
-STILL = 1e-9  # [m/s] slower is rounding
+CONTACT = 1e-7  # [m] height below which a point is in contact
+STILL = 1e-9  # [m/s] speed below which a point is at rest
 
 
 def refuse_motion_into_ground(problem: Problem, angular_momentum: float) -> None:
-    """Refuse a problem on the ground whose rates at takeoff or landing lead through it.
+    """Refuse a problem on the ground whose rates at takeoff or landing lead into it.
 
     Positions, rates and h at both ends are given, so no motion between them can help.
 
@@ -47,7 +47,7 @@ def _moving_into_ground(problem: Problem, angular_momentum: float) -> Iterator[I
             yield InputError(
                 f"{link} moves {direction}, at {-velocity:.4g} m/s",
                 element=f"{name}.velocities",
-                advice="other rates there, another angular momentum, posture or duration",
+                advice="give other rates there, another angular momentum, posture or duration",
             )
 
 

@@ -10,9 +10,9 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
-from floatplan.planning.search import Found
+from floatplan.planning.search import SearchResult
 from floatplan.planning.transcription.constraints import Constraint, ObstacleClearance, SelfClearance, applies
-from floatplan.planning.transcription.trajectory import Trajectory, sample_also, sample_nodes, trajectory
+from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
 
@@ -25,7 +25,7 @@ def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
 
 
 def explain(
-    problem: Problem, prepared: Attempts, found: Found, reasons: list[str], momentum_bounds: tuple[float, float]
+    problem: Problem, prepared: Attempts, found: SearchResult, reasons: list[str], momentum_bounds: tuple[float, float]
 ) -> str:
     """Say, in sentences for a person, what the search found and why it is no plan where it is none.
 
@@ -45,7 +45,7 @@ def explain(
     return " ".join(sentences)
 
 
-def _hardly_missed(prepared: Attempts, found: Found) -> list[str]:
+def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
     """What would make a plan of a nearest motion that lacks next to nothing: more freedom is no answer to that."""
     best, missed = found.best, _missed_turn(prepared, found)
     if not best.lacking < HARDLY:
@@ -68,10 +68,9 @@ def _rounded_up(amount: float) -> str:
     return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
 
 
-def _missed_turn(prepared: Attempts, found: Found) -> float:
+def _missed_turn(prepared: Attempts, found: SearchResult) -> float:
     """By how much the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
     motion = found.best.solution.evaluation.detail
-    assert isinstance(motion, Trajectory)
     missed = motion.final_orientation - prepared.model.final_orientation
     return missed if abs(missed) > ORIENTATION else 0.0
 
@@ -129,11 +128,10 @@ def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[st
     ]
 
 
-def _nearest(prepared: Attempts, found: Found) -> list[str]:
+def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try."""
     best = found.best
     motion = best.solution.evaluation.detail
-    assert isinstance(motion, Trajectory)
     tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
     missed = _missed_turn(prepared, found)
     sentences = []

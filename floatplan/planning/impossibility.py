@@ -1,6 +1,6 @@
-"""What no motion can do: reasons, each provable in a line or two, why a problem has no plan.
+"""Necessary conditions: reasons, each provable in a line or two, why a problem has no plan.
 
-The search asks before it begins: what is impossible need not be looked for.
+They are checked before the search, which is cut short where one is violated.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Problem
 
-PATH_INSTANTS = 2001
-POINTS_PER_SHAPE = 9  # of each link's shape: candidates for the point that stays nearest to the centre of mass
-ROUNDING = 1e-9  # relative: a limit that is met exactly is no impossibility
+PATH_INSTANTS = 2001  # [-] of the flight
+POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
+ROUNDING = 1e-9  # [-] relative: a limit that is met exactly does not make a problem impossible
 
 
 def impossibilities(problem: Problem, model: FlightModel) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
     sentences = [*_mean_rates(problem), *_turning(problem)]
     if problem.obstacles:
-        point, flight = central_point(problem), _Flight.of(problem, model)
+        point, path = central_point(problem), _ComPath.of(problem, model)
         for index, obstacle in enumerate(problem.obstacles):
-            sentences += [*_impassable(index, obstacle, flight, point), *_barred(index, obstacle, flight, point)]
+            sentences += [*_impassable(index, obstacle, path, point), *_barred(index, obstacle, path, point)]
     return sentences
 
 
 @dataclass(frozen=True, eq=False)
-class _Flight:
+class _ComPath:
     """Path of the centre of mass: ``times`` (K,) s, ``com`` (K,) complex m."""
 
     times: Array
     com: ComplexArray
 
     @classmethod
-    def of(cls, problem: Problem, model: FlightModel) -> _Flight:
+    def of(cls, problem: Problem, model: FlightModel) -> _ComPath:
         times = np.linspace(0, problem.flight.duration, PATH_INSTANTS)
-        path = model.ballistics.positions(times)
-        return cls(times, np.asarray(path[:, 0] + 1j * path[:, 1], dtype=np.complex128))
+        places = model.ballistics.positions(times)
+        return cls(times, np.asarray(places[:, 0] + 1j * places[:, 1], dtype=np.complex128))
 
     def seen_from(self, obstacle: Obstacle) -> ComplexArray:
         """Path of the centre of mass relative to an obstacle that moves."""
@@ -69,9 +69,9 @@ def central_point(problem: Problem) -> CentralPoint:
     tree, shapes = problem.robot.tree, problem.robot.shapes
     count = POINTS_PER_SHAPE
     bodies = np.repeat([shape.body for shape in shapes], count)
-    share = np.tile(np.linspace(0, 1, count), len(shapes))
+    fraction = np.tile(np.linspace(0, 1, count), len(shapes))
     starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
-    weights = tree.point_weights(bodies, (1 - share) * starts + share * ends)
+    weights = tree.point_weights(bodies, (1 - fraction) * starts + fraction * ends)
     reach = np.abs(weights).sum(axis=1)
     nearest = weights[np.argmin(reach)]
     start, goal = (
@@ -115,30 +115,30 @@ def _turning(problem: Problem) -> Iterator[str]:
     if not slowest - ROUNDING <= turn <= fastest + ROUNDING:
         yield (
             f"Under the velocity limits the orientation changes by {slowest:+.4g} to {fastest:+.4g} rad in"
-            f" {duration:.4g} s, by (4) with the largest and least D; {turn:+.4g} rad are asked."
+            f" {duration:.4g} s whatever the joints do; the goal needs {turn:+.4g} rad."
         )
 
 
 def _given_momentum(problem: Problem) -> float:
-    asked = problem.flight.angular_momentum
-    return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
+    given = problem.flight.angular_momentum
+    return sum(angular_momentum_interval(problem)) / 2 if isinstance(given, str) else float(given)
 
 
-def _impassable(index: int, obstacle: Obstacle, flight: _Flight, point: CentralPoint) -> Iterator[str]:
+def _impassable(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPoint) -> Iterator[str]:
     """Deep inside an obstacle the centre of mass takes its central point with it."""
     low, high = obstacle.window or (-np.inf, np.inf)
-    exists = (flight.times >= low) & (flight.times <= high)
-    depth = np.where(exists, obstacle.margin - _distance(obstacle, flight.seen_from(obstacle)), -np.inf)
+    exists = (path.times >= low) & (path.times <= high)
+    depth = np.where(exists, obstacle.margin - _distance(obstacle, path.seen_from(obstacle)), -np.inf)
     deepest = int(np.argmax(depth))
     if depth[deepest] > point.reach:
         yield (
             f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture:"
-            f" at t = {flight.times[deepest]:.3f} s the centre of mass is {depth[deepest]:.3g} m inside it and its"
+            f" at t = {path.times[deepest]:.3f} s the centre of mass is {depth[deepest]:.3g} m inside it and its"
             f" margin, and some point of the robot is never further than {point.reach:.3g} m from the centre of mass."
         )
 
 
-def _barred(index: int, obstacle: Obstacle, flight: _Flight, point: CentralPoint) -> Iterator[str]:
+def _barred(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPoint) -> Iterator[str]:
     """A long bar: the central point must cross its line, and wherever it can, the bar is in the way."""
     if not isinstance(obstacle, Bar) or obstacle.window is not None or obstacle.start == obstacle.end:
         return
@@ -146,7 +146,7 @@ def _barred(index: int, obstacle: Obstacle, flight: _Flight, point: CentralPoint
         return
     along = complex(*obstacle.end) - complex(*obstacle.start)
     upright = along.conjugate() / abs(along)  # turns the bar's line into the real axis, its start into 0
-    place = (flight.seen_from(obstacle) - complex(*obstacle.start)) * upright
+    place = (path.seen_from(obstacle) - complex(*obstacle.start)) * upright
     sides = (place[0] + point.start * upright).imag, (place[-1] + point.goal * upright).imag
     step = float(np.abs(np.diff(place)).max(initial=0))  # the path between two instants is nearer than that to one
     crossing = place[np.abs(place.imag) <= point.reach + step]
@@ -171,5 +171,5 @@ def _distance(obstacle: Obstacle, points: ComplexArray) -> Array:
     assert isinstance(obstacle, Bar)
     along = complex(*obstacle.end) - complex(*obstacle.start)
     offset = points - complex(*obstacle.start)
-    share = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
-    return np.asarray(np.abs(offset - share * along) - obstacle.radius)
+    fraction = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
+    return np.asarray(np.abs(offset - fraction * along) - obstacle.radius)

@@ -20,30 +20,29 @@ import numpy as np
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_SHARES, Start
-from floatplan.planning.transcription.trajectory import Trajectory
 from floatplan.planning.work import USUAL
 from floatplan.problem.problem import Problem
 
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
 
-ATTEMPTS = 300  # starts tried before the search gives up, at each degree
-ATTEMPTS_FOR_THE_IMPOSSIBLE = 2
-ATTEMPTS_BEFORE_RAISING = 4  # the same where the degree may be raised
-RAISED = 2  # nearest motions of one degree that are starts at the next
-DEGREE_STEP = 2
-HIGHEST_AUTOMATIC_DEGREE = 13
-SAME = 1e-6  # relative difference of objectives, below which two attempts ended at the same motion
-STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_SHARES)  # tried where h is free, unless the best solutions agree before
-AGREEING = 3  # best solutions that are the same motion, where h is free: then it is taken for the best there is
-AGREEMENT = 1e-5  # relative difference of their objectives
-WANTED_AFTER_FAILURE = 4  # solutions to choose from where the plain start did not come easily
-STARTS_AFTER_THE_FIRST = 1  # with constraints: tried after one that is solved but not optimal
+ATTEMPTS = 300  # [-] most starts tried at each degree
+ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
+ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
+RAISED = 2  # [-] nearest motions of one degree that are starts at the next
+DEGREE_STEP = 2  # [-]
+HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
+SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
+STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_SHARES)  # [-] where h is free, unless the best solutions agree before
+AGREEING = 3  # [-] best solutions that are the same motion, where h is free: then it is taken for the best there is
+AGREEMENT = 1e-5  # [-] relative difference of their objectives
+WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
+STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What the search brings back: the best outcome, all that hold from the best on, and what it took."""
+class SearchResult:
+    """Result of a search: the best outcome, all that hold in order of their objectives, and the work it took."""
 
     best: Outcome
     holding: tuple[Outcome, ...]
@@ -63,8 +62,8 @@ def search(
     jobs: int,
     attempts: int | None,
     progress: Callable[[str], None] | None,
-) -> Found:
-    """Try starts until ``wanted`` of them are solved, the budget is used up, or there is little hope.
+) -> SearchResult:
+    """Try starts until ``wanted`` of them are solved, the budget is used up, or no start is left.
 
     The budget is of seconds, or of the usual work where it is None. ``attempts`` limits the starts, where the problem
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
@@ -88,7 +87,7 @@ def search(
         if not outcomes:
             outcomes.append(prepared.attempt(prepared.plain_start, 0, prepared.problem.degrees, lambda: True))
     holding = [outcome for outcome in outcomes if outcome.holds]
-    return Found(
+    return SearchResult(
         best(outcomes),
         tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding),
         attempts=len(outcomes),
@@ -179,13 +178,13 @@ def _outcomes(
 
 
 def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
-    """The outcomes that lack least, each at another motion."""
-    found: list[Outcome] = []
+    """The outcomes of least violation, each at another motion."""
+    distinct: list[Outcome] = []
     for outcome in sorted(outcomes, key=lambda outcome: outcome.rank):
         value = outcome.objective_value
-        if all(abs(value - other.objective_value) > SAME * abs(value) for other in found):
-            found.append(outcome)
-    return found[:RAISED]
+        if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
+            distinct.append(outcome)
+    return distinct[:RAISED]
 
 
 Run: TypeAlias = Callable[[tuple[int, ...], list[Start], int], Iterator[Outcome]]
@@ -270,13 +269,12 @@ def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outco
 
 
 def _portable(outcome: Outcome) -> Outcome:
-    """Strip an outcome of what cannot go from one process to another: its derivatives, and what is remembered of it."""
+    """Strip an outcome of what cannot go from one process to another: its derivatives, and what its motion caches."""
     solution = outcome.solution
     motion = solution.evaluation.detail
-    assert isinstance(motion, Trajectory)
-    evaluation = replace(solution.evaluation, differentiate=_left_behind, detail=replace(motion))
+    evaluation = replace(solution.evaluation, differentiate=_no_derivatives, detail=replace(motion))
     return replace(outcome, solution=replace(solution, evaluation=evaluation))
 
 
-def _left_behind() -> Derivatives:
-    raise AssertionError("the derivatives of an outcome stay in the process where it was found")
+def _no_derivatives() -> Derivatives:
+    raise AssertionError("the derivatives of an outcome stay in the process that computed them")

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-EVALUATION = 1000.0  # of a motion, whatever its size: as much as so many instants of one body
-DIFFERENTIATION = 1500.0  # of a block of constraints, whatever its size
-ENTRY = 0.5  # of a Jacobian
-USUAL = 6e7  # of a search whose budget is left out: about 7 s at 2 to 3 GHz
+EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
+DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
+ENTRY = 0.5  # [instants of one body] of a Jacobian
+USUAL = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
 
 
 @dataclass(eq=False)

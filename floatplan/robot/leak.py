@@ -1,4 +1,4 @@
-"""Is the motion really planar? Axes in the plane do not make it so: legs that swing apart roll the trunk."""
+"""How far a robot leaves its plane: legs that swing apart roll the trunk, though their axes are in the plane."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.model_check import sample_postures
 from floatplan.robot.robot import Robot
 
-POSTURES = 64  # [-]
+POSTURES = 64  # [-] of which the mean is taken
 WORTH_A_WARNING = 0.05  # [-] of the leak: left/right coupled quadrupeds and humanoids stay below 0.02
 MEANINGLESS = 0.3  # [-] with a third of the momentum out of the plane, the robot rolls before it has turned
 

@@ -43,7 +43,7 @@ class Robot:
     Attributes
     ----------
     name, path, sha256, xml : of the URDF file as read
-    source : what the file was called when it was asked for, such as ``example-robot-data:...``
+    source : the file as the caller named it, such as ``example-robot-data:...``
     plane : Plane
     joints : (n) names of the planned joints, in the order of all arrays
     locked : joint name -> rad
@@ -122,7 +122,7 @@ class Robot:
             The joints to plan, in the order of all arrays. Left out: all that turn about the plane's normal.
         coupled : mapping, optional
             Followers' names to their leaders: a :class:`Coupling`, or a name (ratio 1; with a minus sign, -1).
-            Joints that the file has ``<mimic>`` a planned joint are coupled without being asked for. ``"mirror"``
+            Joints that the file has ``<mimic>`` a planned joint are coupled by themselves. ``"mirror"``
             couples the pairs of joints that are each other's mirror image left and right of the plane.
         locked : mapping, optional
             Names of joints that do not move to their positions, rad (or m). All other joints that are neither planned
@@ -146,7 +146,7 @@ class Robot:
                 everything = choose(plane=plane, joints=None, coupled=None)
                 plane, coupled = everything.plane.name, mirror_couplings(tree, everything, joints)
             elif isinstance(coupled, str):
-                raise InputError(f'should be a table of joints, or "mirror", not "{coupled}"', element="coupled")
+                raise InputError(f'must be a table of joints, or "mirror", not "{coupled}"', element="coupled")
             return cls._assemble(str(source), text, tree, choose(plane=plane, joints=joints, coupled=coupled))
         except InputError as error:
             raise error.within(error.source or path) from None
@@ -209,7 +209,7 @@ class Robot:
                 f'collision mesh "{filename}" not found, so clearance cannot be told',
                 source=self.source,
                 element=f'link "{link}"',
-                advice="put it there, set ROS_PACKAGE_PATH, or take the <collision> out",
+                advice="put it there, set ROS_PACKAGE_PATH, or remove the <collision>",
             )
         for link, tag in unread_geometry(self.layout.tree):
             raise InputError(
@@ -226,7 +226,7 @@ class Robot:
 
     @cached_property
     def shapes(self) -> tuple[Capsule, ...]:
-        """The links' shapes in the plane, fitted when first asked for.
+        """The links' shapes in the plane, fitted when first used.
 
         Raises
         ------

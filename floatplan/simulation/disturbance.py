@@ -1,4 +1,4 @@
-"""What goes wrong in a replay on purpose: a wrong takeoff, masses that are not as stated, weak motors; and feedback."""
+"""Disturbances of a replay (of h at takeoff, of masses, of torques), and joint feedback against them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.simulation.held_model import BASE, HeldModel
+from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.simulation.reduced_model import ReducedModel
 
 LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 
@@ -31,20 +32,21 @@ class Disturbance:
     def __post_init__(self) -> None:
         for name in ("h", "mass", "torque"):
             if not abs(getattr(self, name)) <= LARGEST:
-                raise InputError(f"an error of {getattr(self, name):.3g} is more than {LARGEST:.0%}", element=name)
+                value = f"{getattr(self, name):.3g}"
+                raise InputError(f"must be from {-LARGEST:.0%} to {LARGEST:.0%}, not {value}", element=name)
 
     @property
     def any(self) -> bool:
-        """Whether something is wrong at all."""
+        """Whether any of them is not zero."""
         return any((self.h, self.mass, self.torque))
 
     def factors(self, count: int, error: float) -> Array:
         """Return factors (count,), ``1 + error`` or ``1 - error``."""
         return np.asarray(1.0 + error * np.random.default_rng(self.seed).choice((-1.0, 1.0), count))
 
-    def disturbed(self, held: HeldModel) -> Any:
+    def disturbed(self, reduced: ReducedModel) -> Any:
         """Return a copy of the model with other masses."""
-        model = held.model.copy()
+        model = reduced.model.copy()
         if self.mass:
             for joint, factor in enumerate(self.factors(model.njoints, self.mass)):
                 body = model.inertias[joint]
@@ -58,15 +60,15 @@ def parse_disturbance(text: str, seed: int = 0) -> Disturbance:
     Raises
     ------
     InputError
-        A name is unknown or comes twice, or what follows is no number.
+        A name is unknown or comes twice, or what follows is not a number.
     """
     errors: dict[str, float] = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = (word.strip() for word in part.partition("="))
         if name not in ("h", "mass", "torque"):
-            raise InputError(f"{name!r} cannot be perturbed", element="perturb", advice="known are h, mass, torque")
+            raise InputError(f"cannot disturb {name!r}", element="perturb", advice="give h, mass or torque")
         if name in errors:
-            raise InputError(f"{name} is given twice", element="perturb")
+            raise InputError(f"{name} is given twice", element="perturb", advice="keep one of them")
         errors[name] = _relative(name, value)
     return Disturbance(**errors, seed=seed)
 
@@ -93,13 +95,13 @@ class Feedback:
         return np.asarray(self.stiffness * position_error + self.damping * velocity_error)
 
 
-def feedback_of(held: HeldModel, posture: Array, bandwidth: float) -> Feedback:
+def feedback_of(reduced: ReducedModel, posture: Array, bandwidth: float) -> Feedback:
     """Return critically damped gains for a bandwidth, rad/s, from the inertia that each joint turns at a posture.
 
     That inertia is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
     """
     if not 0.0 < bandwidth < math.inf:
-        raise InputError(f"{bandwidth} rad/s is not positive", element="feedback")
-    inverse = pin.computeMinverse(held.model, held.model.createData(), np.asarray(posture))
-    inertia = 1.0 / np.diagonal(inverse)[BASE:]
+        raise InputError(f"{bandwidth} rad/s is not positive", element="feedback", advice="give a positive number")
+    inverse = pin.computeMinverse(reduced.model, reduced.model.createData(), np.asarray(posture))
+    inertia = 1.0 / np.diagonal(inverse)[BASE_COORDINATES:]
     return Feedback(read_only(bandwidth**2 * inertia), read_only(2.0 * bandwidth * inertia))

@@ -1,4 +1,4 @@
-"""Forward dynamics with MuJoCo: an engine that shares no code with Pinocchio."""
+"""Forward dynamics with MuJoCo: an engine independent of Pinocchio."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.forward import Torques
-from floatplan.simulation.held_model import BASE
 from floatplan.simulation.mujoco_model import import_mujoco
 
-CLASSICAL = np.array([1, 2, 2, 1]) / 6  # weights of the stages
+CLASSICAL = np.array([1, 2, 2, 1]) / 6  # [-] weights of the stages
 
 
 def whole_step(duration: float, step: float, panels: int) -> float:
@@ -26,8 +26,8 @@ def fly_mujoco(
 ) -> tuple[Array, Array]:
     """Integrate MuJoCo's accelerations at fixed steps; as :func:`floatplan.simulation.forward.fly`.
 
-    By the Runge-Kutta method of fourth order that MuJoCo has too. Its own asks for torques through a callback that is
-    one for all threads of the process.
+    By the Runge-Kutta method of fourth order that MuJoCo has too. Its own takes torques from a callback that is one for
+    all threads of the process.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def fly_mujoco(
     data = mujoco.MjData(model)
     positions, velocities, accelerations, forces = data.qpos, data.qvel, data.qacc, data.qfrc_applied  # views
     coordinates = np.array(order)
-    joints = coordinates[BASE:]
+    joints = coordinates[BASE_COORDINATES:]
 
     def rate(time: float, state: Array, out: Array) -> None:
         """Velocities and accelerations (2, 3 + m) from positions and velocities."""

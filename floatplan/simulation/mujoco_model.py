@@ -10,32 +10,22 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.errors import InputError
+from floatplan.optional import import_optional
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink
-from floatplan.simulation.held_model import HeldModel
+from floatplan.simulation.reduced_model import ReducedModel
 
 HEADER = '<mujoco><compiler fusestatic="false" balanceinertia="false" discardvisual="true"/></mujoco>'
 
 
 def import_mujoco() -> ModuleType:
-    """Return the module.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
-    try:
-        import mujoco
-    except ImportError:
-        advice = "install it: pip install mujoco"
-        raise InputError("MuJoCo is not installed", element="engine", advice=advice) from None
-    module: ModuleType = mujoco
-    return module
+    """Return the module; InputError where it is not installed."""
+    return import_optional("mujoco", name="MuJoCo", element="engine", install="mujoco")
 
 
-def mujoco_model(robot: Robot, held: HeldModel, gravity: float, step: float) -> tuple[Any, list[int]]:
-    """Return the ``mujoco.MjModel``, and which of its coordinates each coordinate of the held model is.
+def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: float) -> tuple[Any, list[int]]:
+    """Return the ``mujoco.MjModel``, and which of its coordinates each coordinate of the reduced model is.
 
     Raises
     ------
@@ -44,7 +34,7 @@ def mujoco_model(robot: Robot, held: HeldModel, gravity: float, step: float) -> 
     """
     mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_string(_urdf(robot, held))
+        spec = mujoco.MjSpec.from_string(_urdf(robot, reduced))
         _release(mujoco, spec, robot, gravity, step)
         model = spec.compile()
     except ValueError as error:
@@ -52,7 +42,7 @@ def mujoco_model(robot: Robot, held: HeldModel, gravity: float, step: float) -> 
     rows = {f"joint{index}": name for index, name in enumerate(robot.model.names)}
     of_name = {rows.get(model.joint(j).name, model.joint(j).name): int(model.jnt_qposadr[j]) for j in range(model.njnt)}
     base = ["base_horizontal", "base_vertical", "base_orientation"]
-    return model, [of_name[name] for name in [*base, *list(held.model.names)[4:]]]
+    return model, [of_name[name] for name in [*base, *list(reduced.model.names)[BASE_COORDINATES + 1 :]]]
 
 
 def _release(mujoco: ModuleType, spec: Any, robot: Robot, gravity: float, step: float) -> None:
@@ -79,7 +69,7 @@ def _zero_like(value: Any) -> Any:
     return 0.0 if np.isscalar(value) else np.zeros_like(value)
 
 
-def _urdf(robot: Robot, held: HeldModel) -> str:
+def _urdf(robot: Robot, reduced: ReducedModel) -> str:
     """URDF text of inertias and joints alone; links and joints by number, locked joints fixed where they are."""
     tree = robot.layout.tree
     links = {name: f"link{index}" for index, name in enumerate(tree.links)}

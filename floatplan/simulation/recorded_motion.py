@@ -2,7 +2,7 @@
 
 Nothing is shared with the planner: joints from the coefficients by (12), the base's rate from the joint-space inertia
 matrix, torques from RNEA. In flight the torques do not depend on gravity, on the orientation or on where the robot is,
-so all of this is reckoned with the centre of mass at rest, the base at the origin and without gravity.
+so all of this is computed with the centre of mass at rest, the base at the origin and without gravity.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.plans.record import PlanRecord
-from floatplan.simulation.held_model import BASE, HeldModel
+from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.simulation.reduced_model import ReducedModel
 
-NODES = 96  # of Gauss-Legendre quadrature on each panel
+NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
 
 
 @dataclass(frozen=True, eq=False)
-class JointState:
-    """All coordinates at one instant, (3 + m,) each; those of the base are zero."""
+class ModelState:
+    """Coordinates of the reduced model at one instant and their rates, (3 + m,) each, the base's first."""
 
     positions: Array
     velocities: Array
@@ -31,12 +32,12 @@ class JointState:
 
 
 class RecordedMotion:
-    """What a record says about the robot at any time; holds Pinocchio's scratch data, so use one per thread."""
+    """The motion of a record, evaluated at any time; holds Pinocchio's scratch data, so use one per thread."""
 
-    def __init__(self, record: PlanRecord, held: HeldModel) -> None:
+    def __init__(self, record: PlanRecord, reduced: ReducedModel) -> None:
         self.record = record
-        self.held = held
-        self._model = held.model.copy()
+        self.reduced = reduced
+        self._model = reduced.model.copy()
         self._model.gravity = pin.Motion.Zero()
         self._data = self._model.createData()
         self._middle = 0.5 * record.duration
@@ -55,29 +56,29 @@ class RecordedMotion:
         sine, cosine = self.record.amplitude * np.sin(p), self.record.amplitude * np.cos(p)
         return np.asarray(self.record.centre + sine), cosine * rate, np.asarray(cosine * curvature - sine * rate**2)
 
-    def joints(self, time: float) -> JointState:
+    def joints(self, time: float) -> ModelState:
         """All joints at a time, s."""
         positions, velocities, accelerations = self.planned(time)
-        selection = self.held.selection
-        return JointState(
-            self.held.reference + selection @ positions, selection @ velocities, selection @ accelerations
+        selection = self.reduced.selection
+        return ModelState(
+            self.reduced.reference + selection @ positions, selection @ velocities, selection @ accelerations
         )
 
-    def base_velocity(self, state: JointState, angular_momentum: float) -> tuple[Array, float]:
+    def base_velocity(self, state: ModelState, angular_momentum: float) -> tuple[Array, float]:
         """Velocity (3,) of the base that gives no momentum but the angular, and d orientation rate / d h."""
         inverse, coupling = self._base_rows(state)
-        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE:]
-        return inverse @ momentum, float(inverse[BASE - 1, BASE - 1])
+        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
+        return inverse @ momentum, float(inverse[BASE_COORDINATES - 1, BASE_COORDINATES - 1])
 
-    def _base_rows(self, state: JointState) -> tuple[Array, Array]:
+    def _base_rows(self, state: ModelState) -> tuple[Array, Array]:
         """First rows of the inertia matrix: the inverse of the base's part (3, 3), and the joints' part (3, m).
 
         The rows give the momenta along the plane's axes and about the base's origin.
         """
-        rows = pin.crba(self._model, self._data, state.positions)[:BASE]  # only its upper triangle counts
-        base = rows[:, :BASE].copy()
+        rows = pin.crba(self._model, self._data, state.positions)[:BASE_COORDINATES]  # only its upper triangle counts
+        base = rows[:, :BASE_COORDINATES].copy()
         base[1, 0], base[2, 0], base[2, 1] = base[0, 1], base[0, 2], base[1, 2]
-        return np.linalg.inv(base), rows[:, BASE:]
+        return np.linalg.inv(base), rows[:, BASE_COORDINATES:]
 
     def torques(self, time: float) -> Array:
         """Torques (m,) of all joints, coupled ones each with their own, N m.
@@ -86,19 +87,19 @@ class RecordedMotion:
         """
         state = self.joints(time)
         inverse, coupling = self._base_rows(state)
-        momentum = np.array([0.0, 0.0, self.record.angular_momentum]) - coupling @ state.velocities[BASE:]
-        state.velocities[:BASE] = inverse @ momentum
+        momentum = np.array([0.0, 0.0, self.record.angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
+        state.velocities[:BASE_COORDINATES] = inverse @ momentum
         forces = pin.rnea(self._model, self._data, state.positions, state.velocities, state.accelerations)
-        return np.asarray(forces[BASE:] - coupling.T @ (inverse @ forces[:BASE]))
+        return np.asarray(forces[BASE_COORDINATES:] - coupling.T @ (inverse @ forces[:BASE_COORDINATES]))
 
     def takeoff(self, angular_momentum: float) -> tuple[Array, Array]:
         """Positions and velocities (3 + m,) at time zero, in the world."""
         state = self.joints(0.0)
-        state.positions[BASE - 1] = self.record.orientation["start"]
-        state.velocities[:BASE], _ = self.base_velocity(state, angular_momentum)
-        state.velocities[: BASE - 1] += np.asarray(self.record.com["velocity0"])
-        com = self.held.axes @ pin.centerOfMass(self._model, self._data, state.positions)
-        state.positions[: BASE - 1] = np.asarray(self.record.com["position0"]) - com
+        state.positions[BASE_COORDINATES - 1] = self.record.orientation["start"]
+        state.velocities[:BASE_COORDINATES], _ = self.base_velocity(state, angular_momentum)
+        state.velocities[: BASE_COORDINATES - 1] += np.asarray(self.record.com["velocity0"])
+        com = self.reduced.axes @ pin.centerOfMass(self._model, self._data, state.positions)
+        state.positions[: BASE_COORDINATES - 1] = np.asarray(self.record.com["position0"]) - com
         return np.asarray(state.positions), np.asarray(state.velocities)
 
     def com_position(self, time: float) -> Array:
@@ -116,17 +117,17 @@ class RecordedMotion:
         """
         nodes, weights = np.polynomial.legendre.leggauss(NODES)
         orientation, sensitivity, began = float(self.record.orientation["start"]), 0.0, 0.0
-        found = []
+        orientations = []
         for time in times:
             half = (time - began) / 2
             for node, weight in zip(nodes, weights, strict=True):
                 state = self.joints(began + half * (1 + node))
                 velocity, per_momentum = self.base_velocity(state, self.record.angular_momentum)
-                orientation += half * weight * velocity[BASE - 1]
+                orientation += half * weight * velocity[BASE_COORDINATES - 1]
                 sensitivity += half * weight * per_momentum
             began = float(time)
-            found.append(orientation)
-        return np.array(found), sensitivity
+            orientations.append(orientation)
+        return np.array(orientations), sensitivity
 
 
 def _derivative(powers: Array) -> Array:

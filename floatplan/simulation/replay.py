@@ -21,21 +21,22 @@ from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import recorded_robot
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly
-from floatplan.simulation.held_model import BASE, HeldModel, held_model
 from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
-TOLERANCE = 1e-6  # rad, of orientation and joints at the landing
-PANELS = 4  # errors are reported at the ends of as many equal parts of the flight
-STEP = 5e-4  # s, of MuJoCo's fixed steps
+TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
+PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
+STEP = 5e-4  # [s] of MuJoCo's fixed steps
 
 
 class HasRecord(Protocol):
-    """A plan that is alive."""
+    """A solved flight, with its record and its robot."""
 
     @property
     def record(self) -> PlanRecord:
@@ -61,7 +62,7 @@ class Growth:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Where forward dynamics lands under a plan's torques.
+    """Result of a replay: where forward dynamics lands under a plan's torques.
 
     Attributes
     ----------
@@ -112,8 +113,8 @@ class Replay:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         growth = {name: getattr(self.growth, name) for name in self.growth.__dataclass_fields__}
-        found: dict[str, Any] = plain({**values, "growth": growth, "disturbance": asdict(self.disturbance)})
-        return {**found, "landed": self.landed, "tolerance": TOLERANCE}
+        facts: dict[str, Any] = plain({**values, "growth": growth, "disturbance": asdict(self.disturbance)})
+        return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 
 def replay(
@@ -150,30 +151,32 @@ def replay(
     began = clock.perf_counter()
     check_engine(engine)
     if not 0.0 < step < math.inf:
-        raise InputError(f"{step} s is not positive", element="step")
+        raise InputError(f"{step} s is not positive", element="step", advice="give a positive number of seconds")
     record = plan if isinstance(plan, PlanRecord) else plan.record
     if robot is None:
         robot = recorded_robot(record.robot) if isinstance(plan, PlanRecord) else plan.robot
     disturbance = parse_disturbance(perturb) if isinstance(perturb, str) else perturb
-    held = held_model(robot, float(record.com["gravity"]))
-    motion = RecordedMotion(record, held)
+    reduced = reduced_model(robot, float(record.com["gravity"]))
+    motion = RecordedMotion(record, reduced)
     takeoff = motion.takeoff(record.angular_momentum * (1.0 + disturbance.h))
-    control = None if feedback is None else feedback_of(held, takeoff[0], feedback)
-    drive = _Drive(motion, disturbance.factors(held.model.nv - BASE, disturbance.torque), control)
+    control = None if feedback is None else feedback_of(reduced, takeoff[0], feedback)
+    joint_torques = _JointTorques(
+        motion, disturbance.factors(reduced.model.nv - BASE_COORDINATES, disturbance.torque), control
+    )
     times = record.duration * np.arange(1, PANELS + 1) / PANELS
-    model = disturbance.disturbed(held)
+    model = disturbance.disturbed(reduced)
     if engine == "pinocchio":
-        flown = fly(model, drive, takeoff, times, LOOSE if disturbance.any else TIGHT)
+        flown = fly(model, joint_torques, takeoff, times, LOOSE if disturbance.any else TIGHT)
     else:
-        flown = _fly_mujoco(robot, held, drive, takeoff, times, step, disturbance)
-    stations = (takeoff, *zip(*flown, strict=True))
+        flown = _fly_mujoco(robot, reduced, joint_torques, takeoff, times, step, disturbance)
+    states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)
     return Replay(
         engine=engine,
-        orientation_error=abs(float(flown[0][-1, BASE - 1]) - float(record.orientation["goal"])),
-        position_error=_landing_errors(record, held, flown[0][-1]),
+        orientation_error=abs(float(flown[0][-1, BASE_COORDINATES - 1]) - float(record.orientation["goal"])),
+        position_error=_landing_errors(record, reduced, flown[0][-1]),
         com_error=float(growth.com[-1]),
-        momentum_drift=_momentum_drift(model, stations),
+        momentum_drift=_momentum_drift(model, states),
         orientation_sensitivity=sensitivity,
         growth=growth,
         disturbance=disturbance,
@@ -189,30 +192,30 @@ def check_engine(name: str) -> Engine:
         return "pinocchio"
     if name == "mujoco":
         return "mujoco"
-    raise InputError(f"{name!r} is no engine", element="engine", advice="known are pinocchio, mujoco")
+    raise InputError(f"must be 'pinocchio' or 'mujoco', not {name!r}", element="engine")
 
 
-class _Drive:
+class _JointTorques:
     """Joint torques: those of the plan, as strong as the motors are, and feedback."""
 
     def __init__(self, motion: RecordedMotion, factors: Array, feedback: Feedback | None) -> None:
         self.motion, self.factors, self.feedback = motion, factors, feedback
-        self._stated = lru_cache(maxsize=4)(motion.torques)  # a Runge-Kutta method asks twice for the same instant
+        self._planned = lru_cache(maxsize=4)(motion.torques)  # a Runge-Kutta method evaluates some instants twice
 
     def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
-        torques = self._stated(time)
+        torques = self._planned(time)
         if self.feedback is not None:
-            wanted = self.motion.joints(time)
+            target = self.motion.joints(time)
             torques = torques + self.feedback.torques(
-                (wanted.positions - positions)[BASE:], (wanted.velocities - velocities)[BASE:]
+                (target.positions - positions)[BASE_COORDINATES:], (target.velocities - velocities)[BASE_COORDINATES:]
             )
         return np.asarray(self.factors * torques)
 
 
 def _fly_mujoco(
     robot: Robot,
-    held: HeldModel,
-    drive: _Drive,
+    reduced: ReducedModel,
+    joint_torques: _JointTorques,
     takeoff: tuple[Array, Array],
     times: Array,
     step: float,
@@ -222,40 +225,42 @@ def _fly_mujoco(
     from floatplan.simulation.mujoco_model import mujoco_model
 
     if disturbance.mass:
-        raise InputError("masses are disturbed with the engine pinocchio only", element="perturb")
-    gravity = -float(held.axes[1] @ held.model.gravity.linear)
-    model, order = mujoco_model(robot, held, gravity, whole_step(float(times[-1]), step, PANELS))
-    return fly_mujoco(model, order, drive, takeoff, times)
+        raise InputError(
+            "the engine mujoco cannot disturb masses", element="perturb", advice="leave mass out, or use pinocchio"
+        )
+    gravity = -float(reduced.axes[1] @ reduced.model.gravity.linear)
+    model, order = mujoco_model(robot, reduced, gravity, whole_step(float(times[-1]), step, PANELS))
+    return fly_mujoco(model, order, joint_torques, takeoff, times)
 
 
 def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:
     """Errors at times along the flight, and the sensitivity of the orientation."""
-    held = motion.held
-    data = held.model.createData()
+    reduced = motion.reduced
+    data = reduced.model.createData()
     orientation, sensitivity = motion.orientation(times)
     joints, com = [], []
     for time, positions in zip(times, flown, strict=True):
-        joints.append(np.abs(motion.joints(float(time)).positions - positions)[BASE:].max())
-        place = held.axes @ pin.centerOfMass(held.model, data, positions)
+        joints.append(np.abs(motion.joints(float(time)).positions - positions)[BASE_COORDINATES:].max())
+        place = reduced.axes @ pin.centerOfMass(reduced.model, data, positions)
         com.append(np.linalg.norm(place - motion.com_position(float(time))))
-    off = np.abs(flown[:, BASE - 1] - orientation)
+    off = np.abs(flown[:, BASE_COORDINATES - 1] - orientation)
     return Growth(read_only(times), read_only(off), read_only(joints), read_only(com)), sensitivity
 
 
-def _landing_errors(record: PlanRecord, held: HeldModel, landing: Array) -> Array:
+def _landing_errors(record: PlanRecord, reduced: ReducedModel, landing: Array) -> Array:
     """Errors (n,) of the planned joints and of those coupled to them against the goal."""
     goal = np.asarray(record.problem["goal"]["positions"], dtype=np.float64)
-    off = np.abs(landing - held.reference - held.selection @ goal)
-    return read_only((off[:, None] * (held.selection != 0.0)).max(axis=0))
+    off = np.abs(landing - reduced.reference - reduced.selection @ goal)
+    return read_only((off[:, None] * (reduced.selection != 0.0)).max(axis=0))
 
 
-def _momentum_drift(model: Any, stations: Any) -> float:
+def _momentum_drift(model: Any, states: Any) -> float:
     """Largest change of the angular momentum about the centre of mass, about the base's axis, kg m^2/s."""
     data = model.createData()
     momenta = []
-    for positions, velocities in stations:
+    for positions, velocities in states:
         angular = pin.computeCentroidalMomentum(model, data, positions, velocities).angular
-        momenta.append(angular @ data.oMi[BASE].rotation @ _base_axis(model))
+        momenta.append(angular @ data.oMi[BASE_COORDINATES].rotation @ _base_axis(model))
     return float(np.abs(np.array(momenta) - momenta[0]).max())
 
 
@@ -263,4 +268,4 @@ def _base_axis(model: Any) -> Array:
     """The normal (3,), which the base turns about."""
     data = model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
-    return np.asarray(pin.getJointJacobian(model, data, BASE, pin.LOCAL)[3:, BASE - 1])
+    return np.asarray(pin.getJointJacobian(model, data, BASE_COORDINATES, pin.LOCAL)[3:, BASE_COORDINATES - 1])

@@ -129,7 +129,7 @@ class TestTrajectory:
 
     @pytest.mark.parametrize(("rate", "rows"), [(100.0, 111), (7.0, 9), (0.5, 2)])
     def test_the_end_is_always_a_row(self, rate: float, rows: int, floatplan: Command) -> None:
-        from floatplan.export.trajectory import sample_times
+        from floatplan.export.table import sample_times
 
         times = sample_times(1.1, rate)
         assert (times[0], times[-1], len(times)) == (0.0, 1.1, rows)
@@ -329,14 +329,14 @@ class TestBounds:
     def test_for_reading(self, floatplan: Command) -> None:
         run = floatplan("bounds", PROBLEMS / "falling_cat.toml")
         assert run.code == 0
-        assert "interval (9)" in run.stdout
+        assert "interval for monotonic joints" in run.stdout
         assert "D_2" in run.stdout
 
     def test_an_h_outside_is_told(self, floatplan: Command, tmp_path: Path) -> None:
         text = EXAMPLE.read_text().replace("0.13", "13").replace("../urdf", str(URDF))
         path = tmp_path / "p.toml"
         path.write_text(text)
-        assert "13.0, outside the interval" in floatplan("bounds", path).stdout
+        assert "13.0 kg m^2/s, outside the interval" in floatplan("bounds", path).stdout
 
 
 class TestCertify:
@@ -420,7 +420,7 @@ class TestProcess:
             "import os, signal, floatplan.planning.planner as planner, floatplan.cli\n"
             "def search(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
             "planner.search = search\n"
-            "floatplan.cli.commands()"
+            "floatplan.cli.main()"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, "plan", str(EXAMPLE)],

@@ -240,5 +240,5 @@ def test_a_missing_plan_is_bad_input(floatplan: Callable[..., Any]) -> None:
 
 
 def test_python_names_the_formats(handstand: fp.Plan) -> None:
-    with pytest.raises(InputError, match="known are csv, npz, ros, mujoco, unitree"):
+    with pytest.raises(InputError, match="must be one of csv, npz, ros, mujoco, unitree"):
         export(handstand, "bvh")

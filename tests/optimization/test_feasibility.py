@@ -27,6 +27,7 @@ class Program:
             differentiate=lambda: Derivatives(
                 np.zeros(2), np.array([equality_gradient(*x)]), np.array([inequality_gradient(*x)])
             ),
+            detail=None,
         )
 
 
@@ -40,7 +41,7 @@ CIRCLE_AND_LINE = Program(
 
 def test_ends_at_what_violates_nothing():
     found = reduce_violations(CIRCLE_AND_LINE, np.array([-1.0, -3.0]))
-    assert found.squares < 1e-20
+    assert found.squared_violation < 1e-20
     assert np.linalg.norm(found.x) == pytest.approx(2.0)
     assert found.x.sum() >= 1 - 1e-9
     assert found.evaluation.worst_violation == CIRCLE_AND_LINE.evaluate(found.x).worst_violation
@@ -52,15 +53,15 @@ def test_ends_near_what_cannot_be_met():
         lambda a, b: a**2 + b**2 - 4, lambda a, b: (2 * a, 2 * b), lambda a, b: a + b - 4, lambda a, b: (1, 1)
     )
     found = reduce_violations(contradictory, np.array([-1.0, -3.0]), iterations=200)
-    assert found.squares > 1e-2
+    assert found.squared_violation > 1e-2
     assert found.x[0] == pytest.approx(found.x[1], abs=0.05)
 
 
 def test_damping_never_vanishes(monkeypatch):
     """However many good steps make it smaller: rows that leave a direction free would give a singular system."""
     seen = []
-    step = feasibility._step
-    monkeypatch.setattr(feasibility, "_step", lambda at, damping: (seen.append(damping), step(at, damping))[1])
+    step = feasibility._damped_step
+    monkeypatch.setattr(feasibility, "_damped_step", lambda at, damping: (seen.append(damping), step(at, damping))[1])
     flat = Program(
         lambda a, b: (a + b - 1) ** 9,
         lambda a, b: (9 * (a + b - 1) ** 8, 9 * (a + b - 1) ** 8),
@@ -68,7 +69,7 @@ def test_damping_never_vanishes(monkeypatch):
         lambda a, b: (0, 0),
     )
     found = reduce_violations(flat, np.array([3.0, 3.0]))
-    assert found.squares < 1e-12
+    assert found.squared_violation < 1e-12
     assert min(np.linalg.eigvalsh(damping)[0] for damping in seen) > 1e-9
 
 

@@ -1,14 +1,14 @@
-"""A Hessian and the inverse of one are two forms of the same guess."""
+"""A Hessian and its inverse are two forms of the same approximation."""
 
 import numpy as np
 import pytest
 
-from floatplan.optimization.hessian import Hessian, InverseHessian, curvature
+from floatplan.optimization.hessian import DirectHessian, InverseHessian, hessian_approximation
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 
 NO_ROWS = np.empty(0, dtype=np.int64)
 SIZE = 5
-PRICE = 1e3
+SLACK_PENALTY = 1e3
 
 
 def positive_definite(rng):
@@ -19,7 +19,7 @@ def positive_definite(rng):
 def evaluation(rng, equalities=1, rows=None):
     rows = rng.normal(size=(equalities, SIZE)) if rows is None else rows
     derivatives = Derivatives(rng.normal(size=SIZE), rows, np.empty((0, SIZE)))
-    return Evaluation(0.0, rng.normal(size=len(rows)), np.empty(0), lambda: derivatives)
+    return Evaluation(0.0, rng.normal(size=len(rows)), np.empty(0), lambda: derivatives, None)
 
 
 @pytest.fixture(params=range(5))
@@ -30,11 +30,11 @@ def rng(request):
 @pytest.fixture
 def forms(rng):
     hessian = positive_definite(rng)
-    return curvature(hessian, inequalities=True), curvature(hessian, inequalities=False)
+    return hessian_approximation(hessian, inequalities=True), hessian_approximation(hessian, inequalities=False)
 
 
 def test_inequalities_ask_for_the_hessian_itself(forms):
-    assert isinstance(forms[0], Hessian)
+    assert isinstance(forms[0], DirectHessian)
     assert isinstance(forms[1], InverseHessian)
     assert forms[1].hessian == pytest.approx(forms[0].hessian, rel=1e-9, abs=1e-9)
     assert 1 <= forms[1].largest <= forms[0].largest * (1 + 1e-9)
@@ -43,7 +43,7 @@ def test_inequalities_ask_for_the_hessian_itself(forms):
 @pytest.mark.parametrize("equalities", [0, 1, 2])
 def test_both_take_the_same_step(forms, rng, equalities):
     current = evaluation(rng, equalities)
-    one, other = (form.step(current, NO_ROWS, PRICE) for form in forms)
+    one, other = (form.step(current, NO_ROWS, SLACK_PENALTY) for form in forms)
     assert other.direction == pytest.approx(one.direction, rel=1e-8, abs=1e-10)
     assert other.multipliers.equality == pytest.approx(one.multipliers.equality, rel=1e-8, abs=1e-10)
     assert current.equality_jacobian @ other.direction == pytest.approx(-current.equality, rel=1e-9, abs=1e-10)
@@ -51,19 +51,19 @@ def test_both_take_the_same_step(forms, rng, equalities):
     assert not other.elastic
 
 
-@pytest.mark.parametrize("share", [1.0, 0.3])
-def test_both_know_the_image_of_a_step(forms, rng, share):
+@pytest.mark.parametrize("step_length", [1.0, 0.3])
+def test_both_give_the_same_product(forms, rng, step_length):
     current = evaluation(rng)
-    step = forms[1].step(current, NO_ROWS, PRICE)
-    one, other = (form.image(share * step.direction, step, share) for form in forms)
+    step = forms[1].step(current, NO_ROWS, SLACK_PENALTY)
+    one, other = (form.product(step_length * step.direction, step, step_length) for form in forms)
     assert other == pytest.approx(one, rel=1e-8, abs=1e-10)
 
 
 def test_both_learn_the_same(forms, rng):
     change = rng.normal(size=SIZE)
     gradient_change = positive_definite(rng) @ change
-    image = forms[0].image(change, None, 1.0)
-    one, other = (form.updated(change, image, gradient_change) for form in forms)
+    product = forms[0].product(change, None, 1.0)
+    one, other = (form.updated(change, product, gradient_change) for form in forms)
     assert one.hessian @ change == pytest.approx(gradient_change, rel=1e-9)
     assert other.hessian == pytest.approx(one.hessian, rel=1e-7, abs=1e-9)
     assert np.linalg.eigvalsh(one.hessian).min() > 0
@@ -72,12 +72,12 @@ def test_both_learn_the_same(forms, rng):
 def test_contradicting_equations_make_an_elastic_step(forms, rng):
     row = rng.normal(size=SIZE)
     current = evaluation(rng, rows=np.stack((row, 2 * row)))
-    assert forms[1].step(current, NO_ROWS, PRICE).elastic
+    assert forms[1].step(current, NO_ROWS, SLACK_PENALTY).elastic
 
 
 def test_an_equation_that_no_variable_moves_makes_an_elastic_step(forms, rng):
     current = evaluation(rng, rows=np.zeros((1, SIZE)))
     for form in forms:
-        step = form.step(current, NO_ROWS, PRICE)
+        step = form.step(current, NO_ROWS, SLACK_PENALTY)
         assert step.elastic
-        assert step.left == pytest.approx(abs(current.equality[0]))
+        assert step.violation_left == pytest.approx(abs(current.equality[0]))

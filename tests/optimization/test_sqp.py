@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from floatplan.optimization import quadratic_program
-from floatplan.optimization.hessian import curvature
+from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation, Settings
 from floatplan.optimization.sqp import minimise
 
@@ -44,10 +44,10 @@ class Textbook:
             for f, value in zip(everything, values, strict=True)
         ]
         derivatives = Derivatives(jacobians[0][0], jacobians[1], jacobians[2])
-        return Evaluation(float(values[0][0]), values[1], values[2], lambda: derivatives)
+        return Evaluation(float(values[0][0]), values[1], values[2], lambda: derivatives, None)
 
     def solve(self, settings=None, **options):
-        guess = curvature(np.eye(len(self.start)), inequalities=self.inequality is not none)
+        guess = hessian_approximation(np.eye(len(self.start)), inequalities=self.inequality is not none)
         return minimise(self, np.array(self.start), guess, settings or Settings(iterations=300), **options)
 
 
@@ -169,7 +169,7 @@ class TestTextbook:
     @pytest.mark.parametrize("name", [name for name, program in TEXTBOOK.items() if program.inequality is none])
     def test_the_hessian_itself_leads_there_too(self, name):
         program = TEXTBOOK[name]
-        guess = curvature(np.eye(len(program.start)), inequalities=True)
+        guess = hessian_approximation(np.eye(len(program.start)), inequalities=True)
         found = minimise(program, np.array(program.start), guess, Settings(iterations=300))
         assert found.status == "optimal"
         assert found.x == pytest.approx(np.array(program.solution), abs=2e-4)
@@ -271,7 +271,7 @@ class TestSteps:
 
     def test_last_hessian_approaches_the_lagrangian_s(self):
         found = TEXTBOOK["quadratic"].solve(Settings(optimality=1e-14))
-        assert found.curvature.hessian == pytest.approx(np.diag([2.0, 8.0]), rel=0.2, abs=0.2)
+        assert found.hessian.hessian == pytest.approx(np.diag([2.0, 8.0]), rel=0.2, abs=0.2)
 
 
 class TestBadLuck:
@@ -305,9 +305,9 @@ def underived():
 
 class TestEvaluation:
     def test_violations_are_those_of_both_kinds(self):
-        evaluation = Evaluation(0.0, np.array([0.5, -0.25]), np.array([1.0, -2.0]), underived)
+        evaluation = Evaluation(0.0, np.array([0.5, -0.25]), np.array([1.0, -2.0]), underived, None)
         assert (evaluation.violation, evaluation.worst_violation) == (2.75, 2.0)
 
     def test_without_constraints_nothing_is_violated(self):
-        evaluation = Evaluation(0.0, np.empty(0), np.empty(0), underived)
+        evaluation = Evaluation(0.0, np.empty(0), np.empty(0), underived, None)
         assert (evaluation.violation, evaluation.worst_violation) == (0.0, 0.0)

@@ -187,11 +187,11 @@ SLIDER = robot_text(
     joint("j", "a", "b"), joint("p", "b", "c", kind="prismatic"), joint("f", "c", "d", kind="fixed"), links="abcd"
 )
 WRONG_CHOICES = {
-    "unknown joint": ({"joints": ["j", "z"]}, 'joints "z"', 'no joint "z"'),
-    "unknown follower": ({"coupled": {"z": "j"}}, 'coupled "z"', 'no joint "z"'),
-    "unknown leader": ({"coupled": {"k": "z"}}, 'coupled "k"', 'no joint "z"'),
-    "unknown locked": ({"locked": {"z": 0.0}}, 'locked "z"', 'no joint "z"'),
-    "text for joints": ({"joints": "j"}, "joints", "should be a list of names"),
+    "unknown joint": ({"joints": ["j", "z"]}, 'joints "z"', 'no joint is called "z"'),
+    "unknown follower": ({"coupled": {"z": "j"}}, 'coupled "z"', 'no joint is called "z"'),
+    "unknown leader": ({"coupled": {"k": "z"}}, 'coupled "k"', 'no joint is called "z"'),
+    "unknown locked": ({"locked": {"z": 0.0}}, 'locked "z"', 'no joint is called "z"'),
+    "text for joints": ({"joints": "j"}, "joints", "must be a list of names"),
     "no joints": ({"joints": []}, "joints", "no joint is left"),
     "named twice": ({"joints": ["j", "j"]}, 'joints "j"', "named twice"),
     "planned and locked": ({"joints": ["j"], "locked": {"j": 0.0}}, 'joints "j"', "also locked"),

@@ -243,16 +243,16 @@ def test_reference_posture_comes_from_the_srdf_beside(tmp_path, load):
     assert "not taken to the reference posture, as they would tilt planned joints: roll" in robot.warnings
     assert load(text, reference="crouch", plane="xz", locked={"k": -0.5}).locked["k"] == -0.5
     assert load(text, reference="crouch", plane="xz", joints=["j"]).locked == {"k": 0.25, "roll": 0.3, "l": -0.2}
-    with pytest.raises(InputError, match='no posture "stand"') as caught:
+    with pytest.raises(InputError, match='no posture "stand" is known') as caught:
         load(text, reference="stand", plane="xz")
-    assert caught.value.advice == "there are crouch, flat"
+    assert caught.value.advice == "known are crouch, flat"
 
 
 def test_reference_postures_that_are_not_there_or_wrong_are_refused(tmp_path, load):
-    with pytest.raises(InputError, match="no SRDF file"):
+    with pytest.raises(InputError, match="put an SRDF file"):
         load(TWO_LINKS, reference="standing")
     (tmp_path / "robot.srdf").write_text(srdf({"standing": {"j": "bent"}}))
-    with pytest.raises(InputError, match="should be a number") as caught:
+    with pytest.raises(InputError, match="must be a number") as caught:
         load(TWO_LINKS, reference="standing")
     assert caught.value.element == 'robot.srdf: state "standing": joint "j": value'
     (tmp_path / "robot.srdf").write_text("<robot")

@@ -275,7 +275,7 @@ def test_capsules_inside_others_are_left_out(tmp_path):
 
 WRONG = {
     "negative radius": ('<sphere radius="-0.1"/>', 'link "a": collision: sphere: radius', "negative"),
-    "text": ('<cylinder radius="wide" length="1"/>', 'link "a": collision: cylinder: radius', "should be a number"),
+    "text": ('<cylinder radius="wide" length="1"/>', 'link "a": collision: cylinder: radius', "must be a number"),
     "missing length": ('<cylinder radius="1"/>', 'link "a": collision: cylinder', "has no length"),
     "negative box": ('<box size="1 -1 1"/>', 'link "a": collision: box: size', "negative"),
     "NaN scale": ('<mesh filename="part.stl" scale="nan 1 1"/>', 'link "a": collision: mesh: scale', "number"),

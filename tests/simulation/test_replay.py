@@ -171,11 +171,11 @@ class TestInput:
     @pytest.mark.parametrize(
         ("arguments", "reason"),
         [
-            ({"engine": "bullet"}, "is no engine"),
-            ({"perturb": "speed=1%"}, "cannot be perturbed"),
+            ({"engine": "bullet"}, "must be 'pinocchio' or 'mujoco', not 'bullet'"),
+            ({"perturb": "speed=1%"}, "cannot disturb 'speed'"),
             ({"perturb": "h=much"}, "is not a number"),
             ({"perturb": "h=1%,h=2%"}, "given twice"),
-            ({"perturb": "mass=95%"}, "more than 90%"),
+            ({"perturb": "mass=95%"}, "from -90% to 90%"),
             ({"feedback": 0.0}, "is not positive"),
             ({"step": -1.0}, "is not positive"),
         ],
@@ -194,7 +194,7 @@ class TestInput:
             fp.replay(handstand, engine="mujoco")
 
     def test_mass_errors_are_pinocchio_s(self, handstand):
-        with pytest.raises(fp.InputError, match="pinocchio only"):
+        with pytest.raises(fp.InputError, match="cannot disturb masses"):
             fp.replay(handstand, engine="mujoco", perturb="mass=1%")
 
     def test_another_robot_is_refused(self, handstand, tmp_path):

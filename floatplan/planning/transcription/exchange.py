@@ -15,7 +15,7 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.hessian import curvature
+from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, minimise
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
@@ -142,7 +142,7 @@ def solve(
     settings: Settings = FINE,
     stop: Callable[[], bool] = lambda: False,
     first_level: int = 0,
-) -> Solution:
+) -> Solution[Trajectory]:
     """Minimise the objective subject to (14) and to the constraints at all times, from x.
 
     ``first_level`` is the index into NODE_COUNTS to start from.
@@ -161,7 +161,7 @@ def solve(
         start = program.evaluate(x)
         if _is_resolved(start):
             break
-    guess = curvature(program.hessian(start), inequalities=bool(constraints))
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints))
     stages = _stages(settings, start, level, bool(constraints))
     stage = next(stages)
     iterations = evaluations = 0
@@ -171,9 +171,8 @@ def solve(
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
             solution = _made_feasible(program, solution, stop)
-        x, start, guess = solution.x, solution.evaluation, solution.curvature or guess
+        x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
-        assert isinstance(motion, Trajectory)
         was_last, stage = stage.settings == settings, next(stages, stage)
         needed = max(level, nodes_needed(motion, stage.quadrature_error))
         finished = was_last and needed == level
@@ -205,13 +204,12 @@ class _Stage:
     quadrature_error: float
 
 
-def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool) -> Iterator[_Stage]:
+def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, constrained: bool) -> Iterator[_Stage]:
     """The way to a solution, from nodes at ``level``: the fewer nodes, the cheaper the iterations.
 
     Where the nodes are enough from the beginning, there is but the last stage.
     """
     motion = start.detail
-    assert isinstance(motion, Trajectory)
     if constrained:
         yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
     elif nodes_needed(motion, NEARLY_RESOLVED) > level:
@@ -221,10 +219,12 @@ def _stages(settings: Settings, start: Evaluation, level: int, constrained: bool
     yield _Stage(settings, QUADRATURE_ERROR)
 
 
-def _made_feasible(program: FlightProgram, solution: Solution, stop: Callable[[], bool]) -> Solution:
+def _made_feasible(
+    program: FlightProgram, solution: Solution[Trajectory], stop: Callable[[], bool]
+) -> Solution[Trajectory]:
     """Give up the objective of a nearly feasible motion to make it feasible, where that can be done."""
     nearest = reduce_violations(program, solution.x, stop)
-    if nearest.squares > solution.evaluation.worst_violation**2:
+    if nearest.squared_violation > solution.evaluation.worst_violation**2:
         return solution
     turned = np.abs(nearest.evaluation.equality).max() <= ORIENTATION / 2
     status = "feasible" if turned and nearest.evaluation.worst_violation <= program.back_off / 4 else "infeasible"
@@ -262,10 +262,9 @@ def _cheap_level(bodies: int) -> int:
     return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
 
 
-def _is_resolved(start: Evaluation) -> bool:
+def _is_resolved(start: Evaluation[Trajectory]) -> bool:
     """Whether the nodes resolve theta0' well enough to start from."""
     motion = start.detail
-    assert isinstance(motion, Trajectory)
     return motion.unresolved < COARSELY_RESOLVED
 
 

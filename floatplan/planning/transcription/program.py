@@ -70,7 +70,7 @@ class FlightProgram:
         """Motion of x at the instants of the sampling."""
         return trajectory(self.model, self.variables, self.sampling, x)
 
-    def evaluate(self, x: Array) -> Evaluation:
+    def evaluate(self, x: Array) -> Evaluation[Trajectory]:
         """Objective, (14) and constraints; their derivatives by x when asked for."""
         motion = self.trajectory(x)
         return Evaluation(
@@ -85,9 +85,8 @@ class FlightProgram:
             detail=motion,
         )
 
-    def hessian(self, evaluation: Evaluation) -> Array:
+    def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
-        assert isinstance(evaluation.detail, Trajectory)
         return self.objective.hessian(evaluation.detail)
 
     def _inequality(self, motion: Trajectory) -> Array:

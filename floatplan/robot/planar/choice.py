@@ -29,7 +29,7 @@ TILT_ROUNDING = 1e-5  # [rad] below it lies a right angle written as 1.5708 or 1
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What the user and the file leave to move.
+    """Roles of the joints: planned, coupled or locked, and the plane.
 
     ``planned`` are names in order; ``coupled`` maps followers, ``locked`` all other moving joints to their positions
     (rad or m); ``geared`` are the followers that the file itself couples by ``<mimic>``: they have no motor of their
@@ -122,7 +122,11 @@ def _check_moving(
     for name, coupling in followers.items():
         where = f'coupled "{name}"'
         if coupling.leader not in planned:
-            raise InputError(f'its leader "{coupling.leader}" is not a planned joint', element=where)
+            raise InputError(
+                f'its leader "{coupling.leader}" is not a planned joint',
+                element=where,
+                advice="plan it, or name another",
+            )
         turning_joint(tree, name, where)
     for name in [*planned, *followers]:
         if not sign_in_plane(axes[name], plane):
@@ -193,7 +197,7 @@ def _explain_tilts(moving: Iterable[str], axes: Mapping[str, Array], plane: Plan
 def _explain_locks(
     rest: Mapping[str, float], user_locked: Mapping[str, float], signs: Mapping[str, float]
 ) -> list[str]:
-    """One warning for the joints that were locked without being asked, because they do not turn in the plane."""
+    """One warning for the joints that were locked by themselves, because they do not turn in the plane."""
     silent = [name for name in rest if name not in user_locked and not signs.get(name, 0.0)]
     listed = ", ".join(f"{name} = {rest[name]:g}" for name in silent)
     return [f"locked, because they do not turn about the plane's normal: {listed}"] if silent else []

@@ -19,7 +19,7 @@ def checked_locks(tree: UrdfTree, locked: Mapping[str, float]) -> dict[str, floa
             raise InputError(f"position {position} is not a finite number", element=where)
         if not joint.lower <= position <= joint.upper:
             reason = f"position {position:g} is outside its limits [{joint.lower:g}, {joint.upper:g}]"
-            raise InputError(reason, element=where)
+            raise InputError(reason, element=where, advice="give a position within them")
     return {name: float(position) for name, position in locked.items()}
 
 
@@ -39,11 +39,11 @@ def checked_couplings(
             reason = f'its leader "{coupling.leader}" follows "{further}" in turn'
             raise InputError(reason, element=where, advice=f'couple both to "{further}"')
         if not (math.isfinite(coupling.ratio) and coupling.ratio and math.isfinite(coupling.offset)):
-            raise InputError("ratio and offset should be finite, and the ratio not zero", element=where)
+            raise InputError("ratio and offset must be finite, and the ratio not zero", element=where)
         if name in locked:
-            raise InputError("the joint is also locked", element=where)
+            raise InputError("the joint is also locked", element=where, advice="leave it out of one of the two")
         if coupling.leader in locked:
-            raise InputError(f'its leader "{coupling.leader}" is locked', element=where)
+            raise InputError(f'its leader "{coupling.leader}" is locked', element=where, advice="lock this joint too")
     return couplings
 
 
@@ -63,16 +63,17 @@ def check_joints(
     if joints is None:
         return
     if isinstance(joints, str):
-        raise InputError(f'should be a list of names, not the text "{joints}"', element="joints")
+        raise InputError(f'must be a list of names, not the text "{joints}"', element="joints")
     if not joints:
         raise InputError("is empty: no joint is left to plan", element="joints")
     for number, name in enumerate(joints):
         where = f'joints "{name}"'
         joint = turning_joint(tree, name, where)
         if name in joints[:number]:
-            raise InputError("is named twice", element=where)
+            raise InputError("is named twice", element=where, advice="keep one of them")
         if name in locked or name in coupled:
-            raise InputError(f"the joint is also {'locked' if name in locked else 'coupled'}", element=where)
+            role = "locked" if name in locked else "coupled"
+            raise InputError(f"the joint is also {role}", element=where, advice="leave it out of one of the two")
         if is_fixed(joint):
             raise InputError(f"cannot move: its limits are both {joint.lower:g}", element=where)
 
@@ -82,9 +83,9 @@ def moving_joint(tree: UrdfTree, name: str, where: str) -> UrdfJoint:
     joint = tree.joint.get(name)
     if joint is None:
         known = ", ".join(known.name for known in tree.joints if known.moves)
-        raise InputError(f'there is no joint "{name}"', element=where, advice=f"the joints that move are: {known}")
+        raise InputError(f'no joint is called "{name}"', element=where, advice=f"the joints that move are: {known}")
     if not joint.moves:
-        raise InputError(f'joint "{name}" is fixed', element=where)
+        raise InputError(f'joint "{name}" is fixed', element=where, advice="leave it out")
     return joint
 
 

@@ -1,4 +1,4 @@
-"""Left and right: joints that are each other's mirror image, found from where they are and not from their names."""
+"""Left and right: joints that are each other's mirror image, identified by their places and not by their names."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | Non
     for name in choice.planned:
         if name in partner:
             continue
-        images = [
+        mirrored = [
             (gap, other)
             for other in choice.planned
             if other != name
             and other not in partner
             and (gap := _gap(places[name], places[other], middle)) < TOLERANCE * extent
             and abs(places[name][2] - middle) > TOLERANCE * extent
-            and _share_parents(tree, name, other, partner)
+            and _have_paired_parents(tree, name, other, partner)
         ]
-        if images:
-            other = min(images)[1]
+        if mirrored:
+            other = min(mirrored)[1]
             partner[name], partner[other] = other, name
     return _couplings(choice, partner, joints)
 
@@ -75,12 +75,12 @@ def _places(tree: UrdfTree, choice: Choice) -> dict[str, Array]:
 
 def _gap(place: Array, other: Array, middle: float) -> float:
     """Distance between a place and the mirror image of the other."""
-    image = other.copy()
-    image[2] = 2.0 * middle - other[2]
-    return float(np.linalg.norm(place - image))
+    mirrored = other.copy()
+    mirrored[2] = 2.0 * middle - other[2]
+    return float(np.linalg.norm(place - mirrored))
 
 
-def _share_parents(tree: UrdfTree, name: str, other: str, partner: Mapping[str, str]) -> bool:
+def _have_paired_parents(tree: UrdfTree, name: str, other: str, partner: Mapping[str, str]) -> bool:
     """Whether the next planned joints above are the same or a pair."""
     above, other_above = _above(tree, name, partner), _above(tree, other, partner)
     return above == other_above or (above is not None and partner.get(above) == other_above)

@@ -12,9 +12,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.planar.model import BASE_COORDINATES
 
-POSTURES = (
-    4  # [-] the first is the reference; a singular mass matrix is singular at almost all postures, or at the first
-)
+POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
 LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
 
 
@@ -51,18 +49,18 @@ def sample_postures(limits: Array, count: int, generator: Random) -> Array:
     lower, upper = np.clip(limits[:, 0], -np.pi, None), np.clip(limits[:, 1], None, np.pi)
     beyond = lower > upper  # limits that leave [-pi, pi] out altogether
     lower[beyond], upper[beyond] = limits[beyond, 0], limits[beyond, 1]
-    shares = [[generator.random() for _ in limits] for _ in range(count)]
-    postures: Array = lower + (upper - lower) * np.array(shares).reshape(count, len(limits))
+    fractions = [[generator.random() for _ in limits] for _ in range(count)]
+    postures: Array = lower + (upper - lower) * np.array(fractions).reshape(count, len(limits))
     postures[0] = np.clip(0.0, lower, upper)
     return postures
 
 
 def _check_mass_matrix(mass_matrix: Array, joints: tuple[str, ...]) -> None:
     if not np.isfinite(mass_matrix).all():
-        raise InputError("its masses and lengths are too large to calculate with")
+        raise InputError("its mass matrix is not finite", advice="check that masses are in kg and lengths in m")
     diagonal = mass_matrix.diagonal()
     if not diagonal[0] > 0.0:
-        raise InputError("has no mass")
+        raise InputError("has no mass", advice="give its links an <inertial> element")
     if diagonal.min() > 0.0:
         scale = 1.0 / np.sqrt(diagonal)
         values, vectors = np.linalg.eigh(scale[:, None] * mass_matrix * scale)

@@ -1,6 +1,6 @@
-"""Capsules around a mesh, kept on disk: fitting them takes longer than reading the mesh and seeing that they fit.
+"""Cache on disk of the capsules around meshes: fitting them takes longer than checking that they fit.
 
-Nothing that is kept is taken at its word: an entry is used only where its capsules hold the mesh as it is now.
+Entries are not trusted: one is used only where its capsules hold the mesh as it is now.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ import hashlib
 import json
 import math
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from floatplan.files import write_atomically
 from floatplan.robot.shapes.capsules import MOST_SPLITS, Fit, Line, Outline, PlaneCapsule, fit
 from floatplan.robot.shapes.meshes import Mesh
 from floatplan.robot.shapes.outlines import MeshUse
 
-VERSION = 3  # of the fit; a change of its results makes the old ones unfindable
-LARGEST_ENTRY = 10_000  # [bytes]
-LARGEST_NUMBER = 1e4  # [m]
+VERSION = 3  # [-] of the fit: raised with a change of its results, so that older entries are not used
+LARGEST_ENTRY = 10_000  # [bytes] of a file
+LARGEST_NUMBER = 1e4  # [m] coordinate or radius
 UNIT = 1e-14  # [-] by which the length of a direction may be off one
 
 
@@ -30,10 +30,10 @@ def mesh_capsules(use: MeshUse, mesh: Mesh) -> list[PlaneCapsule]:
     """Return the capsules around a mesh in the plane, from the cache where it has some that fit the mesh."""
     outline = Outline(mesh.corners @ use.projection.row, mesh.edges)
     entry = cache_folder() / f"{_key(use, mesh)}.json"
-    fitted = _recall(entry)
+    fitted = _load(entry)
     if fitted is None or not fitted.is_of(outline):
         fitted = fit(outline)
-        _keep(entry, fitted)
+        _store(entry, fitted)
     shift = use.projection.shift
     return [PlaneCapsule(capsule.start + shift, capsule.end + shift, capsule.radius) for capsule in fitted.capsules]
 
@@ -52,8 +52,8 @@ def _key(use: MeshUse, mesh: Mesh) -> str:
     return digest.hexdigest()
 
 
-def _recall(entry: Path) -> Fit | None:
-    """What a cache entry says; None where it is missing or damaged. Whoever can write there may have forged it."""
+def _load(entry: Path) -> Fit | None:
+    """Content of a cache entry; None where it is missing or damaged. Whoever can write there may have forged it."""
     try:
         if not entry.is_file() or entry.stat().st_size > LARGEST_ENTRY:
             return None
@@ -90,10 +90,7 @@ def _content(fitted: Fit) -> Any:
     return [n for c in fitted.capsules for n in (c.start.real, c.start.imag, c.end.real, c.end.imag, c.radius)]
 
 
-def _keep(entry: Path, fitted: Fit) -> None:
-    """Write a cache entry in one step; a folder that cannot be written to is no error, only slower."""
+def _store(entry: Path, fitted: Fit) -> None:
+    """Write a cache entry; where the folder cannot be written to, fitting is only repeated the next time."""
     with contextlib.suppress(OSError):
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=entry.parent, suffix=".part", delete=False) as file:
-            file.write(json.dumps(_content(fitted)))
-        Path(file.name).replace(entry)
+        write_atomically(entry, json.dumps(_content(fitted)))

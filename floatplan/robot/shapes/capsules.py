@@ -10,7 +10,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 
 UNIFORM_DIRECTIONS = 24  # [-] over half a turn, beside those of the hull's edges
 RADII = 9  # [-] tried for each direction, from half the width to half the diagonal
-SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this share of its area
+SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this fraction of its area
 CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
 SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
 SAME = 1e-11  # [-] of the largest coordinate: how closely capsules that were kept have to fit
@@ -33,10 +33,10 @@ class PlaneCapsule:
     def depth(self, points: ComplexArray) -> Array:
         """How far inside the capsule each point is (points,), m; negative outside."""
         along = self.end - self.start
-        share = np.zeros(len(points))
+        fraction = np.zeros(len(points))
         if along != 0:
-            share = np.clip(((points - self.start) * np.conj(along)).real / abs(along) ** 2, 0.0, 1.0)
-        return np.asarray(self.radius - abs(points - self.start - share * along), dtype=np.float64)
+            fraction = np.clip(((points - self.start) * np.conj(along)).real / abs(along) ** 2, 0.0, 1.0)
+        return np.asarray(self.radius - abs(points - self.start - fraction * along), dtype=np.float64)
 
     def holds(self, other: PlaneCapsule) -> bool:
         """Whether the other capsule is inside this one."""
@@ -190,7 +190,7 @@ def _touches(capsule: PlaneCapsule, outline: Outline) -> bool:
 
 
 def _across(outline: Outline, whole: PlaneCapsule, cut: float) -> Line:
-    """The line across a capsule at a share of the outline's length."""
+    """The line across a capsule at a fraction of the outline's length."""
     direction = (whole.end - whole.start) / abs(whole.end - whole.start)
     along = (outline.points * np.conj(direction)).real
     return Line(direction, float(along.min() + cut * np.ptp(along)))
@@ -208,8 +208,8 @@ def _halves(outline: Outline, cut: Line) -> list[Outline]:
     begin, finish = outline.edges.T
     crossing = (along[begin] - level) * (along[finish] - level) < 0.0
     begin, finish = begin[crossing], finish[crossing]
-    share = (level - along[begin]) / (along[finish] - along[begin])
-    height = turned.imag[begin] + share * (turned.imag[finish] - turned.imag[begin])
+    fraction = (level - along[begin]) / (along[finish] - along[begin])
+    height = turned.imag[begin] + fraction * (turned.imag[finish] - turned.imag[begin])
     on_line = np.concatenate([np.flatnonzero(along == level), len(along) + np.arange(len(height))])
     points = np.concatenate([outline.points, direction * (level + 1j * height)])
     line = on_line[np.argsort((points[on_line] * np.conj(direction)).imag)]

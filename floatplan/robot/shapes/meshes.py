@@ -50,7 +50,7 @@ def mesh_digest(path: Path, element: str) -> str:
 
 
 def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
-    """Read a mesh file, every part of it: nothing that its reader stumbles on is left out.
+    """Read a mesh file, every part of it: a part that cannot be read is an error.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
     content = _content(path, element)
     try:
         corners, faces = _corners_and_faces(content, path.suffix.lower().lstrip("."))
-    except Exception as error:  # the readers of trimesh raise whatever their formats make them stumble on
+    except Exception as error:  # the readers of trimesh raise exceptions of any kind
         raise InputError(f"cannot be read as a mesh: {error}", source=path, element=element) from None
     reason = _fault(corners, faces, scale)
     if reason:
-        raise InputError(reason, source=path, element=element, advice="mend the mesh, or take the <collision> out")
+        raise InputError(reason, source=path, element=element, advice="repair the mesh, or remove the <collision>")
     used, numbers = np.unique(faces, return_inverse=True)
     places, merged = _merged(corners[used] * scale)
     return Mesh(places, _edges(merged[numbers.reshape(faces.shape)]), hashlib.sha256(content).hexdigest())

@@ -88,7 +88,9 @@ def read_collision(
         path = None if folder is None else find_mesh(filename, folder)
         scale = triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
         if not scale.all():
-            raise InputError("has a zero, which leaves nothing of the mesh", element=f"{where}: scale")
+            raise InputError(
+                "has a zero, which leaves nothing of the mesh", element=f"{where}: scale", advice="give three numbers"
+            )
         return None if path is None else MeshUse(filename, path, scale, placed, where)
     return None
 

@@ -16,15 +16,12 @@ from floatplan.robot.urdf.tree import Inertial, Mimic, Origin, UrdfJoint, UrdfLi
 from floatplan.robot.urdf.values import limit, number, only, triple
 
 LARGEST_ANGLE = 1e3  # [rad] limits this large are placeholders: nobody means 159 turns
-LARGEST_RATE = 1e3  # [rad/s]
-LARGEST_TORQUE = 1e4  # [N m]
+LARGEST_RATE = 1e3  # [rad/s] the same
+LARGEST_TORQUE = 1e4  # [N m] the same
 LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placeholder
-MOST_JOINTS = 150  # Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
+MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
-INERTIA_SLACK = (
-    1e-6  # [-] share of the largest principal moment by which rounding in a file may break the triangle inequality
-)
-SHORTEST_AXIS = 1e-9  # [-]
+SHORTEST_AXIS = 1e-9  # [-] length as written
 RESERVED = ("universe",)  # Pinocchio's name for the world
 
 
@@ -63,9 +60,9 @@ def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
     for position, element in enumerate(elements, start=1):
         name = element.get("name")
         if not name or not name.strip():
-            raise InputError("has no name", element=f"<{kind}> number {position}")
+            raise InputError("has no name", element=f"<{kind}> number {position}", advice='write name="..."')
         if name in named:
-            raise InputError(f"two {kind}s have this name", element=f'{kind} "{name}"')
+            raise InputError(f"two {kind}s have this name", element=f'{kind} "{name}"', advice="rename one of them")
         if name in RESERVED:
             raise InputError("Pinocchio keeps this name for the world", element=f'{kind} "{name}"', advice="rename it")
         named[name] = element
@@ -101,7 +98,7 @@ def _read_joint(name: str, element: Element) -> UrdfJoint:
     kind = element.get("type")
     if kind not in JOINT_TYPES:
         known = ", ".join(JOINT_TYPES)
-        raise InputError(f'has type "{kind}"; known are {known}' if kind else "has no type", element=place)
+        raise InputError(f'has type "{kind}"' if kind else "has no type", element=place, advice=f"give one of {known}")
     limits = only(place, element, "limit")
     lower, upper = _read_range(f"{place}: limit", kind, limits)
     return UrdfJoint(
@@ -171,7 +168,7 @@ def _read_mimic(place: str, element: Element) -> Mimic | None:
         return None
     joint = mimic.get("joint")
     if not joint:
-        raise InputError("names no joint", element=where)
+        raise InputError("names no joint", element=where, advice='write joint="..."')
     return Mimic(joint, number(where, mimic, "multiplier", 1.0), number(where, mimic, "offset", 0.0))
 
 

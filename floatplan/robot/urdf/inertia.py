@@ -16,11 +16,8 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink
 
-TRIANGLE_SLACK = (
-    1e-3  # [-] of the largest moment: what rounding to three digits does to a plate, whose moments are on the edge
-)
-DEFINITE_SLACK = 1e-9  # [-] of the largest moment: what rounding does to a rod, whose least moment is zero
-
+TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: rounding to three digits of a plate, whose moments are on the edge
+DEFINITE_SLACK = 1e-9  # [-] of the largest moment: rounding of a rod, whose least moment is zero
 NEGLIGIBLE = 1e-12  # [kg m^2] a grain of sand's; a fault smaller than this is noise around zero
 
 

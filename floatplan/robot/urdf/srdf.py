@@ -28,8 +28,8 @@ def reference_posture(name: str, tree: UrdfTree, urdf: Path) -> dict[str, float]
         for state, positions in _states(path, tree).items():
             known.setdefault(state, positions)
     if name not in known:
-        advice = f"there are {', '.join(known)}" if known else "there is no SRDF file for this robot beside it"
-        raise InputError(f'there is no posture "{name}"', element="reference", advice=advice)
+        advice = f"known are {', '.join(known)}" if known else "put an SRDF file of this robot beside its URDF"
+        raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
     return known[name]
 
 

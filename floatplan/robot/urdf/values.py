@@ -8,9 +8,7 @@ from xml.etree.ElementTree import Element
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 
-LARGEST = (
-    1e9  # [SI] no mass, inertia, length or angle of a robot comes near; larger numbers overflow when squared twice
-)
+LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 
 
 def only(place: str, element: Element, tag: str) -> Element | None:
@@ -43,14 +41,14 @@ def triple(place: str, element: Element | None, key: str, default: tuple[float, 
         return read_only(default)
     words = text.split()
     if len(words) != 3:
-        raise InputError(f'should be three numbers, not "{text}"', element=place)
+        raise InputError(f'must be three numbers, not "{text}"', element=place)
     return read_only([_finite(place, word) for word in words])
 
 
 def _finite(place: str, text: str) -> float:
     value = _number(place, text)
     if math.isinf(value):
-        raise InputError(f'should be a finite number, not "{text.strip()}"', element=place)
+        raise InputError(f'must be a finite number, not "{text.strip()}"', element=place)
     if abs(value) > LARGEST:
         raise InputError(f'is larger than any robot\'s: "{text.strip()}"', element=place)
     return value
@@ -62,5 +60,5 @@ def _number(place: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        raise InputError(f'should be a number, not "{text}"', element=place)
+        raise InputError(f'must be a number, not "{text}"', element=place)
     return value

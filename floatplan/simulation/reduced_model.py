@@ -1,4 +1,4 @@
-"""The robot as forward dynamics sees it: on its planar free-flyer, with gravity, locked joints held."""
+"""The robot for forward dynamics: on its planar free-flyer, with gravity, its locked joints made rigid."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.robot.robot import Robot
 
-BASE = 3  # coordinates of the planar free-flyer: horizontal, vertical, orientation
-
 
 @dataclass(frozen=True, eq=False)
-class HeldModel:
-    """A robot of m joints that move, planned or coupled; its configuration is ``reference + selection @ positions``.
+class ReducedModel:
+    """A robot of m moving joints, the locked ones rigid; its configuration is ``reference + selection @ positions``.
 
     Attributes
     ----------
@@ -34,7 +32,7 @@ class HeldModel:
     axes: Array
 
 
-def held_model(robot: Robot, gravity: float) -> HeldModel:
+def reduced_model(robot: Robot, gravity: float) -> ReducedModel:
     """Return the robot's model, its locked joints made rigid, falling with ``gravity`` (m/s^2) down the plane.
 
     Built joint by joint: ``buildReducedModel`` fails where a link and a joint share a name.
@@ -57,4 +55,4 @@ def held_model(robot: Robot, gravity: float) -> HeldModel:
             kept.append(source.joints[joint].idx_v)
         model.appendBodyToJoint(carrier[joint][0], source.inertias[joint], carrier[joint][1])
     axes = np.stack([robot.plane.horizontal, robot.plane.vertical])
-    return HeldModel(model, read_only(robot.reference[kept]), read_only(robot.selection[kept]), read_only(axes))
+    return ReducedModel(model, read_only(robot.reference[kept]), read_only(robot.selection[kept]), read_only(axes))

@@ -1,4 +1,4 @@
-"""``trajectory.csv``: a plan sampled in time, for controllers and other programs."""
+"""``trajectory.csv``: a table of a plan sampled in time, for controllers and other programs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 
-MOST_ROWS = 10_000_000
+MOST_ROWS = 10_000_000  # [-] of a file
 
 
 def sample_times(duration: float, rate: float) -> Array:
@@ -23,17 +23,18 @@ def sample_times(duration: float, rate: float) -> Array:
     Raises
     ------
     InputError
-        The rate is not a positive number, or gives more than ten million instants.
+        The rate is not positive and finite, or gives more than ten million instants.
     """
     if not (rate > 0 and math.isfinite(rate)):
-        raise InputError(f"{rate} Hz is not a positive number", element="rate")
+        raise InputError(f"{rate} Hz is not positive and finite", element="rate", advice="give rows per second")
     if duration * rate > MOST_ROWS:
-        raise InputError(f"{rate} Hz for {duration} s are more than {MOST_ROWS} rows", element="rate")
+        reason = f"{rate} Hz for {duration} s are more than {MOST_ROWS} rows"
+        raise InputError(reason, element="rate", advice="give a lower rate")
     steps = math.ceil(duration * rate * (1 - 1e-12))
     return np.append(np.arange(steps) / rate, duration)
 
 
-def write_trajectory(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
+def write_table(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
     """Write the plan as CSV: one row per instant, numbers that read back bit for bit.
 
     Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical), then per motor its joint's
