@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from needed import skip_or_fail
 
-pytest.importorskip("casadi", reason="the extra bench is not installed")
-pytest.importorskip("scipy")
+if importlib.util.find_spec("casadi") is None:
+    skip_or_fail("casadi is not installed: the extra bench")
 
 
 @pytest.fixture(scope="module")

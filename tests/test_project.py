@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -61,6 +62,18 @@ def test_other_names_are_not() -> None:
 def test_the_version_is_the_project_s() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert floatplan.__version__ == project["version"]
+
+
+def test_no_test_imports_another() -> None:
+    """What tests share is in ``tests/helpers``."""
+    tests = [path for path in (ROOT / "tests").rglob("*.py") if "helpers" not in path.parts]
+    names = {path.stem for path in tests}
+    for path in tests:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+        modules = [alias.name for node in imports for alias in node.names if isinstance(node, ast.Import)]
+        modules += [node.module or "" for node in imports if isinstance(node, ast.ImportFrom)]
+        assert not {part for module in modules for part in module.split(".")} & {*names, "tests"}, path
 
 
 @pytest.fixture(scope="module")

@@ -164,7 +164,7 @@ class TestTextbook:
         assert found.evaluation.worst_violation <= 1e-9
         assert found.evaluation.objective == pytest.approx(program.least, abs=1e-6)
         assert found.x == pytest.approx(np.array(program.solution), abs=2e-4)
-        assert found.evaluation.objective == program.objective(found.x)
+        assert found.evaluation.objective == pytest.approx(program.objective(found.x), rel=1e-14)
 
     @pytest.mark.parametrize("name", [name for name, program in TEXTBOOK.items() if program.inequality is none])
     def test_the_hessian_itself_leads_there_too(self, name):

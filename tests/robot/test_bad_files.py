@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 from robot_samples import TWO_LINKS, inertial, joint, robot_text
@@ -149,11 +149,10 @@ def chain_of(count):
 
 
 @pytest.mark.parametrize("count", [151, 3000])
-def test_more_joints_than_can_be_handled_are_refused_at_once(tmp_path, count):
-    text = chain_of(count)
-    begin = time.perf_counter()
-    assert f"has {count} joints, more than the 150" in refused(tmp_path, text).reason
-    assert time.perf_counter() - begin < 1.0
+def test_more_joints_than_can_be_handled_are_refused_before_a_model_is_built(tmp_path, count):
+    with patch("pinocchio.buildModelFromXML") as build:
+        assert f"has {count} joints, more than the 150" in refused(tmp_path, chain_of(count)).reason
+    build.assert_not_called()
 
 
 def test_as_many_joints_as_allowed_load(tmp_path):

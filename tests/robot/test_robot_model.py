@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
+from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
@@ -217,11 +217,10 @@ def test_file_is_recorded_as_read():
     assert repr(robot) == "Robot('gymnast', plane='xz', joints=['q1', 'q2'], mass=6.5 kg)"
 
 
-def test_loading_is_quick_and_imports_no_geometry():
-    begin = time.perf_counter()
-    for _ in range(10):
+def test_loading_builds_one_model_and_imports_no_geometry():
+    with patch.object(pin, "buildModelFromXML", wraps=pin.buildModelFromXML) as build:
         Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
-    assert (time.perf_counter() - begin) / 10 < 0.05
+    assert build.call_count == 1
     code = (
         "import sys, floatplan.robot as room; room.Robot.from_urdf('urdf/gymnast.urdf');"
         "print([name for name in ('yourdfpy', 'trimesh', 'matplotlib', 'scipy') if name in sys.modules])"

@@ -232,9 +232,11 @@ def test_round_shapes_seen_along_or_across_their_axis_are_exact(tmp_path):
 def test_links_without_usable_collision_remain_segments(tmp_path):
     robot = one_link(tmp_path, in_plane('<mesh filename="nowhere.stl"/>'))
     assert 'link "a": collision mesh "nowhere.stl" not found' in robot.warnings[0]
-    assert [(shape.link, shape.end, shape.radius) for shape in robot.shapes] == [("a", 0.3, 0.0), ("b", 0.0, 0.0)]
-    assert one_link(tmp_path, "<collision/>").shapes[0].end == 0.3
-    assert one_link(tmp_path, in_plane("<cone/>")).shapes[0].end == 0.3
+    assert [shape.link for shape in robot.shapes] == ["a", "b"]
+    assert [shape.end for shape in robot.shapes] == pytest.approx([0.3, 0.0], abs=1e-15)
+    assert [shape.radius for shape in robot.shapes] == [0.0, 0.0]
+    assert one_link(tmp_path, "<collision/>").shapes[0].end == pytest.approx(0.3, abs=1e-15)
+    assert one_link(tmp_path, in_plane("<cone/>")).shapes[0].end == pytest.approx(0.3, abs=1e-15)
 
 
 def test_clearance_of_a_robot_without_its_meshes_is_refused(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import importlib.util
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, started
+from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
@@ -79,10 +80,10 @@ def scrub(browser: Browser, instant: float) -> None:
 
 
 def wait_for(browser: Browser, condition: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not browser.run(f"return {condition}"):
-        assert time.monotonic() < deadline, f"never: {condition}"
-        time.sleep(0.02)
+    """Wait until an expression of the page is true."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(browser.driver, PATIENCE, 0.02).until(lambda _: browser.run(f"return {condition}"), condition)
 
 
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
@@ -92,7 +93,7 @@ def test_every_report_plays_and_scrubs_without_complaint_or_network(
     from selenium.webdriver.common.by import By
 
     if path.parent.name == "gallery" and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
+        skip_or_fail("example-robot-data is not installed: the extra robots")
     plan = fp.plan(fp.load_problem(path), budget=BUDGET)
     report = write_report(plan, tmp_path / "report.html")
     browser.open(report)
@@ -117,10 +118,12 @@ def test_it_plays_pauses_and_steps(page: Browser, handstand: fp.Plan) -> None:
 
     find = lambda name: page.driver.find_element(By.ID, name)  # noqa: E731
     find("play").click()
-    time.sleep(0.5)
+    wait_for(page, "floatplan.player.time > 0.05")
     find("play").click()
     paused = page.run("return floatplan.player.time")
-    assert 0.05 < paused < handstand.duration
+    assert paused > 0.05
+    page.run("floatplan.player.seek(arguments[0])", handstand.duration / 2)
+    paused = page.run("return floatplan.player.time")
     find("step").click()
     stepped = page.run("return floatplan.player.time")
     assert stepped == pytest.approx(paused + 0.01)
@@ -179,17 +182,17 @@ def test_the_robot_is_painted(page: Browser) -> None:
     assert page.run(script)
 
 
-def test_a_frame_takes_a_quarter_of_its_time_at_most(page: Browser) -> None:
-    """Scripts and layout of most frames, at 60 per second; measured, they take half a millisecond."""
+def test_a_frame_paints_the_robot_once_and_no_curve(page: Browser) -> None:
+    """What is costly is done once: curves are drawn when the page opens, and a line moves over them."""
     script = """
-        return Array.from({length: 100}, (_, k) => {
-            const began = performance.now();
-            floatplan.player.seek(k / 100 * floatplan.motion.duration);
-            document.body.getBoundingClientRect();
-            return performance.now() - began;
-        });
+        const prototype = CanvasRenderingContext2D.prototype, clear = prototype.clearRect;
+        const painted = [];
+        prototype.clearRect = function(...box) { painted.push(this.canvas.id); clear.apply(this, box); };
+        for (let k = 0; k < 10; k++) floatplan.player.seek(k / 10 * floatplan.motion.duration);
+        prototype.clearRect = clear;
+        return painted;
     """
-    assert np.median(page.run(script)) < 1000 / 60 / 4
+    assert page.run(script) == ["robot"] * 10
 
 
 def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Browser) -> None:
@@ -216,7 +219,8 @@ def test_names_from_files_stay_text(browser: Browser, handstand: fp.Plan, tmp_pa
 
 
 def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
-    pytest.importorskip("viser")
+    if importlib.util.find_spec("viser") is None:
+        skip_or_fail("viser is not installed: the extra view")
     scene = write_scene(handstand, tmp_path / "scene.html")
     browser.driver.set_window_size(300, 250)
     browser.open(scene)
