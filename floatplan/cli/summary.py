@@ -149,7 +149,7 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, growth, *hint)
 
 
-def show(content: RenderableType, stderr: bool = False) -> None:
+def print_summary(content: RenderableType, stderr: bool = False) -> None:
     """Print for people, without colours where nobody sees them."""
     Console(stderr=stderr, highlight=False, soft_wrap=False).print(content)
 
@@ -212,7 +212,7 @@ def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
 def _momentum(momentum: float, bounds: tuple[float, float]) -> str:
     low, high = bounds
     place = "inside" if low <= momentum <= high else "outside"
-    return f"{momentum:.6g} kg m^2/s, {place} [{low:.6g}, {high:.6g}], the interval for monotonic joints"
+    return f"{momentum:.6g} kg m^2/s, {place} [{low:.5g}, {high:.5g}] of monotonic joints"
 
 
 def _leak(leak: float) -> str:
