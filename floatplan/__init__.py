@@ -41,13 +41,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from floatplan.certificate.certificate import Certificate
     from floatplan.certificate.certify import certify
     from floatplan.errors import FloatplanError, InputError
     from floatplan.motion.flight_state import FlightState
     from floatplan.planning.planner import plan
-    from floatplan.planning.repair import plan_and_prove
     from floatplan.plans.plan import Plan, load_plan
+    from floatplan.plans.verdicts import Certificate
     from floatplan.problem.file import load_problem, save_problem
     from floatplan.problem.parts import (
         Bar,
@@ -73,7 +72,6 @@ _HOME = {
     "floatplan.motion.flight_state": ("FlightState",),
     "floatplan.plans.plan": ("Plan", "load_plan"),
     "floatplan.planning.planner": ("plan",),
-    "floatplan.planning.repair": ("plan_and_prove",),
     "floatplan.problem.parts": (
         "Bar",
         "Circle",
@@ -89,7 +87,7 @@ _HOME = {
     ),
     "floatplan.problem.problem": ("Problem",),
     "floatplan.problem.file": ("load_problem", "save_problem"),
-    "floatplan.certificate.certificate": ("Certificate",),
+    "floatplan.plans.verdicts": ("Certificate",),
     "floatplan.certificate.certify": ("certify",),
     "floatplan.simulation.replay": ("Replay", "replay"),
     "floatplan.robot.robot": ("Coupling", "Robot"),
@@ -122,7 +120,6 @@ __all__ = [
     "load_plan",
     "load_problem",
     "plan",
-    "plan_and_prove",
     "replay",
     "save_problem",
 ]

@@ -47,6 +47,7 @@ from floatplan.problem.parts import (
     SelfClearance,
     Takeoff,
 )
+from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, Robot
 
 
@@ -128,6 +129,7 @@ class Problem:
         }
 
     def _checks(self) -> Iterator[Callable[[], None]]:
+        yield partial(refuse_leak, self.robot)
         yield lambda: check_duration(self.flight)
         yield lambda: check_angular_momentum(self.flight)
         yield lambda: check_ballistics(self.flight)

@@ -333,7 +333,7 @@ OUTSIDE = [[-2.0, -1.0], [2.0, 3.0], [-5e-324, 0.0], [0.9, 2.0], [0.9, math.next
 def test_a_window_of_no_length_ends_with_a_verdict(honest, window):
     obstacle = honest.problem["obstacles"][0] | {"window": window}
     certificate = fp.certify(replace(honest, problem=honest.problem | {"obstacles": [obstacle]}))
-    own = next(finding for finding in certificate.findings if finding.label.startswith("obstacles[0]"))
+    own = next(finding for finding in certificate.findings if (finding.kind, finding.subject[:1]) == ("obstacle", (0,)))
     assert own.verdict == "proved"
     said = [certificate.clearance_min, *certificate.orientation_end]
     said += [value for f in certificate.findings for value in (f.bound, f.instant, f.limit, f.gap)]

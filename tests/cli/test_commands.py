@@ -417,10 +417,10 @@ class TestProcess:
 
     def test_interrupted(self, tmp_path: Path) -> None:
         code = (
-            "import os, signal, floatplan.planning.planner as planner, floatplan.cli\n"
+            "import os, signal, floatplan.planning.planned, floatplan.cli\n"
             "def search(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
-            "planner.search = search\n"
-            "floatplan.cli.commands()"
+            "floatplan.planning.planned.search = search\n"
+            "floatplan.cli.main()"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, "plan", str(EXAMPLE)],

@@ -89,7 +89,8 @@ def rates(flown: Flown, other: Flown | None = None) -> Figure:
     limits = _draw_limits(joints, flown, problem.velocity_limits, peak)
     base_peak = _draw_columns(base, flown, other, _orientation_rate)
     limits = _draw_limits(base, flown, _orientation_rate_limit(flown), base_peak) or limits
-    peaks = (flown.plan.certificate or {}).get("velocity_peak") or []
+    certificate = flown.plan.certificate
+    peaks = [] if certificate is None else certificate.velocity_peak.tolist()
     limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(flown.plan.robot.joints) + 1)[1:])]
     joints.set_ylabel("joints (rad/s)")
     base.set_ylabel("orientation (rad/s)")
@@ -130,8 +131,8 @@ def draw_torques(axes: Axes, flown: Flown, other: Flown | None = None) -> list[t
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     axes.set_ylabel("torque (N m)")
     limits = torque_limits(plan, flown.state.velocities)[:, motors]
-    proved = (plan.certificate or {}).get("motor_torque_peak") or {}
-    peaks = [proved.get(plan.robot.motors[motor]) for motor in motors]
+    proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
+    peaks = [proved.get(plan.robot.motors[motor], np.inf) for motor in motors]
     return [*_draw_limits(axes, flown, limits, peak, colours), *_draw_proved_peaks(axes, peaks, colours)]
 
 
@@ -247,9 +248,9 @@ def _draw_limits(
     return mark
 
 
-def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Sequence[Any]) -> list[tuple[Any, str]]:
+def _draw_proved_peaks(axes: Axes, peaks: Sequence[float], colours: Sequence[Any]) -> list[tuple[Any, str]]:
     """Draw, on both sides, what no magnitude of a joint exceeds by the certificate; return the legend's word."""
-    known = [(peak, colour) for peak, colour in zip(peaks, colours, strict=False) if peak is not None]
+    known = [(peak, colour) for peak, colour in zip(peaks, colours, strict=False) if np.isfinite(peak)]
     for peak, colour in known:
         for sign in (1, -1):
             axes.axhline(sign * peak, color=faded(colour, 0.6), zorder=1.4, **PROVED)
@@ -258,11 +259,15 @@ def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Seque
 
 def _draw_proved_clearances(axes: Axes, flown: Flown, colours: Sequence[str]) -> list[tuple[Any, str]]:
     """Draw the distance from each obstacle that the certificate proves, if any; return the legend's word."""
-    findings = (flown.plan.certificate or {}).get("findings", ())
-    bounds = {finding["label"]: finding["bound"] for finding in findings if finding["verdict"] == "proved"}
+    findings = () if flown.plan.certificate is None else flown.plan.certificate.findings
+    bounds = {
+        finding.subject: finding.bound
+        for finding in findings
+        if finding.kind == "obstacle" and finding.verdict == "proved"
+    }
     top, drawn = axes.get_ylim()[1], False
     for index, (obstacle, colour) in enumerate(zip(flown.plan.problem.obstacles, colours, strict=True)):
-        least = bounds.get(f"obstacles[{index}] {obstacle.kind}")
+        least = bounds.get((index, obstacle.kind))
         if least is not None and least <= top:
             axes.axhline(least, color=colour, zorder=1.6, **PROVED)
             drawn = True
