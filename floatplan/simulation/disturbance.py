@@ -11,7 +11,8 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.simulation.held_model import BASE, HeldModel
+from floatplan.robot.planar.model import BASE
+from floatplan.simulation.held_model import HeldModel
 
 LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 

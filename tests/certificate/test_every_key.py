@@ -311,12 +311,12 @@ def test_a_clearance_without_obstacles_is_a_false_claim(honest):
 
 @pytest.mark.parametrize("tolerance", [math.inf, math.nan])
 def test_no_tolerance_proves_by_itself(tolerance):
-    assert say.at_most("a", 1.0, 0.0, 0.0, tolerance, None).verdict != "proved"
-    assert say.at_least("a", 1.0, 2.0, 3.0, tolerance, None).verdict != "proved"
-    assert say.near("a", Balls.exact([1.0]), [1.0], tolerance).verdict != "proved"
+    assert say.at_most("ground", (), 1.0, 0.0, 0.0, tolerance, None).verdict != "proved"
+    assert say.at_least("ground", (), 1.0, 2.0, 3.0, tolerance, None).verdict != "proved"
+    assert say.near("ground", (), Balls.exact([1.0]), [1.0], tolerance).verdict != "proved"
     with np.errstate(invalid="ignore"):
-        assert say.near("a", Balls.exact([math.inf]), [math.inf], 1.0).verdict != "proved"
-        assert say.near("a", Balls.exact([1.0]), [math.nan], 1.0).verdict != "proved"
+        assert say.near("ground", (), Balls.exact([math.inf]), [math.inf], 1.0).verdict != "proved"
+        assert say.near("ground", (), Balls.exact([1.0]), [math.nan], 1.0).verdict != "proved"
 
 
 SHORT = [

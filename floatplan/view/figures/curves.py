@@ -17,7 +17,7 @@ from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.view.motors import motor_colours, shown_motors, torque_limits
-from floatplan.view.postures import clearances_to, robot_size
+from floatplan.view.postures import clearance_ceiling
 from floatplan.view.style import (
     ALARM,
     COLUMN,
@@ -148,14 +148,13 @@ def clearance(flown: Flown, other: Flown | None = None) -> Figure:
     figure, (axes,) = _time_figure(flown.plan, 1)
     obstacles = flown.plan.problem.obstacles
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
-    least, most = np.full(len(obstacles), np.inf), 0.0
+    drawn: list[list[Array]] = []
     for each, style, strength in _layers(flown, other):
-        for index, (obstacle, colour) in enumerate(zip(obstacles, colours, strict=True)):
-            distances = clearances_to(each.plan, obstacle, each.times)
+        drawn.append([each.plan.clearances(each.times, [obstacle]) for obstacle in obstacles])
+        for distances, colour in zip(drawn[-1], colours, strict=True):
             axes.plot(each.times, distances, color=faded(colour, strength), **style)
-            least[index] = np.fmin.reduce(distances, initial=least[index])
-            most = np.fmax.reduce(distances, initial=most)
-    top = min(1.05 * most, max(robot_size(flown.plan) / 2, *(4 * obstacle.margin for obstacle in obstacles))) or 1.0
+    distances = np.concatenate(drawn, axis=1)
+    least, top = distances.min(axis=1), clearance_ceiling(flown.plan, distances)
     bottom = min(1.1 * least.min(), -0.06 * top)
     axes.set(ylim=(bottom, top), ylabel="clearance (m)")
     axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)

@@ -11,7 +11,7 @@ from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.view.figures.curves import NEAR, obstacle_names
 from floatplan.view.motors import motor_colours, shown_motors, torque_limits
-from floatplan.view.postures import robot_size
+from floatplan.view.postures import clearance_ceiling
 from floatplan.view.report.data import hex_colour, rounded, sample_grid
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, palette
 
@@ -68,12 +68,11 @@ def _momentum(plan: Plan) -> dict[str, Any]:
 
 
 def _clearance(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
-    """What is far away is cut off: the chart is of the passage."""
+    """Distances from each obstacle, and the margins."""
     obstacles = plan.problem.obstacles
     keys = [f"clearance.{index}" for index in range(len(obstacles))]
     values = np.array([columns[key] for key in keys])
-    most, least = np.nanmax(values, initial=0.0), np.nanmin(values, initial=0.0)
-    top = min(1.05 * most, max(robot_size(plan) / 2, *(4 * obstacle.margin for obstacle in obstacles))) or 1.0
+    least, top = float(values.min(initial=0.0)), clearance_ceiling(plan, values)
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
     series = [
         {"name": name, "colour": colour, "key": key}
