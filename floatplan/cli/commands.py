@@ -110,8 +110,7 @@ def plan(
         write_results,
     )
     from floatplan.export.table import sample_times
-    from floatplan.planning.planner import plan as plan_only
-    from floatplan.planning.repair import plan_and_prove
+    from floatplan.planning.planner import plan as search
     from floatplan.problem.options import Options, asked_problem, is_robot
 
     options = Options(
@@ -138,8 +137,7 @@ def plan(
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
     with _progress(quiet) as progress:
-        search = plan_and_prove if certify else plan_only
-        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress)
+        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress, prove=certify)
     files = write_results(answer, directory, rate)
     if is_robot(source):
         files.append(write_problem(answer, directory))
@@ -153,7 +151,7 @@ def plan(
         print_summary(plan_summary(answer, files), stderr=True)
     if json_output:
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
-    proved = answer.certificate is not None and answer.certificate["verdict"] == "proved"
+    proved = answer.certificate is not None and answer.certificate.proved
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
 
 
@@ -230,7 +228,7 @@ def certify(
     else:
         from floatplan.cli.summary import certificate_summary, print_summary
 
-        print_summary(certificate_summary(facts))
+        print_summary(certificate_summary(certificate))
     raise typer.Exit(DONE if certificate.proved else FAILED)
 
 

@@ -49,8 +49,9 @@ from floatplan.problem.parts import (
     SelfClearance,
     Takeoff,
 )
+from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import JOINT_LIMITS
+from floatplan.tables import JOINT_LIMITS, LimitKey
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Problem:
     initial: JointState = field(init=False)
     final: JointState = field(init=False)
     position_limits: Array = field(init=False)
-    joint_limits: Mapping[str, Array] = field(init=False)
+    joint_limits: Mapping[LimitKey, Array] = field(init=False)
     torque_limits: Array = field(init=False)
     motor_torque_limits: Array = field(init=False)
     motor_stall: Array = field(init=False)
@@ -134,6 +135,7 @@ class Problem:
         }
 
     def _checks(self) -> Iterator[Callable[[], None]]:
+        yield partial(refuse_leak, self.robot)
         yield lambda: check_duration(self.flight)
         yield lambda: check_angular_momentum(self.flight)
         yield lambda: check_ballistics(self.flight)

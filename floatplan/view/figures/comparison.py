@@ -19,7 +19,7 @@ from floatplan.view.figures.snapshots import (
     snapshot_times,
     spatial_figure,
 )
-from floatplan.view.postures import Postures, clearances_to, postures
+from floatplan.view.postures import Postures, postures
 from floatplan.view.style import INK, legend_above, palette
 from floatplan.view.surroundings import obstacle_outline
 
@@ -58,7 +58,7 @@ def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
     times = np.linspace(0, duration, SAMPLES)
     worst: tuple[float, float, Obstacle | None] = (-TOUCH, duration / 2, None)
     for obstacle in plan.problem.obstacles:
-        left = np.nan_to_num(clearances_to(compare, obstacle, times) - obstacle.margin, nan=np.inf)
+        left = compare.clearances(times, [obstacle]) - obstacle.margin
         if left.min() < worst[0]:
             worst = float(left.min()), float(times[left.argmin()]), obstacle
     return worst[1:]
