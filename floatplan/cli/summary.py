@@ -163,9 +163,9 @@ def _verdict(plan: Plan) -> Text:
     if plan.ok:
         proved = (plan.certificate or {}).get("verdict") == "proved"
         word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
-        said = ", ".join(filter(None, (plan.status, word)))
+        parts = ", ".join(filter(None, (plan.status, word)))
         return Text(
-            f"{plan.problem.name}: planned{took} ({said})", style="bold yellow" if plan.warnings else "bold green"
+            f"{plan.problem.name}: planned{took} ({parts})", style="bold yellow" if plan.warnings else "bold green"
         )
     return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
 
@@ -216,7 +216,7 @@ def _leak(leak: float) -> str:
 
 
 def _places(files: Sequence[Path]) -> dict[str, Path]:
-    """File names by kind; the many pictures are told by their folder."""
+    """File names by kind; pictures by their folder."""
     places: dict[str, Path] = {}
     for path in files:
         if path.suffix in (".png", ".svg"):

@@ -127,7 +127,7 @@ def _write_archive(path: Path, arrays: Mapping[str, Array]) -> Path:
 
 
 def _yaml(values: Array) -> str:
-    """Numbers that read back bit for bit; YAML 1.1 takes 1e-05 for a word, and 1.0e-05 for a number."""
+    """Numbers that read back bit for bit; YAML 1.1 reads 1e-05 as text, and 1.0e-05 as a number."""
     texts = (repr(float(value)) for value in values)
     return (
         "[" + ", ".join(text.replace("e", ".0e") if "e" in text and "." not in text else text for text in texts) + "]"

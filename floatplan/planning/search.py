@@ -101,7 +101,7 @@ def search(
 
 
 def expiry(budget: float | None) -> Callable[[], bool]:
-    """Return what says when a budget of seconds, counted from now, is used up; never where there is none."""
+    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
     if budget is None:
         return lambda: False
     end = time.monotonic() + budget

@@ -2,7 +2,7 @@
 
 What comes from files (names of joints, frames and problems) is untrusted. It enters the page as JSON whose ``<``, ``>``
 and ``&`` are escaped, and the page writes it as text, never as markup. On top of that the page's security policy admits
-no script but its own, told by their hashes, and no address of any kind.
+no script but its own, identified by their hashes, and no address of any kind.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def escaped_json(content: Any) -> str:
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Put parts into a template's places, ``{{name}}``, in one pass: what is put in is not looked at again."""
+    """Put parts into a template's places, ``{{name}}``, in one pass: what is put in is not searched again."""
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
