@@ -21,7 +21,7 @@ from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_SHARES, Start
 from floatplan.planning.transcription.trajectory import Trajectory
-from floatplan.planning.work import USUAL
+from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -66,11 +66,11 @@ def search(
 ) -> SearchResult:
     """Try starts until ``wanted`` of them are solved, the budget is used up, or no start is left.
 
-    The budget is of seconds, or of the usual work where it is None. ``attempts`` limits the starts, where the problem
+    The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(budget)
-    allowance = Allowance(USUAL if budget is None else np.inf)
+    allowance = Allowance(DEFAULT_WORK if budget is None else np.inf)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()

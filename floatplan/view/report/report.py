@@ -25,7 +25,6 @@ from floatplan.view.report.charts import charts
 from floatplan.view.report.data import columns, motion_data, sample_grid
 from floatplan.view.report.sections import sections, verdict
 
-ASSETS = "assets"
 STYLES = ("uplot/uPlot.min.css", "report.css")
 PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
 SCRIPTS = ("motion.js", "stage.js", "charts.js", "player.js", "report.js")
@@ -104,7 +103,7 @@ def _policy(scripts: list[str]) -> str:
 
 
 def _asset(name: str) -> str:
-    return files("floatplan.view.report").joinpath(ASSETS, *name.split("/")).read_text(encoding="utf-8")
+    return files("floatplan.view.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
 def _problem_file(plan: Plan, path: str | Path | None) -> str:
