@@ -22,7 +22,7 @@ from floatplan.tables import OBJECTIVES
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
 
-GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and looking through it again takes time
+GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
@@ -40,9 +40,9 @@ PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's a
 def main() -> None:
     """Run the command line."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait for one another
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and looking for them takes time
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and searching for them takes time
     gc.set_threshold(GARBAGE_THRESHOLD)
-    atexit.register(gc.freeze)  # what is left goes with the process: looking through it at the end takes 0.1 s
+    atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
 
 
@@ -209,12 +209,12 @@ def certify(
     plan_file: PlanFile,
     urdf: Urdf = None,
     budget: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Most cells of time to look at; fewer may decide less.")
+        int | None, typer.Option(min=1, metavar="N", help="Most intervals of time to examine; fewer may decide less.")
     ] = None,
     save: Save = False,
     json_output: Json = False,
 ) -> None:
-    """Prove that a plan holds at every instant, not only where it was looked at. Exit code 0 only where proved."""
+    """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     from floatplan.certificate.certificate import BUDGET
     from floatplan.certificate.certify import certify as prove
     from floatplan.plans.record import load_record

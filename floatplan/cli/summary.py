@@ -168,9 +168,9 @@ def _verdict(plan: Plan) -> Text:
     if plan.ok:
         proved = plan.certificate is not None and plan.certificate.proved
         word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
-        said = ", ".join(filter(None, (plan.status, word)))
+        parts = ", ".join(filter(None, (plan.status, word)))
         return Text(
-            f"{plan.problem.name}: planned{took} ({said})", style="bold yellow" if plan.warnings else "bold green"
+            f"{plan.problem.name}: planned{took} ({parts})", style="bold yellow" if plan.warnings else "bold green"
         )
     return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
 
@@ -220,7 +220,7 @@ def _leak(leak: float) -> str:
 
 
 def _places(files: Sequence[Path]) -> dict[str, Path]:
-    """File names by kind; the many pictures are told by their folder."""
+    """File names by kind; pictures by their folder."""
     places: dict[str, Path] = {}
     for path in files:
         if path.suffix in (".png", ".svg"):

@@ -21,7 +21,7 @@ from floatplan.errors import InputError
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_SHARES, Start
-from floatplan.planning.work import USUAL
+from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -89,11 +89,11 @@ class SearchOptions:
 def search(prepared: Attempts, options: SearchOptions, attempts: int | None = None) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
-    The budget is of seconds, or of the usual work where it is None. ``attempts`` limits the starts, where the problem
+    The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
-    allowance = Allowance(USUAL if options.budget is None else np.inf)
+    allowance = Allowance(DEFAULT_WORK if options.budget is None else np.inf)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
@@ -124,7 +124,7 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
 
 
 def expiry(budget: float | None) -> Callable[[], bool]:
-    """Return what says when a budget of seconds, counted from now, is used up; never where there is none."""
+    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
     if budget is None:
         return lambda: False
     end = time.monotonic() + budget

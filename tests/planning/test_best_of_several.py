@@ -17,7 +17,7 @@ from floatplan.planning import repair, search
 from floatplan.planning.attempt import best
 from floatplan.planning.planned import Planned, alternatives, planned
 from floatplan.planning.search import SearchOptions
-from floatplan.planning.work import USUAL
+from floatplan.planning.work import DEFAULT_WORK
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
@@ -64,7 +64,7 @@ class TestWork:
 
     @pytest.fixture
     def short(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(search, "USUAL", USUAL / 300)
+        monkeypatch.setattr(search, "DEFAULT_WORK", DEFAULT_WORK / 300)
 
     @pytest.fixture
     def hopeless(self) -> fp.Problem:

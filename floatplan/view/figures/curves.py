@@ -133,7 +133,7 @@ def torques(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
 
 
 def draw_torques(axes: Axes, flown: SampledPlan, other: SampledPlan | None = None) -> list[tuple[Any, str]]:
-    """Draw the curves of :func:`torques` onto axes; return what the legend says of limits and proved peaks."""
+    """Draw the curves of :func:`torques` onto axes; return the legend's entries for limits and proved peaks."""
     plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
     colours = motor_colours(plan, motors)
     peak = 0.0
@@ -193,7 +193,7 @@ def obstacle_names(obstacles: tuple[Obstacle, ...]) -> list[str]:
 
 
 def plan_names(plan: Plan, compare: Plan) -> tuple[str, str]:
-    """Say what tells two plans apart: obstacles, or their problems' names."""
+    """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
     many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
     if (many > 0) != (few > 0):
         names = "with obstacle", "without obstacle"
@@ -250,7 +250,7 @@ def _draw_limits(
 ) -> list[tuple[Any, str]]:
     """Draw limits (r,), or (N, r) over time, on both sides, unless so far away that they would flatten the curves.
 
-    Returns what the legend says of them.
+    Returns the legend's entries.
     """
     mark: list[tuple[Any, str]] = []
     over_time = np.broadcast_to(limits, (len(flown.times), limits.shape[-1]))

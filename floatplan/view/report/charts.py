@@ -21,7 +21,7 @@ def charts(plan: Plan, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
     """Return the charts from top to bottom, as the page reads them.
 
     Each has a title, a unit, a factor from SI to it, ``series`` (name, colour, key of its column) and ``lines``
-    (name, colour, one value or samples): limits, margins and marks; ``beyond`` tells of limits that are not drawn.
+    (name, colour, one value or samples): limits, margins and marks; ``beyond`` describes limits that are not drawn.
     """
     of_joints = [_of_limit(plan, row, columns) for row in drawn_limits(plan)]
     drawn = [_angles(plan), *of_joints, _torques(plan, columns), _momentum(plan)]
@@ -106,7 +106,7 @@ def _series(plan: Plan, keys: Sequence[str]) -> list[dict[str, Any]]:
 def _limits(
     keys: Sequence[str], limits: Sequence[float] | Array, columns: Mapping[str, Array], of_keys: Sequence[Array]
 ) -> dict[str, Any]:
-    """Limits on both sides, one value or (N,) each; told in words if so far away that they would flatten the curves.
+    """Limits on both sides, one value or (N,) each; a sentence if so far away that they would flatten the curves.
 
     ``of_keys`` are the colours of the keys' curves. One limit for several joints is one line.
     """

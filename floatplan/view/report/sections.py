@@ -179,7 +179,7 @@ def _where(obstacle: Obstacle) -> str:
             return f" from {_pair(obstacle.start)} to {_pair(obstacle.end)} m, radius {obstacle.radius:g} m"
         case HalfPlane():
             return f" at {_pair(obstacle.point)} m, normal {_pair(obstacle.normal)}"
-    raise TypeError(f"no words for {type(obstacle).__name__}")
+    raise TypeError(f"no description of {type(obstacle).__name__}")
 
 
 def _pair(values: Iterable[float]) -> str:

@@ -100,8 +100,8 @@ def _add_obstacles(server: Any, plan: Plan, times: Array) -> list[Update]:
     for number, obstacle in enumerate(plan.problem.obstacles):
         vertices, faces = obstacle_slab(plan, obstacle, low, high)
         name, flat = f"/obstacles/{number}", isinstance(obstacle, HalfPlane)
-        look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
-        node = server.scene.add_mesh_simple(name, vertices, faces, cast_shadow=not flat, **look)
+        material: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
+        node = server.scene.add_mesh_simple(name, vertices, faces, cast_shadow=not flat, **material)
         if obstacle.window is not None or any(obstacle.velocity):
             updates.append(_obstacle_update(node, plan, obstacle, times))
     return updates
