@@ -18,7 +18,7 @@ from forward_problems import Drawn, draw, obstacle_between
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.problem.parts import OBJECTIVES
+from floatplan.tables import OBJECTIVES
 
 KINDS = ("torque", "torque and velocity", "obstacles", "torque and obstacle")
 SCARCITY = (0.6, 0.95)  # of limits, relative to the peaks of the plan without them

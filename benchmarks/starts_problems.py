@@ -10,7 +10,7 @@ import numpy as np
 from forward_problems import draw, obstacle_between
 
 import floatplan as fp
-from floatplan.problem.parts import OBJECTIVES
+from floatplan.tables import OBJECTIVES
 
 KINDS = ("free of constraints", "torque", "obstacle", "free h")
 HEADROOM = (1.05, 1.5)  # of torque limits, relative to the peaks of the motion drawn

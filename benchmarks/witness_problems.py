@@ -25,8 +25,9 @@ from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
 from floatplan.planning.transcription.trajectory import Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.problem.parts import OBJECTIVES, Obstacle
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.tables import OBJECTIVES
 
 HEADROOM = (1.02, 1.3)  # of limits over the witness's peaks
 GAP = (0.003, 0.020)  # m, of clearances

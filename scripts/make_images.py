@@ -15,7 +15,7 @@ from PIL import Image
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
-from floatplan.view.figures.curves import Flown, draw_configuration, draw_torques, plan_names
+from floatplan.view.figures.curves import SampledPlan, draw_configuration, draw_torques, plan_names
 from floatplan.view.figures.figures import figures
 from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
 from floatplan.view.postures import postures
@@ -69,7 +69,7 @@ def flight(plan: fp.Plan, other: fp.Plan | None = None) -> Figure:
     draw_scene(figure.add_subplot(grid[:, 0]), plan)
     angles = figure.add_subplot(grid[0, 1])
     torques = figure.add_subplot(grid[1, 1], sharex=angles)
-    flown, beside = Flown.of(plan), None if other is None else Flown.of(other)
+    flown, beside = SampledPlan.of(plan), None if other is None else SampledPlan.of(other)
     draw_configuration(angles, flown, beside)
     draw_torques(torques, flown, beside)
     angles.tick_params(labelbottom=False)

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.parts import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
+from floatplan.tables import OBJECTIVES
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -72,7 +73,7 @@ def plan(
         str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
     ] = None,
     objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help="'coefficients' (the default), 'torque' or 'acceleration'.")
+        str | None, typer.Option(metavar="NAME", help=f"What is least: {', '.join(OBJECTIVES)}; the first if left out.")
     ] = None,
     plane: PlaneName = None,
     output: Annotated[
@@ -147,9 +148,9 @@ def plan(
     if report:
         files.append(write_page(answer, directory))
     if not quiet:
-        from floatplan.cli.summary import plan_summary, show
+        from floatplan.cli.summary import plan_summary, print_summary
 
-        show(plan_summary(answer, files), stderr=True)
+        print_summary(plan_summary(answer, files), stderr=True)
     if json_output:
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
     proved = answer.certificate is not None and answer.certificate["verdict"] == "proved"
@@ -179,9 +180,9 @@ def info(
     if json_output:
         print_json(facts)
         return
-    from floatplan.cli.summary import facts_summary, show
+    from floatplan.cli.summary import facts_summary, print_summary
 
-    show(facts_summary(facts))
+    print_summary(facts_summary(facts))
 
 
 @app.command()
@@ -199,9 +200,9 @@ def bounds(
     if json_output:
         print_json(facts)
         return
-    from floatplan.cli.summary import momentum_summary, show
+    from floatplan.cli.summary import momentum_summary, print_summary
 
-    show(momentum_summary(problem, facts))
+    print_summary(momentum_summary(problem, facts))
 
 
 @app.command()
@@ -227,9 +228,9 @@ def certify(
     if json_output:
         print_json(facts)
     else:
-        from floatplan.cli.summary import certificate_summary, show
+        from floatplan.cli.summary import certificate_summary, print_summary
 
-        show(certificate_summary(facts))
+        print_summary(certificate_summary(facts))
     raise typer.Exit(DONE if certificate.proved else FAILED)
 
 
@@ -265,9 +266,9 @@ def replay(
     if json_output:
         print_json(facts)
     else:
-        from floatplan.cli.summary import replay_summary, show
+        from floatplan.cli.summary import print_summary, replay_summary
 
-        show(replay_summary(facts))
+        print_summary(replay_summary(facts))
     raise typer.Exit(DONE if flown.landed or flown.disturbed else FAILED)
 
 

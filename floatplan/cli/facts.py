@@ -6,7 +6,7 @@ from typing import Any
 
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.problem.checks import position_limits
+from floatplan.problem.limits import position_limits
 from floatplan.problem.parts import Limits
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import explain_leak, out_of_plane_leak

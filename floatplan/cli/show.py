@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.parts import PlanFile, Quiet, Urdf, reporting_errors
+from floatplan.cli.common import PlanFile, Quiet, Urdf, reporting_errors
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
+from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
@@ -53,18 +54,15 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
 
 def _utilisation(plan: Plan) -> RenderableType:
     """How much of its limits each motor uses, worst first."""
-    titles = ("joint", "N m", "limit", "%", "rad/s", "limit", "%", "range, deg", "% of it", "at, s")
-    table = Table(*(Column(title, no_wrap=True) for title in titles), box=None, header_style="dim", pad_edge=False)
     rows = plan.utilisation
+    limits = told_limits(rows)
+    of_limits = [title for limit in limits for title in (limit.unit, "limit", "%")]
+    titles = ("joint", *of_limits, "range, deg", "% of it", "at, s")
+    table = Table(*(Column(title, no_wrap=True) for title in titles), box=None, header_style="dim", pad_edge=False)
     for row in rows[:MOST_JOINTS_SHOWN]:
         table.add_row(
             escape(row.joint),
-            _number(row.torque_peak),
-            _number(row.torque_limit),
-            _percent(row.torque_utilisation),
-            _number(row.velocity_peak),
-            _number(row.velocity_limit),
-            _percent(row.velocity_utilisation),
+            *(cell for limit in limits for cell in _use(row, limit.key)),
             f"{math.degrees(row.position_low):.0f} to {math.degrees(row.position_high):.0f}",
             _percent(row.range_used),
             f"{row.instant:.3g}",
@@ -72,6 +70,12 @@ def _utilisation(plan: Plan) -> RenderableType:
     if len(rows) > MOST_JOINTS_SHOWN:
         return Group(table, Text(f"and {len(rows) - MOST_JOINTS_SHOWN} more; --json has all", "dim"))
     return table
+
+
+def _use(row: Utilisation, key: str) -> tuple[str, str, str]:
+    """Peak, limit and the share of it, of one limit."""
+    peak, limit, share = (getattr(row, f"{key}_{name}") for name in ("peak", "limit", "utilisation"))
+    return _number(peak), _number(limit), _percent(share)
 
 
 def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
@@ -145,7 +149,7 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, growth, *hint)
 
 
-def show(content: RenderableType, stderr: bool = False) -> None:
+def print_summary(content: RenderableType, stderr: bool = False) -> None:
     """Print for people, without colours where nobody sees them."""
     Console(stderr=stderr, highlight=False, soft_wrap=False).print(content)
 
@@ -208,7 +212,7 @@ def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
 def _momentum(momentum: float, bounds: tuple[float, float]) -> str:
     low, high = bounds
     place = "inside" if low <= momentum <= high else "outside"
-    return f"{momentum:.6g} kg m^2/s, {place} [{low:.6g}, {high:.6g}], the interval for monotonic joints"
+    return f"{momentum:.6g} kg m^2/s, {place} [{low:.5g}, {high:.5g}] of monotonic joints"
 
 
 def _leak(leak: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from floatplan.arrays import Array
@@ -46,17 +47,29 @@ class Peaks:
 
     Attributes
     ----------
-    torque, velocity : (n,) N m, rad/s; largest magnitudes, the torques generalised
+    joints, joint_instants : key of a limit of the joints' motion -> (n,), in the unit of its row
+        Largest magnitudes of what :data:`floatplan.tables.JOINT_LIMITS` limit.
+    torque : (n,) N m; largest magnitudes of the generalised torques
     clearance : m; None without obstacles
     motor_torque : (m,) N m, of the motors' own torques
     position : (n, 2) rad, lowest and highest
-    velocity_instant, motor_torque_instant : (n,), (m,)
+    motor_torque_instant : (m,)
     """
 
+    joints: Mapping[str, Array]
+    joint_instants: Mapping[str, Array]
     torque: Array
-    velocity: Array
     clearance: float | None
     motor_torque: Array
     position: Array
-    velocity_instant: Array
     motor_torque_instant: Array
+
+    @property
+    def velocity(self) -> Array:
+        """Largest magnitudes (n,) of the joints' rates, rad/s."""
+        return self.joints["velocity"]
+
+    @property
+    def velocity_instant(self) -> Array:
+        """When they are reached (n,), s."""
+        return self.joint_instants["velocity"]

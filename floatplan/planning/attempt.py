@@ -39,8 +39,8 @@ from floatplan.planning.transcription.trajectory import (
 )
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.parts import Bar, Circle
-from floatplan.problem.parts import Objective as ObjectiveName
 from floatplan.problem.problem import Problem
+from floatplan.tables import Objective as ObjectiveName
 from floatplan.tolerances import ORIENTATION
 
 EASY_ITERATIONS = 40

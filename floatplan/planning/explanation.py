@@ -11,7 +11,7 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import SearchResult
-from floatplan.planning.transcription.constraints import Constraint, ObstacleClearance, SelfClearance, applies
+from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
@@ -56,10 +56,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
         if rows.size:
             row = int(best.worst.row[rows[np.argmin(best.worst.value[rows])]])
             amount = f"{_rounded_up(-best.worst.value[rows].min() * block.scale[row])} {block.unit}"
-            if isinstance(block, ObstacleClearance | SelfClearance):
-                wishes.append(f"the {block.labels[row]} {amount} smaller")
-            else:
-                wishes.append(f"the limit on the {block.labels[row]} {amount} higher")
+            wishes.append(block.relaxed(row, amount))
     return [f"It would be a plan with {' and '.join(wishes)}; another seed, or more starts, may find one without that."]
 
 
@@ -86,7 +83,7 @@ def _more_freedom(problem: Problem) -> list[str]:
 def _impossible_ends(prepared: Attempts) -> list[str]:
     """What already fails at takeoff or landing, where positions, rates and accelerations are given.
 
-    A free h could still change torques and the orientation rate there, so only clearances count then.
+    A free h could still change torques and the orientation rate there, so they do not count then.
     """
     start = prepared.plain_start
     width = start.variables.polynomials.width
@@ -96,7 +93,7 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
     motion = motion.with_orientation(np.concatenate((motion.orientation[:-2], goal)))
     sentences = []
     for block in prepared.constraints:
-        if start.variables.reach and not isinstance(block, ObstacleClearance | SelfClearance):
+        if start.variables.reach and not block.settled_at_ends:
             continue
         values = block.values(motion)[-2:]
         exists = applies(block, motion.sampling.s[-2:])
@@ -106,15 +103,9 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
                 amount = -values[end, row] * block.scale[row]
                 sentences.append(
                     f"At {verb} the {name} itself is impossible: {block.labels[row]} lacks {amount:.4g} {block.unit}"
-                    f"{_end_advice(block, name)}."
+                    f" ({block.cause_at(name)})."
                 )
     return sentences
-
-
-def _end_advice(block: Constraint, end: str) -> str:
-    if isinstance(block, ObstacleClearance):
-        return f" (the obstacle covers the {end} posture)"
-    return f" (it follows from the {end}'s rates and accelerations)"
 
 
 def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[str]:

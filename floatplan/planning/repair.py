@@ -21,6 +21,7 @@ from floatplan.planning.planner import Planned, alternatives, planned, polished
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
+from floatplan.tables import JOINT_LIMITS
 
 ROUNDS = 3
 BEYOND = 1.5  # times the missing amount is what the problem is tightened by
@@ -122,7 +123,8 @@ def shortfalls(certificate: Certificate) -> dict[str, float] | None:
     return missing or None
 
 
-_RELATIVE = ("velocity ", "torque ", "generalized_torque ", "motor ", "orientation_rate")
+_OF_JOINTS = tuple(f"{row.key} " for row in JOINT_LIMITS)
+_RELATIVE = (*_OF_JOINTS, "torque ", "generalized_torque ", "motor ", "orientation_rate")
 _MENDED = (*_RELATIVE, OBSTACLE, "self_clearance ", "goal.orientation")
 
 
@@ -137,6 +139,9 @@ def tightened(problem: Problem, missing: Mapping[str, float], turn: float) -> Pr
     torque: Any = less("torque", robot.motors, problem.motor_torque_limits)
     if not np.isfinite(problem.motor_torque_limits).any():
         torque = list(less("generalized_torque", robot.joints, problem.torque_limits).values())
+    of_joints: dict[str, Any] = {
+        key: list(less(key, robot.joints, values).values()) for key, values in problem.joint_limits.items()
+    }
     rate = limits.orientation_rate
     return replace(
         problem,
@@ -145,7 +150,7 @@ def tightened(problem: Problem, missing: Mapping[str, float], turn: float) -> Pr
         ),
         limits=replace(
             limits,
-            velocity=list(less("velocity", robot.joints, problem.velocity_limits).values()),
+            **of_joints,
             torque=torque,
             motor={
                 name: Motor(stall, slope)

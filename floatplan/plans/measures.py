@@ -21,7 +21,9 @@ from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
 from floatplan.robot.robot import Robot
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
+USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque"]
 
 CONTACT = 1e-8  # [m] tolerance of the ground, as of obstacles
@@ -96,9 +98,10 @@ class Utilisation:
     torque_utilisation : peak over limit
     torque_instant : s
     velocity_peak, velocity_limit, velocity_utilisation, velocity_instant : the same of its rate, rad/s
+    acceleration_peak, acceleration_limit, acceleration_utilisation, acceleration_instant : rad/s^2
     position_low, position_high : rad, between which the joint moves
     range_used : share of the joint's range between them
-    instant : s, of the peak that uses more of its limit; of the torque's without limits
+    instant : s, of the peak that uses most of its limit; of the torque's without limits
     """
 
     joint: str
@@ -110,6 +113,10 @@ class Utilisation:
     velocity_limit: float | None
     velocity_utilisation: float | None
     velocity_instant: float
+    acceleration_peak: float
+    acceleration_limit: float | None
+    acceleration_utilisation: float | None
+    acceleration_instant: float
     position_low: float
     position_high: float
     range_used: float
@@ -117,8 +124,8 @@ class Utilisation:
 
     @property
     def worst(self) -> float:
-        """The larger of both utilisations; 0 without limits."""
-        return max(self.torque_utilisation or 0.0, self.velocity_utilisation or 0.0)
+        """The largest of the utilisations; 0 without limits."""
+        return max(getattr(self, f"{row.key}_utilisation") or 0.0 for row in USED)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a plan file holds."""
@@ -127,41 +134,45 @@ class Utilisation:
 
 def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
     """Return how much of its limits each motor uses, worst first."""
-    robot = problem.robot
-    rows = []
-    for index, joint in enumerate(robot.motors):
-        leader, ratio, offset = _follows(robot.coupled.get(joint, Coupling(joint)), robot.joints)
-        torque, velocity = float(peaks.motor_torque[index]), abs(ratio) * float(peaks.velocity[leader])
-        torque_limit = _first_finite(
-            min(float(problem.motor_torque_limits[index]), float(problem.motor_stall[index])),
-            float(robot.motor_torque_limits[index]),
-        )
-        velocity_limit = _first_finite(
-            abs(ratio) * float(problem.velocity_limits[leader]), float(robot.motor_velocity_limits[index])
-        )
-        low, high = sorted(ratio * peaks.position[leader] + offset)
-        limits = sorted(ratio * problem.position_limits[leader] + offset)
-        torque_use = None if torque_limit is None else torque / torque_limit
-        velocity_use = None if velocity_limit is None else velocity / velocity_limit
-        instants = float(peaks.motor_torque_instant[index]), float(peaks.velocity_instant[leader])
-        rows.append(
-            Utilisation(
-                joint=joint,
-                torque_peak=torque,
-                torque_limit=torque_limit,
-                torque_utilisation=torque_use,
-                torque_instant=instants[0],
-                velocity_peak=velocity,
-                velocity_limit=velocity_limit,
-                velocity_utilisation=velocity_use,
-                velocity_instant=instants[1],
-                position_low=float(low),
-                position_high=float(high),
-                range_used=float((high - low) / (limits[1] - limits[0])),
-                instant=instants[1] if (velocity_use or 0.0) > (torque_use or 0.0) else instants[0],
-            )
-        )
+    rows = (_of_motor(problem, peaks, index) for index in range(len(problem.robot.motors)))
     return tuple(sorted(rows, key=lambda row: -row.worst))
+
+
+def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
+    """Limits whose utilisation is worth a column: those that are always told, and those that some motor has."""
+    return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
+
+
+def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
+    robot = problem.robot
+    joint = robot.motors[index]
+    leader, ratio, offset = _follows(robot.coupled.get(joint, Coupling(joint)), robot.joints)
+    low, high = sorted(ratio * peaks.position[leader] + offset)
+    limits = sorted(ratio * problem.position_limits[leader] + offset)
+    used: dict[str, Any] = {}
+    most, instant = 0.0, float(peaks.motor_torque_instant[index])
+    for row in USED:
+        if row.of == "motors":
+            peak, when = float(peaks.motor_torque[index]), float(peaks.motor_torque_instant[index])
+            asked = min(float(problem.motor_torque_limits[index]), float(problem.motor_stall[index]))
+        else:
+            peak, when = abs(ratio) * float(peaks.joints[row.key][leader]), float(peaks.joint_instants[row.key][leader])
+            asked = abs(ratio) * float(problem.joint_limits[row.key][leader])
+        of_urdf = float(getattr(robot, f"motor_{row.key}_limits")[index]) if row.in_urdf else math.inf
+        limit = _first_finite(asked, of_urdf)
+        use = None if limit is None else peak / limit
+        if (use or 0.0) > most:
+            most, instant = use or 0.0, when
+        values = {"peak": peak, "limit": limit, "utilisation": use, "instant": when}
+        used |= {f"{row.key}_{name}": value for name, value in values.items()}
+    return Utilisation(
+        joint=joint,
+        **used,
+        position_low=float(low),
+        position_high=float(high),
+        range_used=float((high - low) / (limits[1] - limits[0])),
+        instant=instant,
+    )
 
 
 def measured_warnings(plan: Measured) -> tuple[PlanWarning, ...]:

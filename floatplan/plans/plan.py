@@ -35,6 +35,7 @@ from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
+from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -186,20 +187,22 @@ class Plan:
     @cached_property
     def peaks(self) -> Peaks:
         """Largest torques and rates, the ranges of motion, and the least clearance, over all times."""
-        state, n = self._resolved, len(self.robot.joints)
-        largest, where = largest_magnitudes(
-            np.concatenate((state.velocities, state.torques, state.motor_torques), axis=1)
-        )
+        state = self._resolved
+        of_joints = [getattr(state, row.quantity) for row in JOINT_LIMITS]
+        columns = [state.torques, state.motor_torques, *of_joints]
+        largest, where = largest_magnitudes(np.concatenate(columns, axis=1))
+        ends = np.cumsum([column.shape[1] for column in columns])[:-1]
+        torque, motor_torque, *peaks = np.split(largest, ends)
+        _, motor_instant, *instants = np.split(where * self.duration, ends)
         lowest, _, highest, _ = extremes(state.positions)
-        instants = where * self.duration
         return Peaks(
-            torque=read_only(largest[n : 2 * n]),
-            velocity=read_only(largest[:n]),
+            joints={row.key: read_only(peak) for row, peak in zip(JOINT_LIMITS, peaks, strict=True)},
+            joint_instants={row.key: read_only(when) for row, when in zip(JOINT_LIMITS, instants, strict=True)},
+            torque=read_only(torque),
             clearance=self._least_clearance(),
-            motor_torque=read_only(largest[2 * n :]),
+            motor_torque=read_only(motor_torque),
             position=read_only(np.stack((lowest, highest), axis=1)),
-            velocity_instant=read_only(instants[:n]),
-            motor_torque_instant=read_only(instants[2 * n :]),
+            motor_torque_instant=read_only(motor_instant),
         )
 
     @cached_property
@@ -335,12 +338,12 @@ class Plan:
 
     @cached_property
     def objective_value(self) -> float:
-        """``|b|`` of (17), or the integral of squared torques (N^2 m^2 s) or accelerations (rad^2/s^3)."""
-        if self.problem.motion.objective == "coefficients":
+        """Value of the problem's objective, in the unit that the table of objectives gives."""
+        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
+        if quantity is None:
             return float(np.linalg.norm(self.coefficients))
         quadrature = gauss_legendre(NODE_COUNTS[-1])
-        state = self.at(quadrature.nodes * self.duration)
-        integrand = state.torques if self.problem.motion.objective == "torque" else state.accelerations
+        integrand = getattr(self.at(quadrature.nodes * self.duration), quantity)
         return float(self.duration * (quadrature.weights @ (integrand**2).sum(axis=1)))
 
     @property

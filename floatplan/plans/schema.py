@@ -13,11 +13,11 @@ from typing import Any, TypeAlias
 
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord, as_written
+from floatplan.tables import JOINT_LIMITS, OBJECTIVES
 
 Check: TypeAlias = Callable[[Any, str], None]
 
 MOMENTUM = ("midpoint", "free")
-OBJECTIVES = ("coefficients", "torque", "acceleration")
 
 
 def check_asked(record: PlanRecord) -> None:
@@ -176,8 +176,9 @@ def _problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> Table:
             ),
             "motion": Table({"degree": _degree(n), "objective": OneOf(OBJECTIVES)}),
             "limits": Table(
-                {"position": ListOf(POINT, n), "velocity": limits, "torque": limits},
+                {"position": ListOf(POINT, n), "torque": limits, **_joint_limits(limits, required=True)},
                 {
+                    **_joint_limits(limits, required=False),
                     "motor": Table({}, dict.fromkeys(moving, motor)),
                     "motor_torque": Table({}, dict.fromkeys(moving, positive)),
                     "orientation_rate": OrNull(number),
@@ -186,6 +187,11 @@ def _problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> Table:
         },
         {"name": text, "ground": boolean, "obstacles": ListOf(_obstacle), "self_clearance": ListOf(_pair)},
     )
+
+
+def _joint_limits(limits: Check, required: bool) -> dict[str, Check]:
+    """Limits that every plan file has, or those that may be left out."""
+    return {row.key: limits for row in JOINT_LIMITS if row.always == required}
 
 
 def _angular_momentum(value: Any, element: str) -> None:

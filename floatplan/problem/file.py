@@ -15,6 +15,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.problem.checks import ProblemError
@@ -28,7 +29,7 @@ DATA_PREFIX = "example-robot-data:"
 BY_JOINT = {
     "start": ("positions", "velocities", "accelerations"),
     "goal": ("positions", "velocities", "accelerations"),
-    "limits": ("position", "velocity"),
+    "limits": ("position",),
 }
 
 AnyProblemTable = TypeVar("AnyProblemTable", bound=ProblemTable)
@@ -96,7 +97,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         },
         "limits": {
             "position": problem.position_limits,
-            "velocity": problem.velocity_limits,
+            **problem.joint_limits,
             "torque": problem.torque_limits,
             **_of_motors(problem),
             "orientation_rate": problem.limits.orientation_rate,
@@ -108,14 +109,17 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     return values
 
 
-def _torque_limits(problem: Problem, own: dict[str, float] | None) -> Any:
-    """Limits of torque for a problem file: by motor; a list in joint order where they are about generalised torques."""
-    joints, limits = problem.robot.joints, problem.torque_limits.tolist()
-    if own is not None or len(problem.robot.motors) == len(joints):
-        return own or {joint: limit for joint, limit in zip(joints, limits, strict=True) if math.isfinite(limit)}
+def _limits_of_file(problem: Problem, limits: Array) -> Any:
+    """Limits (n,) of coordinates for a problem file: by name; a list in joint order where a joint has several motors.
+
+    A name would be that of one motor.
+    """
+    joints = problem.robot.joints
+    if len(problem.robot.motors) == len(joints):
+        return {joint: limit for joint, limit in zip(joints, limits.tolist(), strict=True) if math.isfinite(limit)}
     if not np.isfinite(limits).any():
         return None
-    return [limit if math.isfinite(limit) else "none" for limit in limits]
+    return [limit if math.isfinite(limit) else "none" for limit in limits.tolist()]
 
 
 def _of_motors(problem: Problem) -> dict[str, Any]:
@@ -153,7 +157,10 @@ def problem_text(problem: Problem, path: str | Path) -> str:
         for key in keys:
             values = dict(zip(problem.robot.joints, content[table][key], strict=True))
             content[table][key] = {joint: value for joint, value in values.items() if value is not None}
-    content["limits"]["torque"] = _torque_limits(problem, content["limits"].pop("motor_torque", None))
+    limits = content["limits"]
+    for key, by_coordinate in {**problem.joint_limits, "torque": problem.torque_limits}.items():
+        limits[key] = _limits_of_file(problem, by_coordinate)
+    limits["torque"] = limits.pop("motor_torque", None) or limits["torque"]
     return tomli_w.dumps(_without_gaps(content))
 
 

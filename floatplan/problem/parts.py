@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
 from floatplan.arrays import Array
+from floatplan.tables import Objective
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
-Objective: TypeAlias = Literal["coefficients", "torque", "acceleration"]
-
-OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +95,8 @@ class Motion:
     ----------
     degree : int, (n,) ints, or "auto"
         k_i of (12), at least 5; "auto" starts at 7 and raises it where nothing else helps.
-    objective : "coefficients", "torque" or "acceleration"
-        (17), or the integral of the squared torques, or of the squared joint accelerations.
+    objective : str
+        One of the table of objectives, :data:`floatplan.tables.OBJECTIVE_TABLE`; "coefficients" is (17).
     """
 
     degree: int | Sequence[int] | Literal["auto"] = 7
@@ -126,6 +124,8 @@ class Limits:
         rad/s and N m. A number is for each motor of ``robot.motors``, a mapping by their names; a leader's value holds
         for followers that are not named, and motors left out have no limit. A sequence is by planned coordinate:
         torques are then the generalised ones, of a leader and its followers together.
+    acceleration : "none", one number, mapping or (n,) sequence
+        rad/s^2, as ``velocity``; a URDF knows no such limit.
     motor : mapping motor -> Motor
         A leader's holds for followers that are not named.
     orientation_rate : float, optional
@@ -137,6 +137,7 @@ class Limits:
     torque: Literal["none", "urdf"] | JointValues = "none"
     motor: Mapping[str, Motor] = field(default_factory=dict)
     orientation_rate: float | None = None
+    acceleration: Literal["none"] | JointValues = "none"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ order of ``robot.joints``, SI units, radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -18,23 +18,25 @@ from floatplan.problem.checks import (
     check_angular_momentum,
     check_ballistics,
     check_duration,
-    check_inside,
     check_objective,
     check_obstacle,
-    check_orientation_rate,
     check_pair,
     degrees_of,
     faults,
     joint_state,
     landing_of,
+    takeoff_of,
+)
+from floatplan.problem.ground import ground_height
+from floatplan.problem.limits import (
+    check_inside,
+    check_orientation_rate,
+    joint_limits,
     motor_torque_limits,
     motor_values,
     position_limits,
-    takeoff_of,
     torque_limits,
-    velocity_limits,
 )
-from floatplan.problem.ground import ground_height
 from floatplan.problem.parts import (
     Flight,
     HalfPlane,
@@ -48,6 +50,7 @@ from floatplan.problem.parts import (
     Takeoff,
 )
 from floatplan.robot.robot import Frame, Robot
+from floatplan.tables import JOINT_LIMITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,8 @@ class Problem:
     initial, final : JointState
         ``start`` and ``goal`` as arrays.
     position_limits : (n, 2) rad, always finite
-    velocity_limits : (n,) rad/s, of the planned coordinates; infinite where there is none
+    joint_limits : key of ``[limits]`` -> (n,), of the planned coordinates; infinite where there is none
+        In the units of the table of limits.
     torque_limits : (n,) N m, of the generalised torques; infinite where there is none
         As given by a sequence, or what the motors' own limits add up to, by ratio.
     motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
@@ -84,7 +88,7 @@ class Problem:
     initial: JointState = field(init=False)
     final: JointState = field(init=False)
     position_limits: Array = field(init=False)
-    velocity_limits: Array = field(init=False)
+    joint_limits: Mapping[str, Array] = field(init=False)
     torque_limits: Array = field(init=False)
     motor_torque_limits: Array = field(init=False)
     motor_stall: Array = field(init=False)
@@ -115,7 +119,9 @@ class Problem:
             "initial": lambda: joint_state(robot, self.start, "start"),
             "final": lambda: joint_state(robot, self.goal, "goal"),
             "position_limits": lambda: position_limits(robot, limits),
-            "velocity_limits": lambda: velocity_limits(robot, limits.velocity),
+            "joint_limits": lambda: {
+                row.key: joint_limits(robot, row, getattr(limits, row.key)) for row in JOINT_LIMITS
+            },
             "torque_limits": lambda: torque_limits(robot, limits.torque),
             "motor_torque_limits": lambda: motor_torque_limits(robot, limits.torque),
             "motor_stall": lambda: motor_values(robot, limits, "stall", math.inf),
@@ -145,6 +151,11 @@ class Problem:
         for element, state in (("start", self.initial), ("goal", self.final)):
             for index in range(len(self.robot.joints)):
                 yield partial(check_inside, self.robot, self.position_limits, state, element, index)
+
+    @property
+    def velocity_limits(self) -> Array:
+        """Limits (n,) rad/s of the planned coordinates; infinite where there is none."""
+        return self.joint_limits["velocity"]
 
     @property
     def takeoff_frame(self) -> Frame:

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 
 from floatplan.problem import parts as asked
 from floatplan.robot.robot import Coupling
+from floatplan.tables import LIMIT_TABLE, Objective
 
 
 def _in_radians(value: float, info: ValidationInfo) -> float:
@@ -54,16 +55,25 @@ PositionLimits: TypeAlias = Annotated[
     | Annotated[Literal["urdf", "full"], Tag("<word>")],
     _any_of("'urdf', 'full', or a table of [low, high] by joint"),
 ]
-VelocityLimits: TypeAlias = Annotated[
+AngularLimit: TypeAlias = Annotated[
+    Annotated[Literal["none"], Tag("<word>")] | Annotated[Angle, Tag("<number>")], _any_of("a number or 'none'")
+]
+AngularLimits: TypeAlias = Annotated[
     Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[Angle | None], Tag("<list>")]
+    | Annotated[list[AngularLimit | None], Tag("<list>")]
     | Annotated[Literal["urdf", "none"], Tag("<word>")]
     | Annotated[Angle, Tag("<number>")],
     _any_of("'urdf', 'none', a number, or a table by joint"),
 ]
+AccelerationLimits: TypeAlias = Annotated[
+    Annotated[dict[str, Angle], Tag("<table>")]
+    | Annotated[list[AngularLimit | None], Tag("<list>")]
+    | Annotated[Literal["none"], Tag("<word>")]
+    | Annotated[Angle, Tag("<number>")],
+    _any_of("'none', a number, or a table by joint"),
+]
 TorqueLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
-    _any_of("a number or 'none'"),
+    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")], _any_of("a number or 'none'")
 ]
 TorqueLimits: TypeAlias = Annotated[
     Annotated[dict[str, Number], Tag("<table>")]
@@ -198,7 +208,7 @@ class MotionTable(Table):
     """``[motion]``."""
 
     degree: Degree = 7
-    objective: asked.Objective = "coefficients"
+    objective: Objective = "coefficients"
 
     def motion(self) -> asked.Motion:
         """Return what the table says."""
@@ -216,17 +226,18 @@ class LimitsTable(Table):
     """``[limits]``."""
 
     position: PositionLimits = "urdf"
-    velocity: VelocityLimits = "none"
+    velocity: AngularLimits = "none"
+    acceleration: AccelerationLimits = "none"
     torque: TorqueLimits = "none"
     motor: dict[str, MotorTable] = Field(default_factory=dict)
     orientation_rate: Angle | None = None
 
     def limits(self) -> asked.Limits:
         """Return what the table says; ``null`` or ``"none"`` in a list is no limit."""
+        by_joint = {row.key: _unlimited(getattr(self, row.key)) for row in LIMIT_TABLE.values() if row.of != "base"}
         return asked.Limits(
             position=self.position,
-            velocity=_unlimited(self.velocity),
-            torque=_unlimited(self.torque),
+            **by_joint,
             motor={joint: asked.Motor(motor.stall, motor.slope) for joint, motor in self.motor.items()},
             orientation_rate=self.orientation_rate,
         )

@@ -19,7 +19,7 @@ TIGHT = 1e-12  # [-] per step; open loop, errors grow with the motion: 10-fold i
 LOOSE = 1e-8  # [-] where what is flown was disturbed by far more
 
 
-def fly(
+def fly_pinocchio(
     model: Any, torques: Torques, takeoff: tuple[Array, Array], times: Array, tolerance: float = TIGHT
 ) -> tuple[Array, Array]:
     """Integrate ``q'' = ABA(q, q', (0, torques))`` and return positions and velocities at times, (N, 3 + m) each.

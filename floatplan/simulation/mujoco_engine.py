@@ -24,7 +24,7 @@ def whole_step(duration: float, step: float, panels: int) -> float:
 def fly_mujoco(
     model: Any, order: list[int], torques: Torques, takeoff: tuple[Array, Array], times: Array
 ) -> tuple[Array, Array]:
-    """Integrate MuJoCo's accelerations at fixed steps; as :func:`floatplan.simulation.forward.fly`.
+    """Integrate MuJoCo's accelerations at fixed steps; as :func:`floatplan.simulation.forward.fly_pinocchio`.
 
     By the Runge-Kutta method of fourth order that MuJoCo has too. Its own takes torques from a callback that is one for
     all threads of the process.

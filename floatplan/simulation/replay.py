@@ -24,7 +24,7 @@ from floatplan.plans.recorded_robot import recorded_robot
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
-from floatplan.simulation.forward import LOOSE, TIGHT, fly
+from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 
@@ -166,7 +166,7 @@ def replay(
     times = record.duration * np.arange(1, PANELS + 1) / PANELS
     model = disturbance.disturbed(reduced)
     if engine == "pinocchio":
-        flown = fly(model, joint_torques, takeoff, times, LOOSE if disturbance.any else TIGHT)
+        flown = fly_pinocchio(model, joint_torques, takeoff, times, LOOSE if disturbance.any else TIGHT)
     else:
         flown = _fly_mujoco(robot, reduced, joint_torques, takeoff, times, step, disturbance)
     states = (takeoff, *zip(*flown, strict=True))

@@ -1,1 +1,1 @@
-"""The pictures: figures, tables and exports of a plan."""
+"""Pictures of plans: figures, films, the report and the scene."""

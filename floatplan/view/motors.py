@@ -1,4 +1,4 @@
-"""Which motors' torques are drawn: leaders, and those followers whose torque is another than their leader's."""
+"""Which motors' torques are drawn: leaders, and those followers whose torque differs from their leader's."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.view.style import palette
 
-ALIKE = 0.01  # of a leader's peak: followers that differ by less are not drawn
+ALIKE = 0.01  # [-] of a leader's peak: followers that differ by less are not drawn
 
 
 def leaders(plan: Plan) -> IntArray:
@@ -34,8 +34,8 @@ def motor_colours(plan: Plan, motors: list[int]) -> list[Array]:
     return [colours[leader[motor]] for motor in motors]
 
 
-def torque_limits(plan: Plan, velocities: Array) -> Array:
-    """What each motor may do (N, m) at joint velocities (N, n), N m: its limit, or what its curve leaves."""
+def available_torques(plan: Plan, velocities: Array) -> Array:
+    """Largest torque (N, m) of each motor at joint velocities (N, n), N m: its limit, or less by its curve."""
     problem = plan.problem
     rates = np.abs(velocities @ plan.robot.motor_ratios.T)
     return np.minimum(problem.motor_torque_limits, problem.motor_stall - problem.motor_slope * rates)

@@ -12,11 +12,11 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.robot.robot import Frame, Robot
 
-ARC = 12  # corners of a half circle
-LINK_SHARE = 0.055  # radius, as drawn, of links without a thickness of their own over their median length
-REACH_SHARE = 0.02  # the same over the reach of the robot from its centre of mass; the larger one counts
-MARGIN_SHARE = 0.8  # the same over an obstacle's margin, at most
-THINNEST = 0.4  # of the former
+ARC = 12  # [-] corners of a half circle
+LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
+REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
+MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
+LEAST_RADIUS = 0.4  # [-] of the former
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def robot_size(plan: Plan) -> float:
 
 
 def posture_at(plan: Plan, state: JointState, time: float) -> Postures:
-    """Return the robot in a posture asked for, its centre of mass where the flight has it at ``time``."""
+    """Return the robot in a given posture, its centre of mass where the flight has it at ``time``."""
     times = np.array([time])
     return _placed(plan, times, com_path(plan, times), np.array([state.orientation]), state.positions[None])
 
@@ -135,7 +135,7 @@ def _corner(placed: Postures, extreme: np.ufunc, side: float) -> ComplexArray:
 def _drawn_radius(plan: Plan) -> Array:
     """Radii (S,) of the capsules as drawn, m.
 
-    Where there is none: a share of the links' usual length or of the robot's reach; less where that would fill the
+    Where there is none: a fraction of the links' usual length or of the robot's reach; less where that would fill the
     margin of an obstacle that the link keeps clear of.
     """
     robot, shapes = plan.robot, plan.robot.shapes
@@ -144,10 +144,10 @@ def _drawn_radius(plan: Plan) -> Array:
     usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
     ends, bodies = np.array([shape.end for shape in shapes]), np.array([shape.body for shape in shapes])
     reach = float(np.abs(robot.tree.point_weights(bodies, ends)).sum(axis=1).max())
-    drawn = max(LINK_SHARE * usual, REACH_SHARE * reach)
+    drawn = max(LINK_RADIUS * usual, REACH_RADIUS * reach)
     margins = [obstacle.margin for obstacle in plan.problem.obstacles if obstacle.margin > 0]
     if margins:
-        drawn = max(min(drawn, MARGIN_SHARE * min(margins)), THINNEST * drawn)
+        drawn = max(min(drawn, MARGIN_RADIUS * min(margins)), LEAST_RADIUS * drawn)
     return np.where(radius > 0, radius, drawn)
 
 

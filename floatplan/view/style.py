@@ -1,4 +1,4 @@
-"""One look for all pictures: colours that everyone can tell apart, and print in one column of a paper."""
+"""The style of all pictures: colours that everyone can tell apart, sized for one column of a paper."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from matplotlib.legend_handler import HandlerTuple
 
 from floatplan.arrays import Array
 
-COLUMN = 3.35  # inches: one column of a two-column paper, 8.5 cm
-LETTERS = 17.5  # of a legend's text per inch
-ROW = 0.14  # inches: a line of a legend
-HANDLE = 6  # letters that a legend's handle takes
-DPI = 300
+COLUMN = 3.35  # [in] one column of a two-column paper, 8.5 cm
+LETTERS = 17.5  # [1/in] of a legend's text
+ROW = 0.14  # [in] a line of a legend
+HANDLE = 6  # [letters] width of a legend's handle
+DPI = 300  # [1/in]
 INK = "#222222"
 GREY = "#8a8a8a"
 PALE = "#c9c9c9"
@@ -28,8 +28,8 @@ ALARM = "#b00020"
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of curves, one per obstacle
 SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
-BASE = "#555555"  # of the base beside it
-SEQUENCE_END = 0.9  # its last tenth is too light for white paper
+BASE_GREY = "#555555"  # of the base beside it
+SEQUENCE_END = 0.9  # [-] its last tenth is too light for white paper
 
 RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
@@ -72,7 +72,7 @@ RC: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
 }
-_ONE_AT_A_TIME = threading.RLock()  # matplotlib's settings are one set for all threads
+_MATPLOTLIB_LOCK = threading.RLock()  # matplotlib's settings are one set for all threads
 SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made of several
 
 
@@ -82,7 +82,7 @@ def styled() -> Iterator[None]:
 
     Not for a generator that yields inside: another thread might end it, or none.
     """
-    with _ONE_AT_A_TIME, matplotlib.rc_context():
+    with _MATPLOTLIB_LOCK, matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(RC)
         yield
@@ -100,7 +100,7 @@ def palette(count: int) -> list[Array]:
     if count <= len(OKABE_ITO):
         return [rgb(colour) for colour in OKABE_ITO[:count]]
     sequence = matplotlib.colormaps[SEQUENCE](np.linspace(0, SEQUENCE_END, count - 1))
-    return [rgb(colour) for colour in (BASE, *sequence)]
+    return [rgb(colour) for colour in (BASE_GREY, *sequence)]
 
 
 def rgb(colour: Any) -> Array:

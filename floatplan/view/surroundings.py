@@ -1,4 +1,4 @@
-"""What the robot flies over and past: ground and obstacles."""
+"""Ground and obstacles, drawn."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.view.postures import Postures, stadium
 from floatplan.view.style import INK, faded
 
-STANDING = 0.02  # of the robot's size: how far it may reach below the ground that it stands on
-SINKING = 0.15  # of the robot's size: a flight that goes deeper knows no ground
+STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
+SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper is drawn without ground
 SOLID = "#9a9a9a"
-WIDE = 1e3  # m: half-planes end outside every picture
+WIDE = 1e3  # [m] half-planes end outside every picture
 
 
 def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
     """Find the ground that a flight leaves and comes back to.
 
     There is ground where the robot stands on the frame that takes off or lands and nothing of it is below. Ends at one
-    height share one ground, and must both stand on it. What flies far below the ground has none.
+    height have one ground, and must both stand on it. What flies far below the ground has none.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
 
 
 def draw_ground(axes: Axes, placed: Postures, whole_width: bool = True) -> None:
-    """Draw the ground line, through the whole picture where takeoff and landing share it."""
+    """Draw the ground line, through the whole picture where it is the same at takeoff and landing."""
     lines = ground_lines(placed)
     for height, low, high in lines:
         if whole_width and len(lines) == 1:

@@ -15,11 +15,16 @@ from floatplan.errors import InputError
 from floatplan.planning import repair as proving
 from floatplan.planning.planner import planned
 from floatplan.planning.repair import judged, plan_and_prove, proved, shortfalls, tightened
-from floatplan.view.figures.curves import Flown, clearance, rates, torques
+from floatplan.tables import LIMIT_TABLE
+from floatplan.view.figures.curves import SampledPlan, clearance, limited, torques
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "problems" / "new_configuration.toml"
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
+
+
+def rates(flown):
+    return limited(flown, LIMIT_TABLE["velocity"])
 
 
 @pytest.fixture(scope="module")
@@ -195,15 +200,15 @@ class TestCommands:
 class TestFigures:
     @pytest.mark.parametrize(("draw", "words"), [(torques, "proved peak"), (rates, "proved peak")])
     def test_proved_peaks_are_drawn(self, plan_b, draw, words):
-        figure = draw(Flown.of(plan_b))
+        figure = draw(SampledPlan.of(plan_b))
         assert words in [text.get_text() for text in figure.legends[0].get_texts()]
         name = {torques: "torque_peak", rates: "velocity_peak"}[draw]
         levels = {abs(line.get_ydata()[0]) for line in figure.axes[0].lines}
         assert set(plan_b.certificate[name]) <= levels
-        bare = draw(Flown.of(replace(plan_b)))
+        bare = draw(SampledPlan.of(replace(plan_b)))
         assert words not in [text.get_text() for text in bare.legends[0].get_texts()]
 
     def test_the_proved_minimum_is_drawn(self, plan_b):
-        figure = clearance(Flown.of(plan_b))
+        figure = clearance(SampledPlan.of(plan_b))
         assert "proved minimum" in [text.get_text() for text in figure.legends[0].get_texts()]
         assert plan_b.certificate["clearance_min"] in {line.get_ydata()[0] for line in figure.axes[0].lines}

@@ -121,6 +121,12 @@ class TestLimits:
         assert flight(robot, limits=fp.Limits(velocity=3.0)).velocity_limits.tolist() == [1.5, 3.0]
         assert flight(robot, limits=fp.Limits(velocity=[3.0, 3.0])).velocity_limits.tolist() == [3.0, 3.0]
 
+    def test_files_hold_the_rate_of_a_leader_with_a_faster_follower(self, path, tmp_path):
+        coupled = {"right_hip": fp.Coupling("left_hip", -2.0), "right_knee": "left_knee"}
+        problem = flight(fp.Robot.from_urdf(path, coupled=coupled), limits=fp.Limits(velocity={"left_hip": 3.0}))
+        again = fp.load_problem(fp.save_problem(problem, tmp_path / "p.toml"))
+        assert again.velocity_limits.tolist() == problem.velocity_limits.tolist() == [1.5, np.inf]
+
     def test_a_mapping_names_motors_and_leaders_speak_for_followers(self, robot):
         limits = fp.Limits(torque={"left_hip": 2.0, "right_knee": 1.0}, motor={"left_knee": fp.Motor(5.0, 0.2)})
         problem = flight(robot, limits=limits)

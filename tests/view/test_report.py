@@ -17,11 +17,11 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.view.figures.animation import RATE, SPEED, animate
-from floatplan.view.report.data import FEWEST, MOST, hex_colour, rounded, sample_grid
+from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
+from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, hex_colour, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
 from floatplan.view.scene.scene import scene
-from floatplan.view.scene.shapes import obstacle_slab, prism, quaternion
+from floatplan.view.scene.solids import obstacle_slab, prism, quaternion
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 
@@ -88,7 +88,7 @@ def test_what_is_put_in_is_not_looked_at_again() -> None:
 def test_samples_hold_the_middle_of_the_flight(handstand: fp.Plan) -> None:
     for duration in (1e-3, 0.65, 1.4, 3.0, 100.0):
         grid = sample_grid(duration)
-        assert FEWEST <= len(grid) <= MOST
+        assert FEWEST_SAMPLES <= len(grid) <= MOST_SAMPLES
         assert grid[len(grid) // 2] == pytest.approx(duration / 2, rel=1e-15)
     motion = report_data(handstand)["motion"]
     state = handstand.at(handstand.duration / 2)
@@ -104,7 +104,7 @@ def test_numbers_are_rounded_and_gaps_are_null() -> None:
 
 def test_it_says_what_was_asked_found_and_proved(handstand: fp.Plan) -> None:
     data = report_data(handstand)
-    assert [section["title"] for section in data["sections"]] == ["Asked", "Found", "Proved", "Use of limits"]
+    assert [section["title"] for section in data["sections"]] == ["Problem", "Result", "Proved", "Use of limits"]
     assert data["verdict"] == {"word": "planned, not proved yet", "tone": "open"}
     assert 'urdf = "' in data["problem"]
     findings = [{"label": "torque", "verdict": "proved", "bound": 1.0, "instant": None, "limit": None}]
@@ -205,7 +205,7 @@ def test_ground_and_walls_reach_beside_the_whole_flight(handstand: fp.Plan) -> N
 def test_a_film_has_the_flight_s_length(handstand: fp.Plan, tmp_path: Path) -> None:
     path = handstand.animate(tmp_path / "flight.gif", speed=2.0)
     with Image.open(path) as film:
-        assert film.n_frames == round(handstand.duration / 2.0 * RATE) + 1
+        assert film.n_frames == round(handstand.duration / 2.0 * FRAME_RATE) + 1
         first = np.asarray(film.convert("RGB"))
         assert (first[0] == 255).all()  # on white paper
         film.seek(film.n_frames - 1)

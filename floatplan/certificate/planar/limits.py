@@ -20,6 +20,7 @@ from floatplan.certificate.planar.flight import FlightModel
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
+from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.tolerances import RANGE, RELATIVE
 
 PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
@@ -62,11 +63,12 @@ class Quantities:
 def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, beyond_range: list[int]) -> Quantities:
     """All limited quantities, and those whose peaks the record claims."""
     joints, limits, names = flight.joints, record.problem["limits"], record.robot.joints
-    found = [
-        Quantity(f"velocity {name}", joints.velocities[:, i : i + 1], _limit(limits["velocity"], i))
-        for i, name in enumerate(names)
-    ]
-    velocities = list(range(len(found)))
+    found: list[Quantity] = []
+    first = {}
+    for row in JOINT_LIMITS:
+        first[row.key] = len(found)
+        found += _of_joints(row, record, flight)
+    velocities = [first["velocity"] + i for i in range(len(names))]
     own = _own_limits(robot, limits)
     motors = []
     for i, name in enumerate(robot.motors):
@@ -80,26 +82,45 @@ def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, beyo
             together = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
             found.append(Quantity(f"generalized_torque {name}", together, _limit(limits["torque"], i)))
     for name, motor in (limits.get("motor") or {}).items():
-        i = _motor(robot, name, "motor")
-        leader = int(np.argmax(np.abs(robot.motor_ratios[i])))
-        slope = flint.arb(float(motor["slope"])) * float(robot.motor_ratios[i, leader])
-        drop = joints.velocities[:, leader : leader + 1].times(Balls.from_arb([slope], (1,)))
-        torque = joints.motor_torques[:, i : i + 1]
-        found.append(Quantity(f"motor {name}", stack([torque + drop, torque - drop]), float(motor["stall"])))
+        found.append(_motor_curve(robot, flight, name, motor))
     if limits.get("orientation_rate") is not None:
         found.append(Quantity("orientation_rate", joints.rate, float(limits["orientation_rate"])))
-    ranges = _ranges(record)
-    for i in beyond_range:
-        low, high = ranges[i]
-        with flint.ctx.workprec(PRECISION):
-            middle = Balls.from_arb([(flint.arb(low) + high) / 2], (1,))
-            reach = float(((flint.arb(high) - low) / 2).lower())
-        shift = Balls(
-            np.broadcast_to(middle.mid, (len(flight.cells), 1)), np.broadcast_to(middle.rad, (len(flight.cells), 1))
-        )
-        position = joints.positions[:, i : i + 1]
-        found.append(Quantity(f"position {names[i]}", position - Taylor.constant(shift, position.order), reach))
+    found += [_beyond_range(record, flight, i) for i in beyond_range]
     return Quantities(found, velocities, torques, motors)
+
+
+def _of_joints(row: LimitRow, record: PlanRecord, flight: FlightModel) -> list[Quantity]:
+    """The joints' quantities of a row that are limited, or all where the record claims their peaks."""
+    limits = record.problem["limits"].get(row.key) or [None] * len(record.robot.joints)
+    models: Taylor = getattr(flight.joints, row.quantity)
+    of_joints = [
+        Quantity(f"{row.key} {name}", models[:, i : i + 1], _limit(limits, i))
+        for i, name in enumerate(record.robot.joints)
+    ]
+    return of_joints if row.always else [quantity for quantity in of_joints if quantity.limit != math.inf]
+
+
+def _motor_curve(robot: PlanarRobot, flight: FlightModel, name: str, motor: Mapping[str, Any]) -> Quantity:
+    """``|torque| + slope |velocity|`` of a motor, as the larger of two magnitudes."""
+    joints, i = flight.joints, _motor(robot, name, "motor")
+    leader = int(np.argmax(np.abs(robot.motor_ratios[i])))
+    slope = flint.arb(float(motor["slope"])) * float(robot.motor_ratios[i, leader])
+    drop = joints.velocities[:, leader : leader + 1].times(Balls.from_arb([slope], (1,)))
+    torque = joints.motor_torques[:, i : i + 1]
+    return Quantity(f"motor {name}", stack([torque + drop, torque - drop]), float(motor["stall"]))
+
+
+def _beyond_range(record: PlanRecord, flight: FlightModel, joint: int) -> Quantity:
+    """Distance of a joint from the middle of its range, where its sine polynomial alone does not keep it inside."""
+    low, high = _ranges(record)[joint]
+    with flint.ctx.workprec(PRECISION):
+        middle = Balls.from_arb([(flint.arb(low) + high) / 2], (1,))
+        reach = float(((flint.arb(high) - low) / 2).lower())
+    shape = (len(flight.cells), 1)
+    shift = Balls(np.broadcast_to(middle.mid, shape), np.broadcast_to(middle.rad, shape))
+    position = flight.joints.positions[:, joint : joint + 1]
+    name = record.robot.joints[joint]
+    return Quantity(f"position {name}", position - Taylor.constant(shift, position.order), reach)
 
 
 def _own_limits(robot: PlanarRobot, limits: Mapping[str, Any]) -> list[float]:

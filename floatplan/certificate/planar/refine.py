@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import TypeAlias
 
 import numpy as np
@@ -67,11 +68,4 @@ def _coarse(joints: Joints, duration: float) -> BoolArray:
 
 
 def _take(joints: Joints, cells: IntArray) -> Joints:
-    return Joints(
-        joints.positions[cells],
-        joints.velocities[cells],
-        joints.motor_torques[cells],
-        joints.rate[cells],
-        joints.cos[cells],
-        joints.sin[cells],
-    )
+    return Joints(**{each.name: getattr(joints, each.name)[cells] for each in fields(Joints)})

@@ -6,7 +6,7 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -14,9 +14,11 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.motion.planar.clearance import Distances, obstacle_distances, pair_distances
+from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 from floatplan.tolerances import CLEARANCE, RELATIVE
 
 LENGTH_SCALE = 0.1  # m: a clearance that is worth as much as the whole of a torque or rate limit
@@ -27,20 +29,11 @@ ALWAYS: Window = (0.0, 1.0)
 
 
 class Constraint(Protocol):
-    """A block of inequalities.
-
-    Attributes
-    ----------
-    labels : (r,) names for a person
-    unit : of ``value * scale``
-    scale : (r,)
-    tolerance : of a value
-    window : instants between which the block applies
-    """
+    """A block of inequalities, with all that the search and its explanations need to know of it."""
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Name of each row."""
+        """Name (r,) of each row, for a person."""
 
     @property
     def unit(self) -> str:
@@ -58,16 +51,21 @@ class Constraint(Protocol):
     def window(self) -> Window:
         """Between which instants the block applies."""
 
+    @property
+    def settled_at_ends(self) -> bool:
+        """Whether the states at takeoff and landing settle the values there, whatever h is."""
+
     def values(self, trajectory: Trajectory) -> Array:
         """Values (K, r)."""
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size) of the values by x."""
 
+    def relaxed(self, row: int, amount: str) -> str:
+        """What would have to be, for a person, for a row to be kept that is violated by an amount."""
 
-def is_settled_at_ends(block: Constraint) -> bool:
-    """Whether the states at takeoff and landing settle its values there; torques and theta0' depend on h besides."""
-    return isinstance(block, ObstacleClearance | SelfClearance | VelocityLimit)
+    def cause_at(self, end: str) -> str:
+        """Why a row can be violated at the "start" or the "goal" already, for a person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +81,7 @@ class ObstacleClearance:
     window: Window = ALWAYS
     unit: str = "m"
     tolerance: float = CLEARANCE / LENGTH_SCALE
+    settled_at_ends: bool = True
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -103,6 +102,14 @@ class ObstacleClearance:
         """Derivatives (K, r, size)."""
         return trajectory.angle_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
 
+    def relaxed(self, row: int, amount: str) -> str:
+        """A smaller clearance."""
+        return f"the {self.labels[row]} {amount} smaller"
+
+    def cause_at(self, end: str) -> str:
+        """The posture touches the obstacle."""
+        return f"the obstacle covers the {end} posture"
+
     def _distances(self, trajectory: Trajectory) -> Distances:
         if self not in trajectory.distances:
             trajectory.distances[self] = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times)
@@ -120,6 +127,7 @@ class SelfClearance:
     window: Window = ALWAYS
     unit: str = "m"
     tolerance: float = CLEARANCE / LENGTH_SCALE
+    settled_at_ends: bool = True
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -139,6 +147,14 @@ class SelfClearance:
         """Derivatives (K, r, size)."""
         return trajectory.angle_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
 
+    def relaxed(self, row: int, amount: str) -> str:
+        """A smaller clearance."""
+        return f"the {self.labels[row]} {amount} smaller"
+
+    def cause_at(self, end: str) -> str:
+        """The posture brings the links together."""
+        return f"it follows from the {end}'s positions"
+
     def _distances(self, trajectory: Trajectory) -> Distances:
         if self not in trajectory.distances:
             segments = trajectory.segments
@@ -148,18 +164,19 @@ class SelfClearance:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueLimit:
-    """``|torque| <= limit``, two rows for each of r torques. Holds: for all t, by exchange of instants.
+class MagnitudeLimit:
+    """``|combinations @ quantity| <= limit``, two rows for each of r combinations.
 
-    A torque is ``ratios @ motor torques``, with ``ratios`` (r, motors): a motor's own, or that of a leader and its
-    followers together.
+    Holds: for all t, by exchange of instants. ``combinations`` are (r, m): a motor's torque or a joint's rate on its
+    own, or the torque of a leader and its followers together.
     """
 
+    quantity: Quantity
     names: tuple[str, ...]
-    ratios: Array
+    combinations: Array
     limit: Array
+    unit: str
     window: Window = ALWAYS
-    unit: str = "N m"
     tolerance: float = RELATIVE
 
     @property
@@ -172,15 +189,28 @@ class TorqueLimit:
         """The limits."""
         return np.tile(self.limit, 2)
 
+    @property
+    def settled_at_ends(self) -> bool:
+        """As of the quantity."""
+        return self.quantity.settled_at_ends
+
     def values(self, trajectory: Trajectory) -> Array:
-        """``1 -+ torque / limit`` (K, r)."""
-        relative = (trajectory.motor_torques @ self.ratios.T) / self.limit
+        """``1 -+ quantity / limit`` (K, 2r)."""
+        relative = (self.quantity.values(trajectory) @ self.combinations.T) / self.limit
         return np.concatenate((1 - relative, 1 + relative), axis=1)
 
     def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        relative = (self.ratios / self.limit[:, None]) @ trajectory.motor_torque_jacobian
+        """Derivatives (K, 2r, size)."""
+        relative = (self.combinations / self.limit[:, None]) @ self.quantity.jacobian(trajectory)
         return np.concatenate((-relative, relative), axis=1)
+
+    def relaxed(self, row: int, amount: str) -> str:
+        """A higher limit."""
+        return f"the limit on the {self.labels[row]} {amount} higher"
+
+    def cause_at(self, end: str) -> str:
+        """The state at that end exceeds the limit."""
+        return f"it follows from the {end}'s rates and accelerations"
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +228,7 @@ class MotorLimit:
     window: Window = ALWAYS
     unit: str = "N m"
     tolerance: float = RELATIVE
+    settled_at_ends: bool = False
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -221,67 +252,13 @@ class MotorLimit:
         drag = ((self.slope / self.stall)[:, None] * self.ratios) @ trajectory.velocity_jacobian
         return -np.concatenate((torque + drag, torque - drag, -torque + drag, -torque - drag), axis=1)
 
+    def relaxed(self, row: int, amount: str) -> str:
+        """A higher limit."""
+        return f"the limit on the {self.labels[row]} {amount} higher"
 
-@dataclass(frozen=True, eq=False)
-class VelocityLimit:
-    """``|velocity| <= limit`` of the joints that have one, two rows each. Holds: for all t, by exchange of instants."""
-
-    joints: tuple[int, ...]
-    names: tuple[str, ...]
-    limit: Array
-    window: Window = ALWAYS
-    unit: str = "rad/s"
-    tolerance: float = RELATIVE
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Upper limits, then lower ones."""
-        return tuple(f"velocity of {name}" for name in self.names * 2)
-
-    @property
-    def scale(self) -> Array:
-        """The limits."""
-        return np.tile(self.limit, 2)
-
-    def values(self, trajectory: Trajectory) -> Array:
-        """``1 -+ velocity / limit`` (K, r)."""
-        relative = trajectory.motion.velocities[:, list(self.joints)] / self.limit
-        return np.concatenate((1 - relative, 1 + relative), axis=1)
-
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        relative = trajectory.velocity_jacobian[:, list(self.joints)] / self.limit[:, None]
-        return np.concatenate((-relative, relative), axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class OrientationRateLimit:
-    """``|theta0'| <= limit``, as two rows. Holds: for all t, by exchange of instants."""
-
-    limit: float
-    window: Window = ALWAYS
-    unit: str = "rad/s"
-    tolerance: float = RELATIVE
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Upper limit, then lower one."""
-        return ("orientation rate",) * 2
-
-    @property
-    def scale(self) -> Array:
-        """The limit."""
-        return np.full(2, self.limit)
-
-    def values(self, trajectory: Trajectory) -> Array:
-        """``1 -+ theta0' / limit`` (K, 2)."""
-        relative = trajectory.rate / self.limit
-        return np.stack((1 - relative, 1 + relative), axis=1)
-
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        relative = trajectory.base_rate_jacobian / self.limit
-        return np.stack((-relative, relative), axis=1)
+    def cause_at(self, end: str) -> str:
+        """The state at that end exceeds the limit."""
+        return f"it follows from the {end}'s rates and accelerations"
 
 
 def applies(block: Constraint, s: Array) -> BoolArray:
@@ -305,7 +282,6 @@ def _window(obstacle: Obstacle, duration: float) -> Window:
 
 def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     """All constraints of a problem that need watching."""
-    names = problem.robot.joints
     blocks: list[Constraint] = [
         ObstacleClearance(
             obstacle,
@@ -322,32 +298,43 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
             tuple(index for index, link in enumerate(model.shapes.links) if link == name) for name in pair.links
         )
         blocks.append(SelfClearance(first, second, pair.links, pair.margin))
-    blocks += _torque_limits(problem)
-    limited = np.flatnonzero(np.isfinite(problem.velocity_limits))
-    if limited.size:
-        limits = problem.velocity_limits[limited]
-        blocks.append(VelocityLimit(tuple(limited.tolist()), tuple(names[i] for i in limited), limits))
-    blocks += _motor_limits(problem)
-    if problem.limits.orientation_rate is not None:
-        blocks.append(OrientationRateLimit(problem.limits.orientation_rate))
-    return tuple(blocks)
+    return (*blocks, *_torque_limits(problem), *_joint_limits(problem), *_motor_limits(problem), *_base_limits(problem))
 
 
-def _torque_limits(problem: Problem) -> Iterator[TorqueLimit]:
+def _torque_limits(problem: Problem) -> Iterator[Constraint]:
     """Limits of the motors' own torques; and of generalised ones, where the motors' own do not imply them."""
-    robot = problem.robot
+    robot, row = problem.robot, LIMIT_TABLE["torque"]
     own = np.isfinite(problem.motor_torque_limits)
-    if own.any():
-        names = tuple(f"torque of {robot.motors[i]}" for i in np.flatnonzero(own))
-        yield TorqueLimit(names, np.eye(len(own))[own], problem.motor_torque_limits[own])
+    names = tuple(f"torque of {motor}" for motor in robot.motors)
+    yield from _magnitudes(row, names, np.eye(len(own)), problem.motor_torque_limits)
     implied = ((robot.motor_ratios == 0) | own[:, None]).all(axis=0)
-    together = np.isfinite(problem.torque_limits) & ~implied
-    if together.any():
-        names = tuple(f"generalized torque of {robot.joints[i]}" for i in np.flatnonzero(together))
-        yield TorqueLimit(names, robot.motor_ratios.T[together], problem.torque_limits[together])
+    names = tuple(f"generalized torque of {joint}" for joint in robot.joints)
+    yield from _magnitudes(row, names, robot.motor_ratios.T, np.where(implied, np.inf, problem.torque_limits))
 
 
-def _motor_limits(problem: Problem) -> Iterator[MotorLimit]:
+def _joint_limits(problem: Problem) -> Iterator[Constraint]:
+    """Limits of the planned joints' motion."""
+    joints = problem.robot.joints
+    for row in JOINT_LIMITS:
+        names = tuple(f"{row.key} of {joint}" for joint in joints)
+        yield from _magnitudes(row, names, np.eye(len(joints)), problem.joint_limits[row.key])
+
+
+def _base_limits(problem: Problem) -> Iterator[Constraint]:
+    rate = problem.limits.orientation_rate
+    if rate is not None:
+        yield from _magnitudes(LIMIT_TABLE["orientation_rate"], ("orientation rate",), np.eye(1), np.array([rate]))
+
+
+def _magnitudes(row: LimitRow, names: Sequence[str], combinations: Array, limits: Array) -> Iterator[Constraint]:
+    """The combinations (r, m) of a quantity that have a finite limit (r,), as one block where there are any."""
+    limited = np.flatnonzero(np.isfinite(limits))
+    if limited.size:
+        chosen = tuple(names[i] for i in limited.tolist())
+        yield MagnitudeLimit(QUANTITIES[row.quantity], chosen, combinations[limited], limits[limited], row.unit)
+
+
+def _motor_limits(problem: Problem) -> Iterator[Constraint]:
     robot = problem.robot
     limited = np.flatnonzero(np.isfinite(problem.motor_stall))
     if limited.size:

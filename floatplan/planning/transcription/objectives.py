@@ -1,4 +1,4 @@
-"""What the search minimises: (17), or the time integral of squared torques or joint accelerations.
+"""What the search minimises: (17), or the time integral of a squared quantity.
 
 The search scales every objective to about 1 at a sensible motion of its class; :func:`objective_value` is the user's
 own, by which motions of different classes compare.
@@ -16,9 +16,11 @@ from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
-from floatplan.planning.transcription.trajectory import Partials, Trajectory, sample_nodes, trajectory
+from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
+from floatplan.planning.transcription.trajectory import Trajectory, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.problem.parts import Objective as ObjectiveName
+from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.tables import Objective as ObjectiveName
 
 LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
 EXACT_NODES = NODE_COUNTS[-1]  # of quadrature, for the number that the user sees
@@ -60,84 +62,53 @@ class CoefficientNorm:
 
 
 @dataclass(frozen=True, eq=False)
-class SquaredAcceleration:
-    """Integral over the flight of the squared joint accelerations, rad^2/s^3, divided by ``scale``."""
+class IntegralOfSquares:
+    """Integral over the flight of a quantity's square, summed over the joints and divided by ``scale``."""
 
+    quantity: Quantity
     scale: float
 
     def value(self, trajectory: Trajectory, x: Array) -> float:
         """Value."""
-        return _integral_of_squares(trajectory, self.scale, trajectory.motion.accelerations)
+        nodes = trajectory.sampling.nodes
+        values = self.quantity.values(trajectory)[:nodes]
+        return float((_time_weights(trajectory) / self.scale) @ (values**2).sum(axis=1))
 
     def gradient(self, trajectory: Trajectory, x: Array) -> Array:
         """Gradient (size,) by x."""
-        return _gradient(trajectory, self.scale, trajectory.motion.accelerations, _acceleration_jacobian(trajectory))
+        nodes = trajectory.sampling.nodes
+        weighted = (_time_weights(trajectory) / self.scale)[:, None] * self.quantity.values(trajectory)[:nodes]
+        return np.asarray(2 * np.einsum("kr,krx->x", weighted, self.quantity.jacobian(trajectory)[:nodes]))
 
     def hessian(self, trajectory: Trajectory) -> Array:
-        """Gauss-Newton approximation."""
-        return _gauss_newton(trajectory, self.scale, _acceleration_jacobian(trajectory))
+        """Gauss-Newton approximation, with the least curvature added."""
+        weights = np.sqrt(2 * _time_weights(trajectory) / self.scale)
+        weighted = weights[:, None, None] * self.quantity.jacobian(trajectory)[: trajectory.sampling.nodes]
+        rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
+        hessian: Array = rows.T @ rows
+        diagonal = hessian.diagonal()
+        return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
 
 
-@dataclass(frozen=True, eq=False)
-class SquaredTorque:
-    """Integral over the flight of the squared joint torques, N^2 m^2 s, divided by ``scale``."""
-
-    scale: float
-
-    def value(self, trajectory: Trajectory, x: Array) -> float:
-        """Value."""
-        return _integral_of_squares(trajectory, self.scale, trajectory.torques)
-
-    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
-        """Gradient (size,) by x."""
-        return _gradient(trajectory, self.scale, trajectory.torques, trajectory.torque_jacobian)
-
-    def hessian(self, trajectory: Trajectory) -> Array:
-        """Gauss-Newton approximation."""
-        return _gauss_newton(trajectory, self.scale, trajectory.torque_jacobian)
+def objective_term(name: ObjectiveName, variables: DecisionVariables, scale: float = 1.0) -> Objective:
+    """Return the row of the table of objectives as the search minimises it; integrals are divided by ``scale``."""
+    quantity = OBJECTIVE_TABLE[name].quantity
+    if quantity is None:
+        return CoefficientNorm(variables.coefficients)
+    return IntegralOfSquares(QUANTITIES[quantity], scale)
 
 
 def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
-    """|b| of (17), or the integral of squared torques, N^2 m^2 s, or accelerations, rad^2/s^3: the user's objective.
+    """Value of the user's objective, in the unit that the table of objectives gives.
 
     It is computed as exactly for every class of motions, and knows nothing of the scaling of the variables x that the
     ``motion`` belongs to.
     """
     model, variables = motion.model, motion.variables
-    if name == "coefficients":
+    if OBJECTIVE_TABLE[name].quantity is None:
         return float(np.linalg.norm(variables.polynomials.powers_of_seconds(variables.free_coefficients(x))))
     exact = trajectory(model, variables, sample_nodes(EXACT_NODES, variables.polynomials.width), x)
-    unscaled = SquaredTorque(1.0) if name == "torque" else SquaredAcceleration(1.0)
-    return unscaled.value(exact, x)
-
-
-def _acceleration_jacobian(trajectory: Trajectory) -> Array:
-    """Derivatives (K, n, size) of the joint accelerations by x."""
-    count, n = trajectory.motion.accelerations.shape
-    return trajectory.jacobian(Partials(by_acceleration=np.broadcast_to(np.eye(n), (count, n, n))))
-
-
-def _integral_of_squares(trajectory: Trajectory, scale: float, values: Array) -> float:
-    """Integral over the flight of |values|^2 / scale."""
-    nodes = trajectory.sampling.nodes
-    return float((_time_weights(trajectory) / scale) @ (values[:nodes] ** 2).sum(axis=1))
-
-
-def _gradient(trajectory: Trajectory, scale: float, values: Array, jacobian: Array) -> Array:
-    """Gradient (size,) of :func:`_integral_of_squares`."""
-    nodes = trajectory.sampling.nodes
-    weighted = (_time_weights(trajectory) / scale)[:, None] * values[:nodes]
-    return np.asarray(2 * np.einsum("kr,krx->x", weighted, jacobian[:nodes]))
-
-
-def _gauss_newton(trajectory: Trajectory, scale: float, jacobian: Array) -> Array:
-    """Gauss-Newton approximation of :func:`_integral_of_squares`, with the least curvature added."""
-    weights = np.sqrt(2 * _time_weights(trajectory) / scale)
-    weighted = weights[:, None, None] * jacobian[: trajectory.sampling.nodes]
-    rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
-    hessian: Array = rows.T @ rows
-    diagonal = hessian.diagonal()
-    return hessian + LEAST_CURVATURE * max(float(diagonal.max(initial=0)), LEAST_CURVATURE) * np.eye(len(hessian))
+    return objective_term(name, variables).value(exact, x)
 
 
 def _time_weights(trajectory: Trajectory) -> Array:

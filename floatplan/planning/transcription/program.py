@@ -12,14 +12,8 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.bounds import inertia_extremes
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
-from floatplan.planning.transcription.constraints import Constraint, applies, is_settled_at_ends, window_ends
-from floatplan.planning.transcription.objectives import (
-    CoefficientNorm,
-    Objective,
-    SquaredAcceleration,
-    SquaredTorque,
-    whitened_variables,
-)
+from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
+from floatplan.planning.transcription.objectives import Objective, objective_term, whitened_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
@@ -110,7 +104,7 @@ def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Const
 
 
 def _depends_on_momentum_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
-    return variables.reach > 0 and not is_settled_at_ends(block)
+    return variables.reach > 0 and not block.settled_at_ends
 
 
 def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
@@ -153,10 +147,10 @@ def _momentum_of_a_turn(problem: Problem) -> float:
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
-    """The problem's objective, scaled to 1 at the motion with no free part."""
-    if problem.motion.objective == "coefficients":
-        return CoefficientNorm(variables.coefficients)
-    kind = SquaredTorque if problem.motion.objective == "torque" else SquaredAcceleration
+    """The problem's objective, scaled to 1 at the motion with no free part; (17) is scaled by its variables."""
+    name = problem.motion.objective
+    if name == "coefficients":
+        return objective_term(name, variables)
     x = variables.plain_motion()
-    unscaled = kind(1.0).value(trajectory(model, variables, sampling, x), x)
-    return kind(max(unscaled, 1e-6))
+    value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
+    return objective_term(name, variables, max(value, 1e-6))

@@ -30,13 +30,13 @@ from floatplan.view.postures import com_path, postures
 from floatplan.view.style import GREY, INK, new_figure, styled
 from floatplan.view.surroundings import draw_ground, draw_obstacle
 
-RATE = 25.0  # pictures per second: GIF counts in hundredths of a second
-SPEED = 0.5  # of the film's clock against the flight's
-LONGEST = 60.0  # s of film
-REST = 0.8  # s that the landing stays
-WIDTH = 480  # pixels, even as MP4 wants them
-DPI = 120
-COLOURS = 64
+FRAME_RATE = 25.0  # [Hz] GIF counts in hundredths of a second
+SPEED = 0.5  # [-] of the film's clock against the flight's
+LONGEST = 60.0  # [s] of film
+LANDING_PAUSE = 0.8  # [s] that the last picture stays
+WIDTH = 480  # [px] even as MP4 wants them
+FILM_DPI = 120  # [1/in]
+COLOURS = 64  # [-] of a GIF
 
 
 def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED) -> Path:
@@ -58,20 +58,20 @@ def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED
     """
     path = Path(path)
     if not 0 < speed < math.inf:
-        raise InputError(f"{speed} is not positive", element="speed")
+        raise InputError(f"{speed} is not positive and finite", element="speed", advice="give a number such as 0.5")
     if plan.duration / speed > LONGEST:
         length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
-        raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed")
+        raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed", advice="give a higher speed")
     if path.suffix == ".gif":
         return write_atomically(path, _gif(pictures(plan, speed)))
     if path.suffix == ".mp4":
         return write_atomically(path, _mp4(_ffmpeg(), pictures(plan, speed)))
-    raise InputError(f"{path.suffix!r} is no film", source=path, advice="name a file that ends in .gif or .mp4")
+    raise InputError(f"must end in .gif or .mp4, not {path.suffix!r}", source=path)
 
 
 def pictures(plan: Plan, speed: float = SPEED) -> list[Image.Image]:
     """Draw the film's pictures; what stays is drawn once."""
-    count = max(2, round(plan.duration / speed * RATE) + 1)
+    count = max(2, round(plan.duration / speed * FRAME_RATE) + 1)
     times = np.linspace(0.0, plan.duration, count)
     with styled():
         figure, axes = _stage(plan)
@@ -88,8 +88,8 @@ def _stage(plan: Plan) -> tuple[Figure, Axes]:
     """Return a figure with ground, standing obstacles and path."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     shape = min(max((high - low).imag / (high - low).real, FLATTEST), TALLEST)
-    figure = new_figure(WIDTH / DPI, 2 * round(WIDTH * shape / 2) / DPI)
-    figure.set_dpi(DPI)
+    figure = new_figure(WIDTH / FILM_DPI, 2 * round(WIDTH * shape / 2) / FILM_DPI)
+    figure.set_dpi(FILM_DPI)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0, 0, 1, 1))
     frame_box(axes, low, high)
@@ -123,30 +123,30 @@ def _pixels(figure: Figure) -> Array:
 
 
 def _gif(frames: list[Image.Image]) -> bytes:
-    """All pictures share the palette of the middle one, so that their colours do not flicker."""
+    """All pictures have the palette of the middle one, so that their colours do not flicker."""
     middle = frames[len(frames) // 2]
     palette = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    pause = round(1000 / RATE)
+    pause = round(1000 / FRAME_RATE)
     stream = io.BytesIO()
-    waits = [pause] * (len(shown) - 1) + [round(1000 * REST)]
+    waits = [pause] * (len(shown) - 1) + [round(1000 * LANDING_PAUSE)]
     shown[0].save(stream, format="GIF", save_all=True, append_images=shown[1:], duration=waits, loop=0, optimize=True)
     return stream.getvalue()
 
 
 def _ffmpeg() -> str:
-    found = shutil.which("ffmpeg")
-    if found is None:
+    program = shutil.which("ffmpeg")
+    if program is None:
         raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
-    return found
+    return program
 
 
 def _mp4(ffmpeg: str, frames: list[Image.Image]) -> bytes:
     size = f"{frames[0].width}x{frames[0].height}"
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
-        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{RATE:g}", "-i", "-"]
-        made = ["-vf", f"tpad=stop_mode=clone:stop_duration={REST}", "-pix_fmt", "yuv420p", str(film)]
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{FRAME_RATE:g}", "-i", "-"]
+        made = ["-vf", f"tpad=stop_mode=clone:stop_duration={LANDING_PAUSE}", "-pix_fmt", "yuv420p", str(film)]
         content = b"".join(frame.tobytes() for frame in frames)
         done = subprocess.run(
             [ffmpeg, "-loglevel", "error", *raw, *made], input=content, capture_output=True, check=False

@@ -1,4 +1,4 @@
-"""Two plans in one picture, such as one that avoids an obstacle and one that does not know it."""
+"""Two plans in one picture, such as one that avoids an obstacle and one planned without it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from floatplan.view.postures import Postures, clearances_to, postures
 from floatplan.view.style import INK, legend_above, palette
 from floatplan.view.surroundings import obstacle_outline
 
-TOUCH = 1e-3  # m: standing on the ground is not running into it
-LOOK = 513  # instants among which the other plan's deepest one is sought
-BACKGROUND = 0.3  # strength of the snapshots behind the two robots compared
-AROUND = 0.12  # room around the two robots and the obstacle, in sizes of their box
+TOUCH = 1e-3  # [m] standing on the ground is not running into it
+SAMPLES = 513  # [-] instants among which the deepest penetration is sought
+BACKGROUND = 0.3  # [-] strength of the snapshots behind the two robots compared
+PAD = 0.12  # [-] room around the two robots and the obstacle, in sizes of their box
 
 
 def comparison(plan: Plan, compare: Plan) -> Figure:
@@ -55,7 +55,7 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
 def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
     """Return when the other plan is deepest in an obstacle of this one or its margin, s, and which; or mid-flight."""
     duration = min(plan.duration, compare.duration)
-    times = np.linspace(0, duration, LOOK)
+    times = np.linspace(0, duration, SAMPLES)
     worst: tuple[float, float, Obstacle | None] = (-TOUCH, duration / 2, None)
     for obstacle in plan.problem.obstacles:
         left = np.nan_to_num(clearances_to(compare, obstacle, times) - obstacle.margin, nan=np.inf)
@@ -71,5 +71,5 @@ def _close_up(own: Postures, other: Postures, obstacle: Obstacle | None, time: f
     if obstacle is not None and not isinstance(obstacle, HalfPlane):
         points = np.concatenate((points, obstacle_outline(obstacle, time, obstacle.margin)))
     low, high = points.min(axis=0), points.max(axis=0)
-    room = AROUND * float(np.max(high - low))
+    room = PAD * float(np.max(high - low))
     return complex(low[0] - room, low[1] - room), complex(high[0] + room, high[1] + room)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from floatplan.arrays import Array
 from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
-from floatplan.view.motors import motor_colours, shown_motors, torque_limits
+from floatplan.tables import JOINT_LIMITS, LimitRow
+from floatplan.view.motors import available_torques, motor_colours, shown_motors
 from floatplan.view.postures import clearances_to, robot_size
 from floatplan.view.style import (
     ALARM,
@@ -30,10 +32,10 @@ from floatplan.view.style import (
     palette,
 )
 
-SAMPLES = 241
-HEIGHT = 2.1  # inches
-SECOND_HEIGHT = 1.25  # of an axis added below
-NEAR = 2.5  # a limit is drawn if it is at most this many times the largest value
+SAMPLES = 241  # [-] of a curve
+HEIGHT = 2.1  # [in]
+SECOND_HEIGHT = 1.25  # [in] of an axis added below
+NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
 DASHED: dict[str, Any] = {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0}
 PROVED: dict[str, Any] = {"linestyle": (0, (1, 1.6)), "linewidth": 0.9}
 LIMIT: dict[str, Any] = {"linestyle": (0, (9, 3)), "linewidth": 0.7}
@@ -41,14 +43,14 @@ RING: dict[str, Any] = {"marker": "o", "linestyle": "none", "clip_on": False, "z
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class SampledPlan:
     """A plan and its states at the instants of the curves."""
 
     plan: Plan
     state: FlightState
 
     @classmethod
-    def of(cls, plan: Plan) -> Flown:
+    def of(cls, plan: Plan) -> SampledPlan:
         """Sample a plan."""
         return cls(plan, plan.at(np.linspace(0, plan.duration, SAMPLES)))
 
@@ -58,7 +60,7 @@ class Flown:
         return self.state.times
 
 
-def configuration(flown: Flown, other: Flown | None = None) -> Figure:
+def configuration(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     """Draw orientation and joints over time, degrees, with dots where they start and rings where they should end."""
     figure, (axes,) = _time_figure(flown.plan, 1)
     draw_configuration(axes, flown, other)
@@ -67,7 +69,7 @@ def configuration(flown: Flown, other: Flown | None = None) -> Figure:
     return figure
 
 
-def draw_configuration(axes: Axes, flown: Flown, other: Flown | None = None) -> None:
+def draw_configuration(axes: Axes, flown: SampledPlan, other: SampledPlan | None = None) -> None:
     """Draw the curves of :func:`configuration` onto axes."""
     _draw_columns(axes, flown, other, _angles)
     ends = [
@@ -81,26 +83,39 @@ def draw_configuration(axes: Axes, flown: Flown, other: Flown | None = None) -> 
     axes.yaxis.set_major_locator(_angle_ticks(axes))
 
 
-def rates(flown: Flown, other: Flown | None = None) -> Figure:
-    """Draw the rates of the joints with limits and proved peaks, and that of the orientation below, rad/s."""
-    problem = flown.plan.problem
-    figure, (joints, base) = _time_figure(flown.plan, 2)
-    peak = _draw_columns(joints, flown, other, _velocities, first=1)
-    limits = _draw_limits(joints, flown, problem.velocity_limits, peak)
-    base_peak = _draw_columns(base, flown, other, _orientation_rate)
-    limits = _draw_limits(base, flown, _orientation_rate_limit(flown), base_peak) or limits
-    peaks = (flown.plan.certificate or {}).get("velocity_peak") or []
-    limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(flown.plan.robot.joints) + 1)[1:])]
-    joints.set_ylabel("joints (rad/s)")
-    base.set_ylabel("orientation (rad/s)")
-    for axes in (joints, base):
+def drawn_limits(plan: Plan) -> list[LimitRow]:
+    """Return the limits of the joints' motion whose quantities are drawn: always, or where something limits them."""
+    return [row for row in JOINT_LIMITS if row.always or bool(np.isfinite(plan.problem.joint_limits[row.key]).any())]
+
+
+def base_limit(plan: Plan, key: str) -> float:
+    """Return the limit of a quantity of the base, infinite where there is none."""
+    limit = getattr(plan.problem.limits, key)
+    return np.inf if limit is None else float(limit)
+
+
+def limited(flown: SampledPlan, row: LimitRow, other: SampledPlan | None = None) -> Figure:
+    """Draw what a row limits of the joints, with limits and proved peaks, and that of the base below."""
+    plan = flown.plan
+    figure, (joints, *below) = _time_figure(plan, 1 if row.base is None else 2)
+    peak = _draw_columns(joints, flown, other, attrgetter(row.quantity), first=1)
+    limits = _draw_limits(joints, flown, plan.problem.joint_limits[row.key], peak)
+    joints.set_ylabel(f"joints ({row.unit})")
+    for base in below:
+        base_peak = _draw_columns(base, flown, other, _column(row.base or ""))
+        of_base = np.full(len(plan.robot.joints), base_limit(plan, row.base or ""))
+        limits = _draw_limits(base, flown, of_base, base_peak) or limits
+        base.set_ylabel(f"orientation ({row.unit})")
+    peaks = (plan.certificate or {}).get(f"{row.key}_peak") or []
+    limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(plan.robot.joints) + 1)[1:])]
+    for axes in (joints, *below):
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     figure.align_ylabels()
-    _curve_legend(figure, flown, other, extra=limits)
+    _curve_legend(figure, flown, other, extra=limits, first=0 if below else 1)
     return figure
 
 
-def torques(flown: Flown, other: Flown | None = None) -> Figure:
+def torques(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     """Draw the motors' own torques over time, N m, with their proved peaks and the limits that are near.
 
     Followers that do as their leaders do are not drawn; others are dotted, in their leaders' colours.
@@ -116,7 +131,7 @@ def torques(flown: Flown, other: Flown | None = None) -> Figure:
     return figure
 
 
-def draw_torques(axes: Axes, flown: Flown, other: Flown | None = None) -> list[tuple[Any, str]]:
+def draw_torques(axes: Axes, flown: SampledPlan, other: SampledPlan | None = None) -> list[tuple[Any, str]]:
     """Draw the curves of :func:`torques` onto axes; return what the legend says of limits and proved peaks."""
     plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
     colours = motor_colours(plan, motors)
@@ -129,7 +144,7 @@ def draw_torques(axes: Axes, flown: Flown, other: Flown | None = None) -> list[t
             axes.plot(each.times, column, color=faded(colour, strength), **(_stroke(plan, motor) | style))
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     axes.set_ylabel("torque (N m)")
-    limits = torque_limits(plan, flown.state.velocities)[:, motors]
+    limits = available_torques(plan, flown.state.velocities)[:, motors]
     proved = (plan.certificate or {}).get("motor_torque_peak") or {}
     peaks = [proved.get(plan.robot.motors[motor]) for motor in motors]
     return [*_draw_limits(axes, flown, limits, peak, colours), *_draw_proved_peaks(axes, peaks, colours)]
@@ -139,7 +154,7 @@ def _stroke(plan: Plan, motor: int) -> dict[str, Any]:
     return {"linestyle": ":"} if motor >= len(plan.robot.joints) else {}
 
 
-def clearance(flown: Flown, other: Flown | None = None) -> Figure:
+def clearance(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     """Draw the distance from the robot to each obstacle over time, m, above the margin to be kept.
 
     The proved minima are drawn across. What is far away is cut off: the picture is of the passage.
@@ -154,7 +169,7 @@ def clearance(flown: Flown, other: Flown | None = None) -> Figure:
             axes.plot(each.times, distances, color=faded(colour, strength), **style)
             least[index] = np.fmin.reduce(distances, initial=least[index])
             most = np.fmax.reduce(distances, initial=most)
-    top = min(1.05 * most, max(robot_size(flown.plan) / 2, *(4 * obstacle.margin for obstacle in obstacles))) or 1.0
+    top = clearance_ceiling(flown.plan, most)
     bottom = min(1.1 * least.min(), -0.06 * top)
     axes.set(ylim=(bottom, top), ylabel="clearance (m)")
     axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
@@ -168,8 +183,14 @@ def clearance(flown: Flown, other: Flown | None = None) -> Figure:
     return figure
 
 
+def clearance_ceiling(plan: Plan, largest: float) -> float:
+    """Return the upper end of a clearance axis, m: what is far away is cut off."""
+    margins = (4 * obstacle.margin for obstacle in plan.problem.obstacles)
+    return min(1.05 * largest, max([robot_size(plan) / 2, *margins])) or 1.0
+
+
 def obstacle_names(obstacles: tuple[Obstacle, ...]) -> list[str]:
-    """Return a name for each obstacle: its kind, numbered where several share it."""
+    """Return a name for each obstacle: its kind, numbered where several are of one kind."""
     kinds = [obstacle.kind for obstacle in obstacles]
     return [
         kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}"
@@ -192,12 +213,14 @@ def _angles(state: FlightState) -> Array:
     return np.rad2deg(np.column_stack((state.orientation, state.positions)))
 
 
-def _velocities(state: FlightState) -> Array:
-    return state.velocities
+def _column(quantity: str) -> Callable[[FlightState], Array]:
+    """The quantity (N,) of a state as its only column."""
 
+    def column(state: FlightState) -> Array:
+        values: Array = getattr(state, quantity)
+        return values[:, None]
 
-def _orientation_rate(state: FlightState) -> Array:
-    return state.orientation_rate[:, None]
+    return column
 
 
 def _time_figure(plan: Plan, rows: int) -> tuple[Figure, list[Axes]]:
@@ -210,13 +233,13 @@ def _time_figure(plan: Plan, rows: int) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def _layers(flown: Flown, other: Flown | None) -> list[tuple[Flown, dict[str, Any], float]]:
+def _layers(flown: SampledPlan, other: SampledPlan | None) -> list[tuple[SampledPlan, dict[str, Any], float]]:
     """What to draw, the lowest layer first: flight, line style, strength of its colours."""
-    own: tuple[Flown, dict[str, Any], float] = (flown, {}, 1.0)
+    own: tuple[SampledPlan, dict[str, Any], float] = (flown, {}, 1.0)
     return [own] if other is None else [(other, DASHED, 0.75), own]
 
 
-def _draw_columns(axes: Axes, flown: Flown, other: Flown | None, values: Any, first: int = 0) -> float:
+def _draw_columns(axes: Axes, flown: SampledPlan, other: SampledPlan | None, values: Any, first: int = 0) -> float:
     """Draw one curve per column of ``values(state)`` in its part's colour; return the largest magnitude."""
     colours = palette(len(flown.plan.robot.joints) + 1)[first:]
     peak = 0.0
@@ -229,7 +252,7 @@ def _draw_columns(axes: Axes, flown: Flown, other: Flown | None, values: Any, fi
 
 
 def _draw_limits(
-    axes: Axes, flown: Flown, limits: Array, peak: float, colours: Sequence[Any] | None = None
+    axes: Axes, flown: SampledPlan, limits: Array, peak: float, colours: Sequence[Any] | None = None
 ) -> list[tuple[Any, str]]:
     """Draw limits (r,), or (N, r) over time, on both sides, unless so far away that they would flatten the curves.
 
@@ -248,7 +271,7 @@ def _draw_limits(
 
 
 def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Sequence[Any]) -> list[tuple[Any, str]]:
-    """Draw, on both sides, what no magnitude of a joint exceeds by the certificate; return the legend's word."""
+    """Draw, on both sides, the peaks that the certificate proves; return the legend's entry."""
     known = [(peak, colour) for peak, colour in zip(peaks, colours, strict=False) if peak is not None]
     for peak, colour in known:
         for sign in (1, -1):
@@ -256,8 +279,8 @@ def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Seque
     return [(Line2D([], [], color=INK, **PROVED), "proved peak")] if known else []
 
 
-def _draw_proved_clearances(axes: Axes, flown: Flown, colours: Sequence[str]) -> list[tuple[Any, str]]:
-    """Draw the distance from each obstacle that the certificate proves, if any; return the legend's word."""
+def _draw_proved_clearances(axes: Axes, flown: SampledPlan, colours: Sequence[str]) -> list[tuple[Any, str]]:
+    """Draw the distance from each obstacle that the certificate proves, if any; return the legend's entry."""
     findings = (flown.plan.certificate or {}).get("findings", ())
     bounds = {finding["label"]: finding["bound"] for finding in findings if finding["verdict"] == "proved"}
     top, drawn = axes.get_ylim()[1], False
@@ -269,11 +292,6 @@ def _draw_proved_clearances(axes: Axes, flown: Flown, colours: Sequence[str]) ->
     return [(Line2D([], [], color=INK, **PROVED), "proved minimum")] if drawn else []
 
 
-def _orientation_rate_limit(flown: Flown) -> Array:
-    limit = flown.plan.problem.limits.orientation_rate
-    return np.full(len(flown.plan.robot.joints), np.inf if limit is None else limit)
-
-
 def _angle_ticks(axes: Axes) -> Any:
     """Degrees are read in steps of 15, 30, 45, 90, 180 or 360."""
     low, high = axes.get_ylim()
@@ -283,7 +301,7 @@ def _angle_ticks(axes: Axes) -> Any:
     return MaxNLocator(6)
 
 
-def _plan_marks(flown: Flown, other: Flown | None) -> list[tuple[Any, str]]:
+def _plan_marks(flown: SampledPlan, other: SampledPlan | None) -> list[tuple[Any, str]]:
     if other is None:
         return []
     names = plan_names(flown.plan, other.plan)
@@ -291,7 +309,7 @@ def _plan_marks(flown: Flown, other: Flown | None) -> list[tuple[Any, str]]:
 
 
 def _curve_legend(
-    figure: Figure, flown: Flown, other: Flown | None, extra: Sequence[tuple[Any, str]] = (), first: int = 0
+    figure: Figure, flown: SampledPlan, other: SampledPlan | None, extra: Sequence[tuple[Any, str]] = (), first: int = 0
 ) -> None:
     names = ("orientation", *flown.plan.robot.joints)[first:]
     colours = palette(len(flown.plan.robot.joints) + 1)[first:]

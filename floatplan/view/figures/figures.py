@@ -13,12 +13,12 @@ from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.view.figures.comparison import comparison
-from floatplan.view.figures.curves import Flown, clearance, configuration, rates, torques
+from floatplan.view.figures.curves import SampledPlan, clearance, configuration, drawn_limits, limited, torques
 from floatplan.view.figures.kinogram import kinogram
 from floatplan.view.figures.snapshots import snapshots
 from floatplan.view.style import DPI, styled
 
-COMPRESSION = 4  # of PNG files: from here on smaller files take much longer
+COMPRESSION = 4  # [-] level of PNG files: higher ones take much longer
 METADATA: dict[str, dict[str, Any]] = {
     "png": {"Software": "floatplan"},
     "svg": {"Creator": "floatplan", "Date": None},
@@ -33,13 +33,14 @@ def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
     ----------
     plan : Plan
     compare : Plan, optional
-        A second plan for the same joints, such as one that does not know the obstacle; its curves are dashed.
+        A second plan for the same joints, such as one made without the obstacle; its curves are dashed.
 
     Returns
     -------
     dict of str to Figure
         "snapshots" (the robot along the path of its centre of mass, m), "kinogram" (side by side), "configuration"
-        (degrees), "rates" (rad/s) and "torques" (N m) over time; with obstacles "clearance" (m); with ``compare``
+        (degrees), "rates" (rad/s) and "torques" (N m) over time, and what else of the joints' motion the problem
+        limits, such as "accelerations"; with obstacles "clearance" (m); with ``compare``
         "comparison" (both plans' robots, m).
 
     Raises
@@ -69,7 +70,7 @@ def save_figures(
     """
     for name in formats:
         if name not in METADATA:
-            raise InputError(f"{name!r} is not one of {', '.join(METADATA)}", element="formats")
+            raise InputError(f"must be among {', '.join(METADATA)}, not {name!r}", element="formats")
     with styled():
         return [
             write_atomically(Path(directory) / f"{name}.{form}", _rendered(figure, form))
@@ -81,12 +82,14 @@ def save_figures(
 def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     if compare is not None and compare.robot.joints != plan.robot.joints:
         joints = ", ".join(compare.robot.joints)
-        raise InputError(f"plans {joints}, not {', '.join(plan.robot.joints)}", element="compare")
-    flown, other = Flown.of(plan), None if compare is None else Flown.of(compare)
+        reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
+        raise InputError(reason, element="compare", advice="give a plan for the same joints")
+    flown, other = SampledPlan.of(plan), None if compare is None else SampledPlan.of(compare)
     yield "snapshots", snapshots(plan)
     yield "kinogram", kinogram(plan)
     yield "configuration", configuration(flown, other)
-    yield "rates", rates(flown, other)
+    for row in drawn_limits(plan):
+        yield row.title.lower(), limited(flown, row, other)
     yield "torques", torques(flown, other)
     if plan.problem.obstacles:
         yield "clearance", clearance(flown, other)

@@ -16,12 +16,12 @@ from floatplan.view.figures.snapshots import draw_posture
 from floatplan.view.postures import Postures, posture_at, postures
 from floatplan.view.style import COLUMN, INK, new_figure, round_below
 
-COLUMNS = 5
-TURN = math.radians(60)  # of any body against the ground, from one posture to the next
-ROWS = (2, 4)  # fewest and most
-GAP = 0.07  # inches between neighbours
-CAPTION = 0.19  # inches for the line of text under a row
-RULE = 0.16  # inches for the scale under the last row
+COLUMNS = 5  # [-]
+TURN = math.radians(60)  # [rad] of any body against the ground, from one posture to the next
+ROWS = (2, 4)  # [-] fewest and most
+GAP = 0.07  # [in] between neighbours
+CAPTION = 0.19  # [in] for the line of text under a row
+RULE = 0.16  # [in] for the scale under the last row
 
 
 @dataclass(frozen=True)

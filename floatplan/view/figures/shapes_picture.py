@@ -20,16 +20,16 @@ from floatplan.robot.robot import Robot
 from floatplan.view.postures import stadium
 from floatplan.view.style import COLUMN, DPI, INK, OKABE_ITO, legend_above, new_figure, styled
 
-FILL = 0.25  # opacity of a capsule: the geometry shows through
+FILL = 0.25  # [-] opacity of a capsule: the geometry shows through
 FORMS = (".png", ".svg", ".pdf")
-THINNEST = 1e-3  # m, as drawn
-PAD = 0.04  # of the picture's size
+THINNEST = 1e-3  # [m] radius as drawn
+PAD = 0.04  # [-] of the picture's size
 
 
 def check_picture(path: Path) -> Path:
     """Return the path of a picture; InputError where its name does not end in .png, .svg or .pdf, or is a folder."""
     if path.suffix.lower() not in FORMS or path.is_dir():
-        raise InputError(f"{path} is no name of a picture", element="--shapes", advice=f"end it in {', '.join(FORMS)}")
+        raise InputError(f"must be a file name that ends in {', '.join(FORMS)}, not {path}", element="--shapes")
     return path
 
 

@@ -19,11 +19,11 @@ from floatplan.view.postures import Postures, com_path, posture_at, postures, ro
 from floatplan.view.style import COLUMN, GREY, INK, faded, legend_above, new_figure, palette, round_below
 from floatplan.view.surroundings import draw_ground, draw_obstacle, obstacle_corners, obstacle_times
 
-STEP = 0.45  # path of the centre of mass from snapshot to snapshot, in sizes of the robot
-FEWEST, MOST = 7, 11  # snapshots along the path
-PALEST = 0.30  # strength of the first snapshot's colours
-MARK = 0.95  # size of the dots on the frames that take off and land, in radii of the link
-FLATTEST, TALLEST = 0.45, 1.35  # height of a picture over its width
+STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
+FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] snapshots along the path
+PALEST = 0.30  # [-] strength of the first snapshot's colours
+MARK = 0.95  # [-] size of the dots on the frames that take off and land, in radii of the link
+FLATTEST, TALLEST = 0.45, 1.35  # [-] height of a picture over its width
 
 
 def snapshots(plan: Plan) -> Figure:
@@ -40,7 +40,7 @@ def snapshots(plan: Plan) -> Figure:
 def snapshot_times(plan: Plan) -> Array:
     """Instants (K,) evenly spaced in time, so many that neighbours stand apart."""
     path = float(np.abs(np.diff(com_path(plan, np.linspace(0, plan.duration, 65)))).sum())
-    count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST, MOST))
+    count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST_SNAPSHOTS, MOST_SNAPSHOTS))
     return np.linspace(0, plan.duration, count)
 
 

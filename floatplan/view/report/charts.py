@@ -9,13 +9,11 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
-from floatplan.view.figures.curves import NEAR, obstacle_names
-from floatplan.view.motors import motor_colours, shown_motors, torque_limits
-from floatplan.view.postures import robot_size
+from floatplan.tables import LimitRow
+from floatplan.view.figures.curves import NEAR, base_limit, clearance_ceiling, drawn_limits, obstacle_names
+from floatplan.view.motors import available_torques, motor_colours, shown_motors
 from floatplan.view.report.data import hex_colour, rounded, sample_grid
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, palette
-
-DEGREES = 180 / np.pi
 
 
 def charts(plan: Plan, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
@@ -24,24 +22,27 @@ def charts(plan: Plan, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
     Each has a title, a unit, a factor from SI to it, ``series`` (name, colour, key of its column) and ``lines``
     (name, colour, one value or samples): limits, margins and marks; ``beyond`` tells of limits that are not drawn.
     """
-    found = [_angles(plan), _rates(plan, columns), _torques(plan, columns), _momentum(plan)]
-    return [*found, _clearance(plan, columns)] if plan.problem.obstacles else found
+    of_joints = [_of_limit(plan, row, columns) for row in drawn_limits(plan)]
+    drawn = [_angles(plan), *of_joints, _torques(plan, columns), _momentum(plan)]
+    return [*drawn, _clearance(plan, columns)] if plan.problem.obstacles else drawn
 
 
 def _angles(plan: Plan) -> dict[str, Any]:
     keys = ["orientation", *_of_joints(plan, "positions")]
     ends = [[state.orientation, *state.positions] for state in (plan.problem.initial, plan.problem.final)]
-    return _chart("Angles", "deg", _series(plan, keys), factor=DEGREES, starts=ends[0], goals=ends[1])
+    return _chart("Angles", "deg", _series(plan, keys), factor=180 / np.pi, starts=ends[0], goals=ends[1])
 
 
-def _rates(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
-    keys = ["orientation_rate", *_of_joints(plan, "velocities")]
-    base = plan.problem.limits.orientation_rate
+def _of_limit(plan: Plan, row: LimitRow, columns: Mapping[str, Array]) -> dict[str, Any]:
+    """What a row of the table limits: that of the joints, and of the base where it has one."""
+    keys = _of_joints(plan, row.quantity)
     colours = palette(len(plan.robot.joints) + 1)
-    of_joints = _limits(keys[1:], plan.problem.velocity_limits, columns, colours[1:])
-    of_base = _limits(keys[:1], [np.inf if base is None else base], columns, colours[:1])
-    limits = {"lines": of_joints["lines"] + of_base["lines"], "beyond": of_joints["beyond"]}
-    return _chart("Rates", "rad/s", _series(plan, keys), **limits)
+    limits = _limits(keys, plan.problem.joint_limits[row.key], columns, colours[1:])
+    if row.base is not None:
+        of_base = _limits([row.base], [base_limit(plan, row.base)], columns, colours[:1])
+        limits["lines"] += of_base["lines"]
+        keys = [row.base, *keys]
+    return _chart(row.title, row.unit, _series(plan, keys), **limits)
 
 
 def _torques(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
@@ -50,7 +51,7 @@ def _torques(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
     colours = motor_colours(plan, motors)
     keys = [f"motor_torques.{motor}" for motor in motors]
     velocities = np.array([columns[key] for key in _of_joints(plan, "velocities")]).T
-    limits = torque_limits(plan, velocities)[:, motors].T
+    limits = available_torques(plan, velocities)[:, motors].T
     series = [
         {"name": plan.robot.motors[motor], "colour": hex_colour(colour), "key": key}
         for motor, colour, key in zip(motors, colours, keys, strict=True)
@@ -73,7 +74,7 @@ def _clearance(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
     keys = [f"clearance.{index}" for index in range(len(obstacles))]
     values = np.array([columns[key] for key in keys])
     most, least = np.nanmax(values, initial=0.0), np.nanmin(values, initial=0.0)
-    top = min(1.05 * most, max(robot_size(plan) / 2, *(4 * obstacle.margin for obstacle in obstacles))) or 1.0
+    top = clearance_ceiling(plan, most)
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
     series = [
         {"name": name, "colour": colour, "key": key}

@@ -1,4 +1,4 @@
-"""What the report's page knows of a plan: samples of its motion, and what it takes to draw the robot from them.
+"""Data of the report's page: samples of the motion, and the weights that place the robot's links from them.
 
 The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` does, from orientation and joints, so that
 a few numbers per instant move any robot. Columns are in SI units and radians.
@@ -20,10 +20,10 @@ from floatplan.view.postures import clearances_to, posture_at, postures
 from floatplan.view.style import OBSTACLES, palette
 from floatplan.view.surroundings import ground_lines, obstacle_outline
 
-FEWEST, MOST = 601, 2401  # samples of a flight; odd, so that its middle is one
-PER_SECOND = 300
-DIGITS = 11  # of the numbers in the page, which compares with the plan to 1e-6
-BOX_SHARE = 0.02  # room around what is drawn
+FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
+SAMPLE_RATE = 300  # [Hz]
+DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
+BOX_PAD = 0.02  # [-] room around what is drawn
 
 
 def motion_data(plan: Plan) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def motion_data(plan: Plan) -> dict[str, Any]:
 
 def sample_grid(duration: float) -> Array:
     """Instants (N,) of the columns, s: evenly spaced, the middle of the flight among them."""
-    count = int(np.clip(duration * PER_SECOND, FEWEST - 1, MOST - 1)) // 2 * 2 + 1
+    count = int(np.clip(duration * SAMPLE_RATE, FEWEST_SAMPLES - 1, MOST_SAMPLES - 1)) // 2 * 2 + 1
     return np.linspace(0.0, duration, count)
 
 
@@ -53,7 +53,7 @@ def columns(plan: Plan, times: Array) -> dict[str, Array]:
     """Return the sampled quantities (N,) by name; those of joint i and obstacle i end in ``.i``."""
     state = plan.at(times)
     base = plan.dynamics.momentum_map(state.positions)[:, 0] * state.orientation_rate
-    found = {
+    sampled = {
         "orientation": state.orientation,
         "orientation_rate": state.orientation_rate,
         "com_x": state.com_position[:, 0],
@@ -63,10 +63,10 @@ def columns(plan: Plan, times: Array) -> dict[str, Array]:
         "angular_momentum": state.angular_momentum,
     }
     for name in ("positions", "velocities", "accelerations", "motor_torques"):
-        found |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
+        sampled |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
     for index, obstacle in enumerate(plan.problem.obstacles):
-        found[f"clearance.{index}"] = clearances_to(plan, obstacle, times)
-    return found
+        sampled[f"clearance.{index}"] = clearances_to(plan, obstacle, times)
+    return sampled
 
 
 def robot_data(plan: Plan) -> dict[str, Any]:
@@ -149,5 +149,5 @@ def _goal(plan: Plan) -> dict[str, Any]:
 def _box(plan: Plan) -> list[float]:
     """Left, low, right, high of all that is drawn at any time, m."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
-    room = BOX_SHARE * max((high - low).real, (high - low).imag)
+    room = BOX_PAD * max((high - low).real, (high - low).imag)
     return [low.real - room, low.imag - room, high.real + room, high.imag + room]

@@ -23,14 +23,14 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
 from floatplan.view.report.charts import charts
 from floatplan.view.report.data import columns, motion_data, sample_grid
-from floatplan.view.report.facts import sections, verdict
+from floatplan.view.report.sections import sections, verdict
 
 ASSETS = "assets"
 STYLES = ("uplot/uPlot.min.css", "report.css")
 PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
 SCRIPTS = ("motion.js", "stage.js", "charts.js", "player.js", "report.js")
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
-FRAME_HEIGHT = 860  # pixels, of a report inside a notebook
+FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
 
 def report(plan: Plan, path: str | Path | None = None) -> str:
@@ -72,7 +72,7 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
     sampled = columns(plan, sample_grid(plan.duration))
     word, tone = verdict(plan)
     problem = plan.problem
-    found: dict[str, Any] = plain(
+    data: dict[str, Any] = plain(
         {
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},
@@ -84,7 +84,7 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
             "version": plan.record.floatplan,
         }
     )
-    return found
+    return data
 
 
 def escaped_json(content: Any) -> str:

@@ -24,14 +24,14 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import postures
-from floatplan.view.scene.robot import Mover, capsule_robot, mesh_robot, visual_model
-from floatplan.view.scene.shapes import obstacle_slab, slanted
+from floatplan.view.scene.moving_robot import Mover, capsule_robot, mesh_robot, visual_model
+from floatplan.view.scene.solids import obstacle_slab, point_in_space
 from floatplan.view.style import GREY, rgb
 from floatplan.view.surroundings import ground_lines
 
-_ONE_AT_A_TIME = threading.Lock()  # Python's standard output is one for all threads
-RATE = 60.0  # Hz, of poses in the page
-REST = 0.7  # s between landing and the next takeoff
+_STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
+POSE_RATE = 60.0  # [Hz] of the page
+PAUSE = 0.7  # [s] between landing and the next takeoff
 TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
 STONE, SAND = (150, 150, 150), (226, 222, 212)
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
@@ -53,7 +53,7 @@ def write_scene(plan: Plan, path: str | Path) -> Path:
 def scene(plan: Plan) -> str:
     """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
     viser = import_optional("viser", name="viser", element="scene", install='"floatplan[view]"')
-    frames = int(np.ceil(plan.duration * RATE)) + 1
+    frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     state = plan.at(np.linspace(0.0, plan.duration, frames))
     with _server(viser) as server:
         updates = [_add_robot(server, plan, state), *_add_obstacles(server, plan, state.times)]
@@ -63,13 +63,13 @@ def scene(plan: Plan) -> str:
             for update in updates:
                 update(index)
             serializer.insert_sleep(plan.duration / (frames - 1))
-        serializer.insert_sleep(REST)
+        serializer.insert_sleep(PAUSE)
         return str(serializer.as_html())
 
 
 @contextlib.contextmanager
 def _server(viser: ModuleType) -> Iterator[Any]:
-    """A server that nobody is told of: viser records what is sent to it."""
+    """A local server that prints nothing: viser records what is sent to it."""
     with _silence():
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
@@ -82,7 +82,7 @@ def _server(viser: ModuleType) -> Iterator[Any]:
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
     """Print nothing; one thread at a time, or the last would not give back what the first took."""
-    with _ONE_AT_A_TIME, contextlib.redirect_stdout(io.StringIO()):
+    with _STDOUT_LOCK, contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
@@ -109,7 +109,7 @@ def _add_obstacles(server: Any, plan: Plan, times: Array) -> list[Update]:
 
 def _obstacle_update(node: Any, plan: Plan, obstacle: Obstacle, times: Array) -> Update:
     low, high = obstacle.window or (-np.inf, np.inf)
-    velocity = slanted(plan.robot.plane, complex(*obstacle.velocity))
+    velocity = point_in_space(plan.robot.plane, complex(*obstacle.velocity))
 
     def update(index: int) -> None:
         node.position = velocity * times[index]
@@ -122,7 +122,7 @@ def _add_surroundings(server: Any, plan: Plan) -> None:
     """Light, ground, trails, and a camera that sees the whole flight from the side and a little from above."""
     plane = plan.robot.plane
     low, high = picture_box(plan, postures(plan, snapshot_times(plan)))
-    size, middle = abs(high - low), slanted(plane, (low + high) / 2)
+    size, middle = abs(high - low), point_in_space(plane, (low + high) / 2)
     aside = np.cross(plane.horizontal, plane.vertical)
     server.scene.set_up_direction(tuple(plane.vertical))
     server.scene.configure_environment_map(None)
@@ -130,7 +130,7 @@ def _add_surroundings(server: Any, plan: Plan) -> None:
     server.initial_camera.position = tuple(middle + size * (0.72 * aside + 0.12 * plane.vertical))
     server.initial_camera.look_at = tuple(middle)
     for index, (level, *_) in enumerate(ground_lines(postures(plan, snapshot_times(plan)))):
-        place = slanted(plane, complex((low.real + high.real) / 2, level))
+        place = point_in_space(plane, complex((low.real + high.real) / 2, level))
         letters = "xyz"[int(np.argmax(np.abs(plane.horizontal)))] + "xyz"[int(np.argmax(np.abs(aside)))]
         server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
     _add_trails(server, plan)
@@ -141,7 +141,7 @@ def _add_trails(server: Any, plan: Plan) -> None:
     names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
     paths = placed.com, placed.takeoff, placed.landing
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
-        points = np.array([slanted(plan.robot.plane, complex(place)) for place in path])
+        points = np.array([point_in_space(plan.robot.plane, complex(place)) for place in path])
         pairs = np.stack((points[:-1], points[1:]), axis=1)
         colours = tuple(int(255 * part) for part in rgb(colour))
         server.scene.add_line_segments(f"/trails/{index}", pairs, colours, thickness=2.0, thickness_units="screen")

@@ -40,7 +40,7 @@ function fillFacts(data, onSeek) {
     if (section.note) part.appendChild(make("p", "note", section.note));
     if (section.motors) {
       part.classList.add("motors");
-      fillTable(part, MOTOR_TITLES, section.motors, onSeek);
+      fillTable(part, section.titles, section.motors, onSeek);
     }
     if (section.findings && section.findings.length) fillFindings(part, section.findings, onSeek);
   }
@@ -55,8 +55,6 @@ function fillFindings(part, findings, onSeek) {
   const rows = fillTable(details, ["constraint", "", "bound", "limit", "at, s"], findings, onSeek);
   findings.forEach((finding, index) => rows[index].classList.add(finding[1]));
 }
-
-const MOTOR_TITLES = ["joint", "N m", "limit", "used", "rad/s", "limit", "used", "of range", "at, s"];
 
 /* Rows of texts; a click on one goes to the instant in its last cell. */
 function fillTable(part, titles, rows, onSeek) {

@@ -11,11 +11,11 @@ from floatplan.robot.parts import Plane
 from floatplan.view.postures import robot_size
 from floatplan.view.surroundings import obstacle_outline
 
-SLAB = 0.016  # thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
-BAR = 0.4  # width of other obstacles, in sizes of the robot
+SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
+WIDTH = 0.4  # [-] width of other obstacles, in sizes of the robot
 
 
-def slanted(plane: Plane, place: complex) -> Array:
+def point_in_space(plane: Plane, place: complex) -> Array:
     """Return a place of the plane, horizontal + i vertical, as a point (3,)."""
     return np.asarray(place.real * plane.horizontal + place.imag * plane.vertical)
 
@@ -34,7 +34,7 @@ def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -
     size = robot_size(plan)
     if not isinstance(obstacle, HalfPlane):
         outline = obstacle_outline(obstacle, 0.0, 0.0)
-        return prism(plan.robot.plane, outline[:, 0] + 1j * outline[:, 1], BAR * size)
+        return prism(plan.robot.plane, outline[:, 0] + 1j * outline[:, 1], WIDTH * size)
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
     point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal
     beside = ((low + high) / 2 - point) / (1j * normal)
@@ -46,7 +46,7 @@ def prism(plane: Plane, corners: ComplexArray, width: float) -> tuple[Array, Int
     """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
     count = len(corners)
     aside = 0.5 * width * plane.normal
-    points = np.array([slanted(plane, complex(corner)) for corner in corners])
+    points = np.array([point_in_space(plane, complex(corner)) for corner in corners])
     here = np.arange(count)
     on = (here + 1) % count
     sides = [np.stack((here, on, here + count), axis=1), np.stack((on, on + count, here + count), axis=1)]

@@ -15,10 +15,11 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.meshes import find_mesh
 from floatplan.view.postures import posture_at
-from floatplan.view.scene.shapes import quaternion, slanted
+from floatplan.view.scene.solids import point_in_space, quaternion
 from floatplan.view.style import palette
 
 Mover: TypeAlias = Callable[[FlightState, int], None]
@@ -36,7 +37,7 @@ def visual_model(robot: Robot) -> Any:
     """
     root = ElementTree.fromstring(robot.xml)
     folder = Path() if robot.path is None else robot.path.parent
-    if not _keep_what_is_there(root, folder):
+    if not _drop_missing_visuals(root, folder):
         return None
     import yourdfpy
 
@@ -48,11 +49,13 @@ def visual_model(robot: Robot) -> Any:
             build_scene_graph=True,
             filename_handler=lambda fname: str(find_mesh(fname, folder)),
         )
-    except Exception as error:  # the readers of meshes raise whatever their formats make them stumble on
-        raise InputError(f"a visual mesh cannot be read: {error}", source=robot.path, element="visual") from None
+    except Exception as error:  # the readers of meshes raise exceptions of any kind
+        reason = f"a visual mesh cannot be read: {error}"
+        advice = "repair the mesh, or remove the <visual>"
+        raise InputError(reason, source=robot.path, element="visual", advice=advice) from None
 
 
-def _keep_what_is_there(root: Any, folder: Path) -> bool:
+def _drop_missing_visuals(root: Any, folder: Path) -> bool:
     """Take the visuals whose files are missing out of a URDF, and what couples joints; return whether any stay."""
     for joint in root.iter("joint"):
         for mimic in joint.findall("mimic"):
@@ -78,7 +81,7 @@ def mesh_robot(server: Any, plan: Plan, model: Any) -> Mover:
     normal, plane = plan.robot.plane.normal, plan.robot.plane
 
     def move(state: FlightState, index: int) -> None:
-        base.position = slanted(plane, complex(*state.base_position[index]))
+        base.position = point_in_space(plane, complex(*state.base_position[index]))
         base.wxyz = quaternion(normal, float(state.orientation[index]))
         angles = joint_angles(plan.robot, state.positions[index])
         drawn.update_cfg(np.array([angles[name] for name in names]))
@@ -89,7 +92,7 @@ def mesh_robot(server: Any, plan: Plan, model: Any) -> Mover:
 def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
     """Return the position of every joint that moves, by name: planned, coupled and locked; rad or m."""
     full = robot.reference + robot.selection @ positions
-    return dict(zip(list(robot.model.names)[4:], full[3:].tolist(), strict=True))
+    return dict(zip(list(robot.model.names)[BASE_COORDINATES + 1 :], full[BASE_COORDINATES:].tolist(), strict=True))
 
 
 def capsule_robot(server: Any, plan: Plan) -> Mover:
@@ -99,7 +102,7 @@ def capsule_robot(server: Any, plan: Plan) -> Mover:
     colours = palette(len(robot.joints) + 1)
     bodies = [server.scene.add_frame(f"{ROBOT}/{body}", show_axes=False) for body in range(len(tree.mass))]
     for number, shape in enumerate(robot.shapes):
-        start, end = slanted(plane, shape.start), slanted(plane, shape.end)
+        start, end = point_in_space(plane, shape.start), point_in_space(plane, shape.end)
         mesh = _capsule(start, end, float(placed.radius[number]))
         colour = tuple(int(255 * part) for part in colours[placed.part[number]])
         name = f"{ROBOT}/{shape.body}/{number}"
@@ -110,7 +113,7 @@ def capsule_robot(server: Any, plan: Plan) -> Mover:
         angles = tree.absolute_angles(state.orientation[index : index + 1], state.positions[index : index + 1])[0]
         places = complex(*state.com_position[index]) + origins @ tree.rotations(angles)
         for node, angle, place in zip(bodies, angles, places, strict=True):
-            node.position = slanted(plane, complex(place))
+            node.position = point_in_space(plane, complex(place))
             node.wxyz = quaternion(plane.normal, float(angle))
 
     return move

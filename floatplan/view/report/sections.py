@@ -1,4 +1,4 @@
-"""The report's words: what was asked, what was found, and what was proved. Plain text; the page escapes it."""
+"""Tables of the report: the problem, the result, and what is proved of it. Plain text; the page escapes it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import (
     Bar,
@@ -21,26 +22,26 @@ from floatplan.problem.problem import Problem
 
 Row = tuple[str, str]
 
-LONGEST_LIST = 12  # joints listed one by one
+LONGEST_LIST = 12  # [-] joints listed one by one
 
 
 def sections(plan: Plan) -> list[dict[str, Any]]:
     """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
     proved, tone = _proved(plan)
-    found: list[dict[str, Any]] = [
-        {"title": "Asked", "rows": _asked(plan.problem)},
-        {"title": "Found", "rows": _found(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
+    tables: list[dict[str, Any]] = [
+        {"title": "Problem", "rows": _problem(plan.problem)},
+        {"title": "Result", "rows": _result(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
         {"title": "Proved", "rows": proved, "tone": tone, "findings": _findings(plan)},
-        {"title": "Use of limits", "rows": [], "motors": _motors(plan)},
+        {"title": "Use of limits", "rows": [], **_motors(plan)},
     ]
     if plan.warnings:
         warned = [(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
-        found.append({"title": "Warnings", "rows": warned, "tone": "open"})
-    return found
+        tables.append({"title": "Warnings", "rows": warned, "tone": "open"})
+    return tables
 
 
 def verdict(plan: Plan) -> tuple[str, str]:
-    """Return the plan's standing in a word or two, and its tone."""
+    """Return the plan's verdict in a word or two, and its tone."""
     certificate = plan.record.certificate
     if not plan.ok:
         return "no plan found", "bad"
@@ -52,9 +53,9 @@ def verdict(plan: Plan) -> tuple[str, str]:
     return words.get(str(certificate.get("verdict")), ("planned, proof undecided", "open"))
 
 
-def _asked(problem: Problem) -> list[Row]:
+def _problem(problem: Problem) -> list[Row]:
     flight, robot = problem.flight, problem.robot
-    asked = flight.angular_momentum
+    momentum = flight.angular_momentum
     rows = [
         ("robot", f"{robot.name}, {len(robot.joints)} planned joints, {robot.mass:.4g} kg"),
         ("start", _posture(problem.initial, robot.joints)),
@@ -63,7 +64,7 @@ def _asked(problem: Problem) -> list[Row]:
         ("takes off", f"{problem.takeoff.frame} at {_pair(problem.takeoff.position)} m"),
         ("lands", f"{problem.landing.frame} at height {problem.landing_height:g} m"),
         ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
-        ("momentum", asked if isinstance(asked, str) else f"{asked:g} kg m²/s"),
+        ("momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m²/s"),
         ("motion", f"sine polynomials of degree {_degrees(problem)}, least {problem.motion.objective}"),
     ]
     if problem.ground:
@@ -71,15 +72,15 @@ def _asked(problem: Problem) -> list[Row]:
     return rows + [("obstacle", _obstacle(obstacle)) for obstacle in problem.obstacles]
 
 
-def _found(plan: Plan) -> list[Row]:
+def _result(plan: Plan) -> list[Row]:
     record = plan.record
     low, high = record.angular_momentum_bounds
     ends = record.orientation
-    inside = "in" if low <= record.angular_momentum <= high else "outside"
+    place = "inside" if low <= record.angular_momentum <= high else "outside"
     rows = [
         ("status", record.status),
         ("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end"),
-        ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {inside} [{low:.5g}, {high:.5g}], eq. (9)"),
+        ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {place} [{low:.5g}, {high:.5g}] of monotonic joints"),
         ("objective", f"{record.objective['name']}: {float(record.objective['value']):.6g}"),
     ]
     if record.clearance_min is not None:
@@ -88,22 +89,26 @@ def _found(plan: Plan) -> list[Row]:
     return rows if seconds is None else [*rows, ("found in", f"{float(seconds):.3g} s")]
 
 
-def _motors(plan: Plan) -> list[list[str]]:
-    """Peaks, limits and shares of each motor, worst first: the cells of a table."""
-    return [
+def _motors(plan: Plan) -> dict[str, list[Any]]:
+    """Peaks, limits and utilisation of each motor, worst first: titles and cells of a table."""
+    rows = told_limits(plan.utilisation)
+    titles = [title for row in rows for title in (row.unit, "limit", "used")]
+    cells = [
         [
             use.joint,
-            _number(use.torque_peak),
-            _number(use.torque_limit),
-            _percent(use.torque_utilisation),
-            _number(use.velocity_peak),
-            _number(use.velocity_limit),
-            _percent(use.velocity_utilisation),
+            *(cell for row in rows for cell in _use(use, row.key)),
             _percent(use.range_used),
             f"{use.instant:.3f}",
         ]
         for use in plan.utilisation
     ]
+    return {"titles": ["joint", *titles, "of range", "at, s"], "motors": cells}
+
+
+def _use(use: Utilisation, key: str) -> tuple[str, str, str]:
+    """Peak, limit and the share of it, of one limit."""
+    peak, limit, share = (getattr(use, f"{key}_{name}") for name in ("peak", "limit", "utilisation"))
+    return _number(peak), _number(limit), _percent(share)
 
 
 def _proved(plan: Plan) -> tuple[list[Row], str]:
@@ -136,7 +141,7 @@ def _certificate_rows(certificate: Mapping[str, Any]) -> list[Row]:
 
 
 def _findings(plan: Plan) -> list[list[str]]:
-    """What the certificate says of each constraint: label, verdict, bound, limit, instant; unproved ones first."""
+    """The certificate's findings: label, verdict, bound, limit, instant; unproved ones first."""
     findings = (plan.record.certificate or {}).get("findings") or ()
     ordered = sorted(findings, key=lambda finding: finding.get("verdict") == "proved")
     return [
@@ -191,8 +196,8 @@ def _listed(values: Sequence[Any] | Array) -> str:
     return ", ".join(shown) + (f", … ({len(values)} in all)" if len(values) > LONGEST_LIST else "")
 
 
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.0f} %"
+def _percent(fraction: float | None) -> str:
+    return "" if fraction is None else f"{100 * fraction:.0f} %"
 
 
 def _number(value: Any) -> str:

@@ -1,0 +1,38 @@
+"""Quantities of a motion that limits and objectives are about, with their derivatives by x."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.planning.transcription.trajectory import Partials, Trajectory
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity (K, m) of a trajectory, and its derivatives (K, m, size) by x.
+
+    ``settled_at_ends`` : whether the states at takeoff and landing settle it there, whatever h is.
+    """
+
+    values: Callable[[Trajectory], Array]
+    jacobian: Callable[[Trajectory], Array]
+    settled_at_ends: bool = False
+
+
+def _acceleration_jacobian(motion: Trajectory) -> Array:
+    """Derivatives (K, n, size) of the joint accelerations by x."""
+    count, n = motion.motion.accelerations.shape
+    return motion.jacobian(Partials(by_acceleration=np.broadcast_to(np.eye(n), (count, n, n))))
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "velocities": Quantity(lambda it: it.motion.velocities, lambda it: it.velocity_jacobian, settled_at_ends=True),
+    "accelerations": Quantity(lambda it: it.motion.accelerations, _acceleration_jacobian, settled_at_ends=True),
+    "torques": Quantity(lambda it: it.torques, lambda it: it.torque_jacobian),
+    "motor_torques": Quantity(lambda it: it.motor_torques, lambda it: it.motor_torque_jacobian),
+    "orientation_rate": Quantity(lambda it: it.rate[:, None], lambda it: it.base_rate_jacobian[:, None, :]),
+}
