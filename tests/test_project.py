@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from needed import skip_or_fail
 
 import floatplan
 
@@ -54,6 +56,13 @@ def test_every_public_name_has_its_place_in_the_api_reference() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\.\. auto(?:class|function|exception):: (\w+)$", page, re.MULTILINE)
     assert sorted(listed) == sorted(set(floatplan.__all__) - {"__version__"})
+
+
+def test_the_pages_are_built_without_a_warning(tmp_path: Path) -> None:
+    if importlib.util.find_spec("sphinx") is None:
+        skip_or_fail("Sphinx is not installed: the extra docs")
+    python("-m", "sphinx", "-q", "--fail-on-warning", "-d", str(tmp_path / "cache"), "docs", str(tmp_path / "pages"))
+    assert "floatplan.Plan.at" in (tmp_path / "pages" / "api.html").read_text(encoding="utf-8")
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:
