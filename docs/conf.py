@@ -4,7 +4,7 @@ import importlib.metadata
 
 project = "floatplan"
 author = "the floatplan authors"
-copyright = author  # noqa: A001, what Sphinx calls it
+project_copyright = author
 version = release = importlib.metadata.version("floatplan")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +14,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from needed import skip_or_fail
 
 import floatplan
 
@@ -47,6 +50,32 @@ def test_help_imports_nothing_heavy() -> None:
 def test_public_names_are_there(name: str) -> None:
     assert getattr(floatplan, name) is not None
     assert name in dir(floatplan)
+
+
+def test_every_public_name_has_its_place_in_the_api_reference() -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: (\w+)$", page, re.MULTILINE)
+    assert sorted(listed) == sorted(set(floatplan.__all__) - {"__version__"})
+
+
+def test_the_pages_are_built_without_a_warning(tmp_path: Path) -> None:
+    if importlib.util.find_spec("sphinx") is None:
+        skip_or_fail("Sphinx is not installed: the extra docs")
+    python("-m", "sphinx", "-q", "--fail-on-warning", "-d", str(tmp_path / "cache"), "docs", str(tmp_path / "pages"))
+    assert "floatplan.Plan.at" in (tmp_path / "pages" / "api.html").read_text(encoding="utf-8")
+
+
+def test_links_of_the_documents_lead_somewhere() -> None:
+    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
+        for link in re.findall(r"\]\(([^)#:]+)\)", path.read_text(encoding="utf-8")):
+            assert (path.parent / link).exists(), f"{path.name}: {link}"
+
+
+def test_files_that_the_guide_names_are_there() -> None:
+    guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    package = [path.as_posix() for path in (ROOT / "floatplan").rglob("*.py")]
+    for name in re.findall(r"`([\w/]+\.py)`", guide):
+        assert (ROOT / name).is_file() or any(path.endswith(f"/{name}") for path in package), name
 
 
 def test_no_module_hides_the_function_plan() -> None:
@@ -111,7 +140,7 @@ class TestWheel:
 
 class TestScripts:
     @pytest.mark.parametrize(
-        "name", ["scripts/demo", "scripts/test", "scripts/check", "scripts/environment", ".ci/run"]
+        "name", ["scripts/demo", "scripts/test", "scripts/check", "scripts/docs", "scripts/environment", ".ci/run"]
     )
     def test_can_be_run(self, name: str) -> None:
         path = ROOT / name

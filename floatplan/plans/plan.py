@@ -63,7 +63,8 @@ class Plan:
     status : "optimal", "feasible" or "infeasible"
     ok : whether every constraint holds
     explanation : sentences for a person
-    solver : iterations, evaluations, seconds, seed, ...
+    solver : mapping
+        What the search took and how it was told to: iterations, evaluations, seconds, seed, ...
     as_recorded : PlanRecord, optional
         The plan as data, where it was read from a file or checked; left out, ``record`` is measured.
     """

@@ -1,0 +1,120 @@
+"""Exchange: minima between the nodes are found, solved motions hold there, nodes suffice for the orientation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flight_reference import integrate_orientation
+
+import floatplan as fp
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.transcription.exchange import local_minima, nodes_needed, solve
+from floatplan.planning.transcription.program import objective
+from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
+
+DENSE = 1024
+ERROR = 1e-9  # rad, that quadrature may leave of theta0(T)
+
+
+def attempts(problem: fp.Problem) -> Attempts:
+    return Attempts(problem, angular_momentum_interval(problem), 0)
+
+
+@pytest.fixture(scope="module")
+def obstructed(root) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "obstacle.toml")
+
+
+class TestLocalMinima:
+    def test_without_constraints_nothing_is_near(self, root):
+        ready = attempts(fp.load_problem(root / "problems" / "handstand.toml"))
+        start = ready.plain_start
+        found = local_minima(ready.model, start.variables, ready.constraints, 64, start.x)
+        assert found.least == np.inf
+        assert len(found.s) == 0
+
+    @pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+    def test_they_are_true_values_below_those_of_a_dense_look(self, root, share):
+        """Of the plain motion, with a disc in the path of its centre of mass."""
+        problem = fp.load_problem(root / "problems" / "handstand.toml")
+        time = np.array([share * problem.flight.duration])
+        center = attempts(problem).model.ballistics.positions(time)[0]
+        disc = fp.Circle(center=(float(center[0]), float(center[1])), radius=0.05)
+        ready = attempts(replace(problem, obstacles=(disc,)))
+        start = ready.plain_start
+        found = local_minima(ready.model, start.variables, ready.constraints, 96, start.x)
+        width = start.variables.polynomials.width
+        nodes = sample_nodes(DENSE, width)
+        dense = trajectory(ready.model, start.variables, nodes, start.x)
+        assert found.least <= min(block.values(dense).min() for block in ready.constraints) < 0
+        there = sample_also(sample_nodes(96, width), width, found.s)
+        motion = trajectory(ready.model, start.variables, there, start.x)
+        true = [ready.constraints[block].values(motion)[96:] for block in found.block]
+        values = [rows[index, row] for index, (rows, row) in enumerate(zip(true, found.row, strict=True))]
+        assert values == pytest.approx(found.value.tolist(), abs=1e-9)
+
+
+class TestSolve:
+    def solved(self, problem):
+        ready = attempts(problem)
+        start = ready.plain_start
+
+        def make_objective(nodes):
+            return objective(problem, ready.model, start.variables, nodes)
+
+        return ready, start, solve(ready.model, start.variables, make_objective, ready.constraints, start.x)
+
+    def test_constraints_hold_between_the_nodes(self, obstructed):
+        ready, start, solution = self.solved(obstructed)
+        assert solution.status == "optimal"
+        dense = sample_nodes(DENSE, start.variables.polynomials.width)
+        motion = trajectory(ready.model, start.variables, dense, solution.x)
+        for block in ready.constraints:
+            assert block.values(motion).min() >= -block.tolerance
+        assert motion.final_orientation == pytest.approx(ready.model.final_orientation, abs=1e-6)
+
+    def test_stopped_at_once_it_takes_what_it_has(self, obstructed):
+        ready = attempts(obstructed)
+        start = ready.plain_start
+        solution = solve(
+            ready.model,
+            start.variables,
+            lambda nodes: objective(obstructed, ready.model, start.variables, nodes),
+            ready.constraints,
+            start.x,
+            stop=lambda: True,
+        )
+        assert solution.status != "optimal"
+        assert solution.iterations <= 1 + len(NODE_COUNTS)
+        assert np.isfinite(solution.x).all()
+
+
+class TestNodesNeeded:
+    @pytest.mark.parametrize("name", ["new_configuration", "handstand", "somersault"])
+    def test_they_integrate_the_orientation(self, planned, name):
+        plan = planned(name)
+        ready = attempts(plan.problem)
+        width = ready.plain_start.variables.polynomials.width
+        start = ready.plain_start
+        rough = trajectory(ready.model, start.variables, sample_nodes(NODE_COUNTS[-1], width), start.x)
+        enough = NODE_COUNTS[nodes_needed(rough)]
+        motion = trajectory(ready.model, start.variables, sample_nodes(enough, width), start.x)
+        assert motion.final_orientation == pytest.approx(rough.final_orientation, abs=ERROR)
+
+    def test_a_smaller_error_never_needs_fewer(self, obstructed):
+        ready = attempts(obstructed)
+        variables = ready.plain_start.variables
+        wild = 3 * np.random.default_rng(6).normal(size=variables.size)
+        motion = trajectory(ready.model, variables, sample_nodes(32, variables.polynomials.width), wild)
+        levels = [nodes_needed(motion, error) for error in (1e-2, 1e-5, 1e-8, 1e-11)]
+        assert levels == sorted(levels)
+        assert levels[0] < levels[-1]
+
+
+def test_the_plan_s_orientation_is_that_of_an_independent_integration(planned):
+    plan = planned("obstacle")
+    assert integrate_orientation(plan, [plan.duration])[-1] == pytest.approx(plan.final_orientation, abs=1e-9)

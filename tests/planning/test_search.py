@@ -1,0 +1,119 @@
+"""The search: enough is enough, budgets of work and of seconds, Ctrl-C, several processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.planning import search as room
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.search import Allowance, expiry, search
+
+MANY = 10**6
+
+
+def run(problem: fp.Problem, **options: Any) -> Any:
+    ready = Attempts(problem, angular_momentum_interval(problem), 0)
+    settings = {"wanted": 1, "budget": None, "jobs": 1, "attempts": None, "progress": None}
+    return search(ready, **settings | options)
+
+
+@pytest.fixture(scope="module")
+def problem(root) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "handstand.toml")
+
+
+@pytest.fixture(scope="module")
+def hopeless(problem) -> fp.Problem:
+    """A hundredth of the torque that the flight needs."""
+    return replace(problem, limits=fp.Limits(position="full", torque=0.02))
+
+
+def test_an_easy_problem_needs_one_attempt(problem):
+    found = run(problem)
+    assert (found.attempts, found.solved) == (1, 1)
+    assert found.best.is_optimal
+    assert not found.ran_out_of_time
+    assert not found.interrupted
+
+
+def test_the_best_of_those_wanted_comes_first(problem):
+    found = run(problem, wanted=4)
+    assert found.solved >= 4
+    values = [outcome.objective_value for outcome in found.holding]
+    assert values == sorted(values)
+    assert found.best is found.holding[0]
+    assert found.iterations >= sum(outcome.solution.iterations for outcome in found.holding)
+
+
+def test_attempts_bound_the_starts(hopeless):
+    found = run(hopeless, attempts=2)
+    assert (found.attempts, found.solved) == (2, 0)
+    assert not found.best.holds
+    assert found.holding == ()
+
+
+def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
+    monkeypatch.setattr(room, "USUAL", 3e6)
+    found = run(hopeless)
+    again = run(hopeless)
+    assert found.ran_out_of_time
+    assert found.solved == 0
+    assert found.evaluations * 1000 < 3e6 + found.best.work
+    assert found.attempts == again.attempts
+    assert found.best.solution.x.tobytes() == again.best.solution.x.tobytes()
+
+
+def test_a_budget_that_is_used_up_leaves_the_first_attempt(hopeless):
+    found = run(hopeless, budget=1e-9)
+    assert found.attempts == 1
+    assert found.ran_out_of_time
+    assert np.isfinite(found.best.solution.x).all()
+
+
+@pytest.mark.parametrize("after", [0, 2])
+def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
+    follow: Callable[..., Any] = Attempts.attempt
+    calls = []
+
+    def interrupting(self, *args):
+        calls.append(args)
+        if len(calls) == after + 1:
+            raise KeyboardInterrupt
+        return follow(self, *args)
+
+    monkeypatch.setattr(Attempts, "attempt", interrupting)
+    found = run(hopeless)
+    assert found.interrupted
+    assert found.attempts == max(after, 1)
+
+
+def test_processes_find_what_one_finds(problem):
+    alone, shared = (run(problem, wanted=3, jobs=jobs) for jobs in (1, 2))
+    assert shared.attempts == alone.attempts
+    assert shared.best.solution.x.tobytes() == alone.best.solution.x.tobytes()
+
+
+class TestAllowance:
+    def test_the_first_attempt_is_always_granted(self, problem):
+        outcome = replace(run(problem).best, work=10.0)
+        assert Allowance(1.0).grants(outcome, is_first=True)
+
+    def test_it_is_used_up_by_what_attempts_did(self, problem):
+        outcome = replace(run(problem).best, work=10.0)
+        allowance = Allowance(25.0)
+        granted = [allowance.grants(outcome, is_first=number == 0) for number in range(4)]
+        assert granted == [True, True, False, False]
+        assert allowance.is_used_up
+
+
+def test_no_budget_never_expires():
+    assert not expiry(None)()
+    assert not expiry(MANY)()
+    assert expiry(-1.0)()

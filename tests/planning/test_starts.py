@@ -1,0 +1,92 @@
+"""Starts: the plain motion first, then seeded random ones that already meet the goal's orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.planning.starts import Start, starts
+from floatplan.planning.transcription.constraints import constraints
+from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
+
+NODES = 96
+NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
+
+
+def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Start]:
+    model = flight_model(problem)
+    kept = constraints(problem, model)
+    return starts(problem, model, kept, problem.degrees, angular_momentum_interval(problem), seed)
+
+
+def missed(problem: fp.Problem, start: Start) -> float:
+    """By how much a start misses the goal's orientation, rad."""
+    model = flight_model(problem)
+    nodes = sample_nodes(NODES, start.variables.polynomials.width)
+    return abs(trajectory(model, start.variables, nodes, start.x).final_orientation - model.final_orientation)
+
+
+@pytest.fixture(scope="module")
+def problem(root) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "handstand.toml")
+
+
+@pytest.fixture(scope="module")
+def obstructed(root) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "obstacle.toml")
+
+
+def test_the_first_is_the_plain_motion(problem):
+    first, *others = islice(starts_of(problem), 5)
+    assert first.is_plain
+    assert first.x == pytest.approx(first.variables.plain_motion())
+    assert not any(start.is_plain for start in others)
+
+
+def test_random_ones_turn_just_enough(problem):
+    drawn = list(islice(starts_of(problem), 1, 7))
+    errors = [missed(problem, start) for start in drawn]
+    assert np.median(errors) < NEAR_THE_GOAL
+    assert np.median(errors) < missed(problem, next(starts_of(problem)))
+
+
+def test_a_seed_settles_them(obstructed):
+    first, same, other = (list(islice(starts_of(obstructed, seed), 1, 5)) for seed in (3, 3, 4))
+    assert [start.x.tobytes() for start in first] == [start.x.tobytes() for start in same]
+    assert [start.x.tobytes() for start in first] != [start.x.tobytes() for start in other]
+
+
+def test_neighbours_of_a_batch_lie_apart(obstructed):
+    one, other = islice(starts_of(obstructed), 1, 3)
+    assert one.variables is other.variables
+    assert np.linalg.norm(one.variables.metric @ (one.x - other.x)) > 0.25
+
+
+def test_drawing_counts_as_work(obstructed):
+    model = flight_model(obstructed)
+    bounds = angular_momentum_interval(obstructed)
+    drawing = starts(obstructed, model, constraints(obstructed, model), obstructed.degrees, bounds, 0)
+    plain, drawn = islice(drawing, 2)
+    assert plain.work == pytest.approx(0.0)
+    assert 0 < drawn.work <= model.work.done
+
+
+def test_with_a_free_momentum_plain_motions_take_turns(obstructed):
+    free = replace(obstructed, flight=replace(obstructed.flight, angular_momentum="free"))
+    some = list(islice(starts_of(free), 9))
+    assert [start.is_plain for start in some] == [True, *[False, True] * 4]
+    momenta = [start.variables.angular_momentum(start.x) for start in some if start.is_plain]
+    assert len({round(h, 9) for h in momenta}) == len(momenta)
+    variables = some[0].variables
+    assert all(abs(h - variables.middle) <= variables.reach * (1 + 1e-12) for h in momenta)
+
+
+def test_where_nothing_is_free_there_is_one(problem):
+    settled = replace(problem, motion=fp.Motion(degree=5))
+    assert len(list(starts_of(settled))) == 1
