@@ -98,6 +98,7 @@ class Utilisation:
     torque_utilisation : peak over limit
     torque_instant : s
     velocity_peak, velocity_limit, velocity_utilisation, velocity_instant : the same of its rate, rad/s
+    acceleration_peak, acceleration_limit, acceleration_utilisation, acceleration_instant : rad/s^2
     position_low, position_high : rad, between which the joint moves
     range_used : share of the joint's range between them
     instant : s, of the peak that uses most of its limit; of the torque's without limits
@@ -112,6 +113,10 @@ class Utilisation:
     velocity_limit: float | None
     velocity_utilisation: float | None
     velocity_instant: float
+    acceleration_peak: float
+    acceleration_limit: float | None
+    acceleration_utilisation: float | None
+    acceleration_instant: float
     position_low: float
     position_high: float
     range_used: float

@@ -124,6 +124,8 @@ class Limits:
         rad/s and N m. A number is for each motor of ``robot.motors``, a mapping by their names; a leader's value holds
         for followers that are not named, and motors left out have no limit. A sequence is by planned coordinate:
         torques are then the generalised ones, of a leader and its followers together.
+    acceleration : "none", one number, mapping or (n,) sequence
+        rad/s^2, as ``velocity``; a URDF knows no such limit.
     motor : mapping motor -> Motor
         A leader's holds for followers that are not named.
     orientation_rate : float, optional
@@ -135,6 +137,7 @@ class Limits:
     torque: Literal["none", "urdf"] | JointValues = "none"
     motor: Mapping[str, Motor] = field(default_factory=dict)
     orientation_rate: float | None = None
+    acceleration: Literal["none"] | JointValues = "none"
 
 
 @dataclass(frozen=True, kw_only=True)

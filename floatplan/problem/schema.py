@@ -65,6 +65,13 @@ AngularLimits: TypeAlias = Annotated[
     | Annotated[Angle, Tag("<number>")],
     _any_of("'urdf', 'none', a number, or a table by joint"),
 ]
+AccelerationLimits: TypeAlias = Annotated[
+    Annotated[dict[str, Angle], Tag("<table>")]
+    | Annotated[list[AngularLimit | None], Tag("<list>")]
+    | Annotated[Literal["none"], Tag("<word>")]
+    | Annotated[Angle, Tag("<number>")],
+    _any_of("'none', a number, or a table by joint"),
+]
 TorqueLimit: TypeAlias = Annotated[
     Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")], _any_of("a number or 'none'")
 ]
@@ -220,6 +227,7 @@ class LimitsTable(Table):
 
     position: PositionLimits = "urdf"
     velocity: AngularLimits = "none"
+    acceleration: AccelerationLimits = "none"
     torque: TorqueLimits = "none"
     motor: dict[str, MotorTable] = Field(default_factory=dict)
     orientation_rate: Angle | None = None

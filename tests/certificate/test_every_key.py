@@ -35,7 +35,8 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"problem\.flight\.(takeoff\.position\[.\]|landing\.height)": CLAIM,
     r"problem\.flight\.(takeoff|landing)\.frame": CLAIM,
     r"problem\.motion\.(degree\[.\]|objective)": CLAIM,
-    r"problem\.limits\.(position\[.\]\[.\]|velocity\[.\]|torque\[.\]|motor\.q1\.(stall|slope)|orientation_rate)": ASKED,
+    r"problem\.limits\.(position\[.\]\[.\]|(velocity|acceleration|torque)\[.\]|orientation_rate)": ASKED,
+    r"problem\.limits\.motor\.q1\.(stall|slope)": ASKED,
     r"problem\.obstacles\[.\]\.(center|point|normal|start|end|velocity|window)\[.\]": ASKED,
     r"problem\.obstacles\[.\]\.(radius|margin|window|velocity)": ASKED,
     r"problem\.obstacles\[.\]\.kind": CLAIM,
@@ -51,7 +52,9 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"angular_momentum_bounds\[.\]|objective\.value|solver\..*|out_of_plane_leak|certificate\..*|replay\..*": FREE,
     r"warnings\[.\]\..*|utilisation\[.\]\..*": FREE,
 }
-NULLABLE = r"problem\.limits\.(velocity|torque)\[.\]|problem\.limits\.orientation_rate|.*window|out_of_plane_leak"
+NULLABLE = (
+    r"problem\.limits\.(velocity|acceleration|torque)\[.\]|problem\.limits\.orientation_rate|.*window|out_of_plane_leak"
+)
 WRONG_KINDS = ["x", False, True, [], {}, [1.0, 2.0, 3.0], {"x": 1.0}, None]
 
 
@@ -73,7 +76,8 @@ def honest() -> PlanRecord:
     pairs = [{"links": [robot.tree.names[0], robot.tree.names[2]], "margin": 1e-6}]
     record = make_plan(robot, coefficients, duration=0.9, obstacles=obstacles, self_clearance=pairs)
     motor = {"q1": {"stall": 1e3, "slope": 0.1}}
-    limits = record.problem["limits"] | {"motor": motor, "motor_torque": {"q1": 900.0, "q2": 800.0, "q3": 700.0}}
+    own = {"motor": motor, "motor_torque": {"q1": 900.0, "q2": 800.0, "q3": 700.0}}
+    limits = record.problem["limits"] | own | {"acceleration": [9e5, 8e5]}
     record = replace(
         record,
         problem=record.problem | {"limits": limits, "ground": False},

@@ -60,6 +60,13 @@ CONSTRAINTS = {
     "velocity": MagnitudeLimit(
         QUANTITIES["velocities"], ("velocity of q1", "velocity of q3"), np.eye(3)[list(JOINTS)], LIMITS, "rad/s"
     ),
+    "acceleration": MagnitudeLimit(
+        QUANTITIES["accelerations"],
+        ("acceleration of q1", "acceleration of q3"),
+        np.eye(3)[list(JOINTS)],
+        LIMITS,
+        "rad/s^2",
+    ),
     "motor": MotorLimit(JOINTS, ("q1", "q3"), RATIOS, LIMITS, read_only([2.0, 0.3])),
     "orientation rate": MagnitudeLimit(
         QUANTITIES["orientation_rate"], ("orientation rate",), np.eye(1), read_only([4.0]), "rad/s"
@@ -214,7 +221,7 @@ class TestConstraints:
         block = CONSTRAINTS[name]
         assert len(block.labels) == len(block.scale)
         assert (block.scale > 0).all()
-        assert block.unit in ("m", "N m", "rad/s")
+        assert block.unit in ("m", "N m", "rad/s", "rad/s^2")
 
     def test_limits(self, flight, x):
         motion = trajectory(*flight, x)

@@ -60,6 +60,7 @@ objective = "torque"
 [limits]
 position = {{ q1 = [-90, 90] }}
 velocity = 720
+acceleration = [3600, "none"]
 torque = {{ q2 = 12 }}
 motor = {{ q1 = {{ stall = 8, slope = 0.4 }} }}
 orientation_rate = 900
@@ -103,6 +104,7 @@ class TestWhatIsRead:
         np.testing.assert_allclose(everything.initial.velocities, [math.pi / 10] * 2, rtol=1e-15)
         np.testing.assert_allclose(everything.initial.accelerations, [0, math.pi / 5], rtol=1e-15)
         np.testing.assert_allclose(everything.velocity_limits, [4 * math.pi] * 2, rtol=1e-15)
+        np.testing.assert_allclose(everything.joint_limits["acceleration"], [20 * math.pi, math.inf], rtol=1e-15)
         assert everything.limits.orientation_rate == pytest.approx(5 * math.pi, rel=1e-15)
 
     def test_limits(self, everything: fp.Problem) -> None:

@@ -36,6 +36,7 @@ class Joints:
 
     positions: Taylor
     velocities: Taylor
+    accelerations: Taylor
     motor_torques: Taylor
     rate: Taylor
     cos: Taylor
@@ -71,7 +72,7 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints
     squared = phi_rate * phi_rate
     acceleration = -((shares * turned_twice + twists * squared).sum() * inverse)
     body_torques = _body_torques(robot, cos, sin, turned_twice + acceleration, squared)
-    return Joints(q, dq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)
+    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)
 
 
 def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:
