@@ -77,7 +77,7 @@ def honest() -> PlanRecord:
     record = make_plan(robot, coefficients, duration=0.9, obstacles=obstacles, self_clearance=pairs)
     motor = {"q1": {"stall": 1e3, "slope": 0.1}}
     own = {"motor": motor, "motor_torque": {"q1": 900.0, "q2": 800.0, "q3": 700.0}}
-    limits = record.problem["limits"] | own | {"acceleration": [900.0, 800.0]}
+    limits = record.problem["limits"] | own | {"acceleration": [9e5, 8e5]}
     record = replace(
         record,
         problem=record.problem | {"limits": limits, "ground": False},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,7 +90,8 @@ def obstacle_finding(sky: Sky, index: int, obstacle: Mapping[str, Any]) -> tuple
     for key in ("radius", "margin"):
         if not 0.0 <= float(obstacle.get(key) or 0.0) < math.inf:
             raise ValueError(f"obstacles[{index}].{key} is negative")
-    separation, window = _separation(sky, obstacle), obstacle.get("window")
+    separation = SEPARATIONS[obstacle["kind"]](sky, obstacle, obstacle.get("velocity") or (0.0, 0.0))
+    window = obstacle.get("window")
     margin = float(obstacle.get("margin") or 0.0)
     return _finding(sky, "obstacle", (index, obstacle["kind"]), separation, _existing(sky, window), margin)
 
@@ -143,21 +144,18 @@ def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
     return join_pairs([points_to_shapes(points, other, radius) for points in (one.start, one.end)])
 
 
-def _separation(sky: Sky, obstacle: Mapping[str, Any]) -> Separation:
-    kind, velocity = obstacle["kind"], obstacle.get("velocity") or (0.0, 0.0)
-    if kind == "circle":
-        center = sky.seen(obstacle["center"], velocity)
-        return Separation(points_to_shapes(center, sky.shapes, float(obstacle["radius"])))
-    if kind == "half-plane":
-        with flint.ctx.workprec(PRECISION):
-            x, y = (flint.arb(float(part)) for part in obstacle["normal"])
-            length = (x * x + y * y).sqrt()
-            normal = (x / length, sky.sigma * y / length)
-        offset = sky.height_offset(obstacle["point"], velocity, normal)
-        return Separation(heights(sky.shapes, sky.direction(normal), offset))
-    if kind == "capsule":
-        return _bar(sky, obstacle, velocity)
-    raise ValueError(f'"{kind}" is no kind of obstacle')
+def _circle(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    center = sky.seen(obstacle["center"], velocity)
+    return Separation(points_to_shapes(center, sky.shapes, float(obstacle["radius"])))
+
+
+def _half_plane(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    with flint.ctx.workprec(PRECISION):
+        x, y = (flint.arb(float(part)) for part in obstacle["normal"])
+        length = (x * x + y * y).sqrt()
+        normal = (x / length, sky.sigma * y / length)
+    offset = sky.height_offset(obstacle["point"], velocity, normal)
+    return Separation(heights(sky.shapes, sky.direction(normal), offset))
 
 
 def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
@@ -175,6 +173,13 @@ def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
         for i in range(count)
     )
     return Separation(join_pairs([of_start, of_end, of_shapes]), crossings)
+
+
+SEPARATIONS: dict[str, Callable[[Sky, Mapping[str, Any], Any], Separation]] = {
+    "circle": _circle,
+    "half-plane": _half_plane,
+    "capsule": _bar,
+}
 
 
 def _existing(sky: Sky, window: Any) -> IntArray:

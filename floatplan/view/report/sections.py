@@ -13,9 +13,6 @@ from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Verdict
 from floatplan.problem.parts import (
-    Bar,
-    Circle,
-    HalfPlane,
     JointState,
     Obstacle,
 )
@@ -163,23 +160,12 @@ def _degrees(problem: Problem) -> str:
 
 
 def _obstacle(obstacle: Obstacle) -> str:
-    text = f"{obstacle.kind}{_where(obstacle)}, margin {obstacle.margin:g} m"
+    text = f"{obstacle.kind} {obstacle.where}, margin {obstacle.margin:g} m"
     if any(obstacle.velocity):
         text += f", moving at {_pair(obstacle.velocity)} m/s"
     if obstacle.window is not None:
         text += f", from {obstacle.window[0]:g} to {obstacle.window[1]:g} s"
     return text
-
-
-def _where(obstacle: Obstacle) -> str:
-    match obstacle:
-        case Circle():
-            return f" at {_pair(obstacle.center)} m, radius {obstacle.radius:g} m"
-        case Bar():
-            return f" from {_pair(obstacle.start)} to {_pair(obstacle.end)} m, radius {obstacle.radius:g} m"
-        case HalfPlane():
-            return f" at {_pair(obstacle.point)} m, normal {_pair(obstacle.normal)}"
-    raise TypeError(f"no description of {type(obstacle).__name__}")
 
 
 def _pair(values: Iterable[float]) -> str:
