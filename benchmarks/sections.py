@@ -41,7 +41,7 @@ import floatplan as fp
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.optimization import quadratic_program
-from floatplan.planning.transcription.exchange import nodes_needed
+from floatplan.planning.transcription.exchange import QUADRATURE_ERROR
 
 ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = ROOT / "problems"
@@ -208,7 +208,7 @@ def final_nodes(plan: fp.Plan) -> int:
     powers = powers_map(polynomials.width, polynomials.duration)
     z = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
     x = program.variables.variables(z, plan.angular_momentum)
-    return NODE_COUNTS[nodes_needed(program.trajectory(x))]
+    return NODE_COUNTS[program.trajectory(x).flown.level_needed(QUADRATURE_ERROR)]
 
 
 def speed(counts: Counts) -> None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Problem
 
@@ -21,11 +21,11 @@ POINTS_PER_SHAPE = 9  # of each link's shape: candidates for the point that stay
 ROUNDING = 1e-9  # relative: a limit that is met exactly is no impossibility
 
 
-def impossibilities(problem: Problem, model: FlightModel) -> list[str]:
+def impossibilities(problem: Problem) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
     sentences = [*_mean_rates(problem), *_turning(problem)]
     if problem.obstacles:
-        point, flight = central_point(problem), _Flight.of(problem, model)
+        point, flight = central_point(problem), _Flight.of(problem)
         for index, obstacle in enumerate(problem.obstacles):
             sentences += [*_impassable(index, obstacle, flight, point), *_barred(index, obstacle, flight, point)]
     return sentences
@@ -39,9 +39,9 @@ class _Flight:
     com: ComplexArray
 
     @classmethod
-    def of(cls, problem: Problem, model: FlightModel) -> _Flight:
+    def of(cls, problem: Problem) -> _Flight:
         times = np.linspace(0, problem.flight.duration, PATH_INSTANTS)
-        path = model.ballistics.positions(times)
+        path = ballistics(problem).positions(times)
         return cls(times, np.asarray(path[:, 0] + 1j * path[:, 1], dtype=np.complex128))
 
     def seen_from(self, obstacle: Obstacle) -> ComplexArray:

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.bounds import inertia_extremes
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, is_settled_at_ends, window_ends
@@ -75,11 +75,11 @@ class FlightProgram:
         motion = self.trajectory(x)
         return Evaluation(
             objective=self.objective.value(motion, x),
-            equality=np.array([motion.final_orientation - self.model.final_orientation]),
+            equality=motion.residual[0],
             inequality=self._inequality(motion),
             differentiate=lambda: Derivatives(
                 self.objective.gradient(motion, x),
-                motion.final_gradient[None, :],
+                motion.residual_jacobian,
                 self._inequality_jacobian(motion, len(x)),
             ),
             detail=motion,
@@ -110,7 +110,7 @@ def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Const
 
 
 def _depends_on_momentum_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
-    return variables.reach > 0 and not is_settled_at_ends(block)
+    return variables.momentum.free > 0 and not is_settled_at_ends(block)
 
 
 def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
@@ -131,25 +131,13 @@ def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntAr
     return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
 
 
-def decision_variables(
-    problem: Problem, polynomials: SinePolynomials, momentum_bounds: tuple[float, float]
-) -> DecisionVariables:
+def decision_variables(problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet) -> DecisionVariables:
     """Variables scaled for the problem's objective."""
-    low, high = momentum_bounds
-    asked = problem.flight.angular_momentum
-    middle = (low + high) / 2 if isinstance(asked, str) else float(asked)
-    reach = max((high - low) / 2, _momentum_of_a_turn(problem)) if asked == "free" else 0.0
     size = sum(polynomials.free)
-    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), middle, reach)
+    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
     if problem.motion.objective != "coefficients" or not size:
         return variables
-    return DecisionVariables(polynomials, *whitened_variables(variables), middle, reach)
-
-
-def _momentum_of_a_turn(problem: Problem) -> float:
-    """The h, kg m^2/s, that turns the whole robot by a radian in the time of the flight, at the most."""
-    _, high = inertia_extremes(problem.robot, problem.position_limits)
-    return float(high[0]) / problem.flight.duration
+    return DecisionVariables(polynomials, *whitened_variables(variables), momentum)
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
