@@ -87,7 +87,7 @@ def _random_starts(
             variables = _variables(problem, degrees, momentum, branches)
         size = min(BATCH * 2**number, LARGEST_BATCH) if constraints else BATCH
         before = model.work.done
-        first, *others = _crossings(model, constraints, variables, _random_motions(variables, size, rng))
+        first, *others = starts_among(model, constraints, variables, _random_motions(variables, size, rng))
         yield replace(first, work=model.work.done - before)
         yield from others
 
@@ -103,6 +103,23 @@ def _variables(
     problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet, branches: IntArray
 ) -> DecisionVariables:
     return decision_variables(problem, sine_polynomials(problem, degrees, branches), momentum)
+
+
+def starts_among(
+    model: FlightModel, constraints: tuple[Constraint, ...], variables: DecisionVariables, motions: Array
+) -> Iterator[Start]:
+    """Starts that motions x (S, size) lead to.
+
+    Where the base turns in one direction, a motion meets the goal between any that turns too much and one that turns
+    too little; else there is no such order, and those that miss it least are taken as they are.
+    """
+    if model.flight.tangent == 1:
+        yield from _crossings(model, constraints, variables, motions)
+        return
+    together = trajectories(model, variables, BATCH_LEVEL, motions)
+    missed = (together.residual**2).sum(axis=1) + _violations(together, constraints, len(motions))
+    rank = np.argsort(missed, kind="stable")
+    yield from (Start(variables, x) for x in _apart(motions[rank], variables.metric))
 
 
 def _crossings(

@@ -18,7 +18,14 @@ from floatplan.optimization.nonlinear_program import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, minimise
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective
-from floatplan.planning.transcription.program import BACK_OFF, FlightProgram, instants_beside_nodes, steerable, watching
+from floatplan.planning.transcription.program import (
+    BACK_OFF,
+    FlightProgram,
+    instants_beside_nodes,
+    scaled,
+    steerable,
+    watching,
+)
 from floatplan.planning.transcription.trajectory import (
     FlightModel,
     Sampling,
@@ -144,17 +151,17 @@ def solve(
     ``first_level`` is the level of grids to start from.
     """
 
-    def program_at(level: int, extra: Array) -> FlightProgram:
+    def program_at(level: int, extra: Array, x: Array) -> FlightProgram:
         nodes = model.nodes(level, variables.polynomials.width)
         beside = np.concatenate((always, extra))
         sampling = watching(nodes, variables.polynomials.width, constraints, beside)
-        return FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off)
+        return scaled(FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off), x)
 
     back_off, extra = BACK_OFF, np.empty(0)
     always = instants_beside_nodes(variables, constraints)
     counts = model.flight.node_counts
     for level in range(max(first_level, _cheap_level(counts, model.flight.bodies)), len(counts)):
-        program = program_at(level, extra)
+        program = program_at(level, extra, x)
         start = program.evaluate(x)
         if _is_resolved(start):
             break
@@ -188,7 +195,7 @@ def solve(
         elif finished:
             break
         if needed > level or constraints:
-            level, program = needed, program_at(needed, extra)
+            level, program = needed, program_at(needed, extra, x)
             start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
@@ -223,7 +230,7 @@ def _made_feasible(
     nearest = reduce_violations(program, solution.x, stop)
     if nearest.squares > solution.evaluation.worst_violation**2:
         return solution
-    turned = np.abs(nearest.evaluation.equality).max() <= ORIENTATION / 2
+    turned = np.abs(nearest.evaluation.equality).max(initial=0) <= ORIENTATION / 2
     status = "feasible" if turned and nearest.evaluation.worst_violation <= program.back_off / 4 else "infeasible"
     return replace(
         solution,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,10 +23,13 @@ from floatplan.planning.transcription.objectives import (
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
+from floatplan.tolerances import ORIENTATION
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 
 
+RANK = 1e-9  # singular values below this, relative to the largest, are rounding
+MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
 GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
 
 
@@ -43,7 +46,10 @@ def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], e
 
 @dataclass(frozen=True, eq=False)
 class FlightProgram:
-    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
+    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling.
+
+    ``combinations`` (r, e) of the e residuals at landing are the equalities; None for the residuals themselves.
+    """
 
     model: FlightModel
     variables: DecisionVariables
@@ -51,6 +57,7 @@ class FlightProgram:
     objective: Objective
     constraints: tuple[Constraint, ...] = ()
     back_off: float = BACK_OFF
+    combinations: Array | None = None
 
     @property
     def metric(self) -> Array:
@@ -75,15 +82,19 @@ class FlightProgram:
         motion = self.trajectory(x)
         return Evaluation(
             objective=self.objective.value(motion, x),
-            equality=motion.residual[0],
+            equality=self._combined(motion.residual[0]),
             inequality=self._inequality(motion),
             differentiate=lambda: Derivatives(
                 self.objective.gradient(motion, x),
-                motion.residual_jacobian,
+                self._combined(motion.residual_jacobian),
                 self._inequality_jacobian(motion, len(x)),
             ),
             detail=motion,
         )
+
+    def _combined(self, residual: Array) -> Array:
+        """Equalities (r, ...) of residuals (e, ...)."""
+        return residual if self.combinations is None else self.combinations @ residual
 
     def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
@@ -101,6 +112,22 @@ class FlightProgram:
             return np.empty((0, size))
         watched = zip(self.constraints, self._watched, strict=True)
         return np.concatenate([block.jacobian(motion)[instants].reshape(-1, size) for block, instants in watched])
+
+
+def scaled(program: FlightProgram, x: Array) -> FlightProgram:
+    """Return the program with equalities that depend on x, near it, evenly and each in a way of its own.
+
+    By the singular values of their derivatives: in space some turns are much harder to make than others, and turns that
+    nothing can make, as those out of the plane of a planar flight, are left out where they are not wanted either.
+    """
+    if program.model.flight.tangent == 1:
+        return program
+    motion = program.trajectory(x)
+    by_step = motion.residual_jacobian @ np.linalg.inv(program.metric)
+    turns, sizes, _ = np.linalg.svd(by_step, full_matrices=False)
+    raised = np.minimum(sizes[0] / np.maximum(sizes, sizes[0] / MOST_RAISED), MOST_RAISED) if sizes[0] else sizes + 1
+    kept = (sizes > RANK * sizes[0]) | (np.abs(turns.T @ motion.residual[0]) > ORIENTATION)
+    return replace(program, combinations=(turns * raised).T[kept])
 
 
 def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Constraint, ...]) -> Array:
