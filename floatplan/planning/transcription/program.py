@@ -28,7 +28,7 @@ from floatplan.tolerances import ORIENTATION
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 
 
-RANK = 1e-9  # singular values below this, relative to the largest, are rounding
+RANK = 1e-7  # singular values below this, relative to the largest, are rounding
 MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
 GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
 
@@ -115,18 +115,20 @@ class FlightProgram:
 
 
 def scaled(program: FlightProgram, x: Array) -> FlightProgram:
-    """Return the program with equalities that depend on x, near it, evenly and each in a way of its own.
+    """Return the program with equalities whose derivatives at x have rows orthogonal in the metric, of like size.
 
-    By the singular values of their derivatives: in space some turns are much harder to make than others, and turns that
-    nothing can make, as those out of the plane of a planar flight, are left out where they are not wanted either.
+    By their singular values: in space some turns are much harder to make than others, and turns that nothing makes, as
+    those out of the plane of a planar flight, are left out where they are not wanted either.
     """
     if program.model.flight.tangent == 1:
         return program
     motion = program.trajectory(x)
     by_step = motion.residual_jacobian @ np.linalg.inv(program.metric)
-    turns, sizes, _ = np.linalg.svd(by_step, full_matrices=False)
-    raised = np.minimum(sizes[0] / np.maximum(sizes, sizes[0] / MOST_RAISED), MOST_RAISED) if sizes[0] else sizes + 1
-    kept = (sizes > RANK * sizes[0]) | (np.abs(turns.T @ motion.residual[0]) > ORIENTATION)
+    sizes, turns = np.linalg.eigh(by_step @ by_step.T)
+    sizes = np.sqrt(np.maximum(sizes, 0))
+    largest = sizes[-1] or 1.0
+    raised = largest / np.maximum(sizes, largest / MOST_RAISED)
+    kept = (sizes > RANK * largest) | (np.abs(turns.T @ motion.residual[0]) > ORIENTATION)
     return replace(program, combinations=(turns * raised).T[kept])
 
 
