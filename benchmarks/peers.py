@@ -18,11 +18,12 @@ from scipy.optimize import minimize
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.planning.transcription.constraints import constraints
 from floatplan.planning.transcription.program import FlightProgram, decision_variables, objective, sine_polynomials
-from floatplan.planning.transcription.trajectory import FlightModel, flight_model, sample_nodes
+from floatplan.planning.transcription.trajectory import flight_model, sample_nodes
 
 NODES = 64
 ACCEPTED = 1e-6  # largest violation at the nodes of what counts as solved
@@ -52,8 +53,8 @@ def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
     """Return floatplan's program at a fixed number of nodes, arcsine branches 0."""
     model = flight_model(problem)
     polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), dtype=np.int64))
-    variables = decision_variables(problem, polynomials, angular_momentum_interval(problem))
-    sampling = sample_nodes(nodes, polynomials.width)
+    variables = decision_variables(problem, polynomials, momentum_set(problem, angular_momentum_interval(problem)))
+    sampling = sample_nodes(gauss_grid(nodes), polynomials.width)
     aim = objective(problem, model, variables, sampling)
     return FlightProgram(model, variables, sampling, aim, constraints(problem, model))
 
@@ -101,7 +102,7 @@ class Slsqp:
 class SymbolicFlight:
     """The flight at one instant as CasADi expressions, after (A.1) and (A.4) with (A.5) for any tree, corrected."""
 
-    model: FlightModel
+    model: PlanarFlight
     momentum: float
 
     @property
@@ -157,7 +158,7 @@ class SymbolicFlight:
     @cached_property
     def ends(self) -> ca.Function:
         """Ends (2, 2 S) of the links' segments relative to the centre of mass, from q and theta0."""
-        tree, shapes = self.model.tree, self.model.shapes
+        tree, shapes = self.model.tree, self.model.link_shapes
         q, orientation = ca.SX.sym("q", self.joints), ca.SX.sym("o")
         angle = tree.turn * (orientation + ca.DM(tree.turns) @ q + tree.offsets)
         cosine, sine = ca.cos(angle), ca.sin(angle)
@@ -188,7 +189,8 @@ class Ipopt:
         began = time.perf_counter()
         self._problem = problem
         self._reduced = reduced_program(problem, nodes)
-        self._flight = SymbolicFlight(self._reduced.model, self._reduced.variables.middle)
+        self._planar = planar_flight(problem)
+        self._flight = SymbolicFlight(self._planar, self._reduced.variables.momentum.centre.item())
         self._rows: list[ca.MX] = []
         self._low: list[np.ndarray] = []
         self._high: list[np.ndarray] = []
@@ -237,13 +239,15 @@ class Ipopt:
         return centre @ wide + swing, sway * rate, sway * curvature - swing * rate**2
 
     def _state(self) -> None:
-        sampling, model = self._reduced.sampling, self._reduced.model
+        sampling, model = self._reduced.sampling, self._planar
         duration, count = self._problem.flight.duration, self._reduced.sampling.nodes
         self._times = duration * sampling.s
         self._q, self._qd, self._qdd = self._at(self._times)
         self._rate = self._flight.rate.map(count)(self._q, self._qd)
-        self._orientation = model.initial_orientation + duration * self._rate @ ca.DM(sampling.integrals.T)
-        final = model.initial_orientation + duration * self._rate @ ca.DM(sampling.quadrature.weights)
+        self._orientation = model.initial_orientation + duration * self._rate @ ca.DM(
+            gauss_grid(sampling.nodes).integrals.T
+        )
+        final = model.initial_orientation + duration * self._rate @ ca.DM(sampling.weights)
         self._require(final, model.final_orientation, model.final_orientation)
 
     def _ends(self) -> None:
@@ -273,7 +277,7 @@ class Ipopt:
 
     def _obstacles(self) -> None:
         count = self._reduced.sampling.nodes
-        com = self._reduced.model.ballistics.positions(self._times)
+        com = self._planar.ballistics.positions(self._times)
         for obstacle in self._problem.obstacles:
             if not isinstance(obstacle, fp.Circle) or obstacle.window or any(obstacle.velocity):
                 raise TypeError("only circles at rest are written out for IPOPT")

@@ -21,7 +21,7 @@ import floatplan as fp
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.optimization import quadratic_program
-from floatplan.planning.transcription.exchange import nodes_needed
+from floatplan.planning.transcription.exchange import QUADRATURE_ERROR
 
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 
@@ -34,7 +34,7 @@ def final_nodes(plan: fp.Plan) -> int:
     powers = powers_map(polynomials.width, polynomials.duration)
     z: Any = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
     x = program.variables.variables(z, plan.angular_momentum)
-    return NODE_COUNTS[nodes_needed(program.trajectory(x))]
+    return NODE_COUNTS[program.trajectory(x).flown.level_needed(QUADRATURE_ERROR)]
 
 
 def slsqp(problem: fp.Problem, nodes: int = NODES) -> Answer:

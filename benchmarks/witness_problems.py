@@ -18,9 +18,11 @@ from independent import Look, Worst, violations_seen
 from witness_robots import witness_robot
 
 import floatplan as fp
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
+from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
 from floatplan.planning.transcription.trajectory import Trajectory, flight_model, sample_nodes, trajectory
@@ -124,12 +126,12 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
     bounds = angular_momentum_interval(problem)
     kind: Any = rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]).item()
     polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, n), dtype=np.int64))
-    variables = decision_variables(problem, polynomials, bounds)
+    variables = decision_variables(problem, polynomials, momentum_set(problem, bounds))
     z = polynomials.no_free_part + rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape)
 
     def flown(momentum: float) -> Problem:
         """The problem with this h given and the goal where the motion ends."""
-        goal = replace(problem.goal, orientation=_finest(problem, variables, z, momentum).final_orientation)
+        goal = replace(problem.goal, orientation=_final_orientation(problem, variables, z, momentum))
         return replace(problem, goal=goal, flight=replace(problem.flight, angular_momentum=momentum))
 
     momentum = float(rng.uniform(*bounds))
@@ -138,7 +140,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
         momentum = at[0] / (at[0] - at[1])
     solved = flown(momentum)
     turn = abs(solved.final.orientation - solved.initial.orientation)
-    if not turn < MOST_TURN or _finest(problem, variables, z, momentum).unresolved > UNRESOLVED:
+    if not turn < MOST_TURN or _finest(problem, variables, z, momentum).flown.unresolved > UNRESOLVED:
         return None
     if kind != "given":
         solved = replace(solved, flight=replace(solved.flight, angular_momentum=kind))
@@ -184,16 +186,25 @@ def _degree(rng: np.random.Generator, joints: int) -> Any:
     return tuple(int(degree) for degree in degrees)
 
 
+def _with_momentum(variables: DecisionVariables, momentum: float) -> DecisionVariables:
+    """The same variables with h given."""
+    return replace(variables, momentum=MomentumSet(np.array([momentum]), np.empty((1, 0))))
+
+
+def _final_orientation(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> float:
+    return problem.final.orientation + _finest(problem, variables, z, momentum).residual.item()
+
+
 def _finest(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> Trajectory:
-    given = replace(variables, middle=momentum, reach=0.0)
-    nodes = sample_nodes(NODE_COUNTS[-1], variables.polynomials.width)
+    given = _with_momentum(variables, momentum)
+    nodes = sample_nodes(gauss_grid(NODE_COUNTS[-1]), variables.polynomials.width)
     return trajectory(flight_model(problem), given, nodes, given.variables(z, momentum))
 
 
 def _as_plan(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> fp.Plan:
     polynomials = variables.polynomials
-    x = replace(variables, middle=momentum, reach=0.0).variables(z, momentum)
-    free = replace(variables, middle=momentum, reach=0.0).free_coefficients(x)
+    x = _with_momentum(variables, momentum).variables(z, momentum)
+    free = _with_momentum(variables, momentum).free_coefficients(x)
     return fp.Plan(
         problem=problem,
         centre=polynomials.centre,

@@ -15,12 +15,12 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.planar.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.constraints import Constraint, constraints
-from floatplan.planning.transcription.exchange import FINE, Worst, local_minima, nodes_needed, solve
+from floatplan.planning.transcription.exchange import FINE, QUADRATURE_ERROR, Worst, local_minima, solve
 from floatplan.planning.transcription.objectives import Objective, objective_value
 from floatplan.planning.transcription.program import (
     FlightProgram,
@@ -34,7 +34,6 @@ from floatplan.planning.transcription.trajectory import (
     Sampling,
     Trajectory,
     flight_model,
-    sample_nodes,
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables
@@ -43,13 +42,13 @@ from floatplan.tables import Objective as ObjectiveName
 from floatplan.tolerances import ORIENTATION
 
 EASY_ITERATIONS = 40
-CONSTRAINED_LEVEL = 2  # index into NODE_COUNTS, at least, where constraints are watched
+CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
-CLOSER = 2  # levels of NODE_COUNTS, by which constraints are watched more closely after the plain start
-WATCHED_AT_MOST = 6  # index into NODE_COUNTS
+CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
+WATCHED_AT_MOST = 6  # level of grids
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
-UNRESOLVED = 1e-6  # tail of the Legendre coefficients of theta0', relative to its largest value: its square is lost
+UNRESOLVED = 1e-6  # what the nodes may miss of a motion, relative to its size: its square is lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +110,7 @@ class Attempts:
         self.model: FlightModel = flight_model(problem)
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
         self.momentum_bounds = momentum_bounds
+        self._momentum = momentum_set(problem, momentum_bounds)
         self.seed = seed
         self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
         (self.plain_start,) = self.first_starts(problem.degrees, 1)
@@ -119,7 +119,7 @@ class Attempts:
     def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
         """Return the first starts at these degrees: so many, or all where there are not so many."""
         if degrees not in self._drawn:
-            drawing = starts(self.problem, self.model, self.constraints, degrees, self.momentum_bounds, self.seed)
+            drawing = starts(self.problem, self.model, self.constraints, degrees, self._momentum, self.seed)
             self._drawn[degrees] = ([], drawing)
         known, more = self._drawn[degrees]
         known.extend(islice(more, max(count - len(known), 0)))
@@ -129,25 +129,26 @@ class Attempts:
         """Return the motion of an outcome as a start at higher degrees."""
         lower, x = outcome.variables, outcome.solution.x
         polynomials = replace(lower.polynomials, free=tuple(degree - CONDITIONS + 1 for degree in degrees))
-        variables = decision_variables(self.problem, polynomials, self.momentum_bounds)
+        variables = decision_variables(self.problem, polynomials, self._momentum)
         z = lower.free_coefficients(x)
         padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
         return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
 
     def _watching_level(self) -> int:
-        """Index into NODE_COUNTS for the constraints: no link may jump over an obstacle between two nodes.
+        """Level of grids for the constraints: no link may jump over an obstacle between two nodes.
 
         The plain motion tells how far the links travel.
         """
         sizes = [obstacle.thickness for obstacle in self.problem.obstacles]
         plain = self.plain_start
-        dense = sample_nodes(NODE_COUNTS[-2], plain.variables.polynomials.width)
+        counts = self.model.flight.node_counts
+        dense = self.model.nodes(-2, plain.variables.polynomials.width)
         segments = trajectory(self.model, plain.variables, dense, plain.x).segments
         travel = max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (segments.start, segments.end))
         step = max(min(sizes, default=np.inf), SMALLEST_STEP)
         wanted = travel / step
         return min(
-            (level for level, count in enumerate(NODE_COUNTS) if count >= wanted and level >= CONSTRAINED_LEVEL),
+            (level for level, count in enumerate(counts) if count >= wanted and level >= CONSTRAINED_LEVEL),
             default=WATCHED_AT_MOST,
         )
 
@@ -180,7 +181,7 @@ class Attempts:
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome
-        nodes = sample_nodes(NODE_COUNTS[level], start.variables.polynomials.width)
+        nodes = self.model.nodes(level, start.variables.polynomials.width)
         beside = instants_beside_nodes(start.variables, self.constraints)
         sampling = watching(nodes, start.variables.polynomials.width, self.constraints, beside)
         program = FlightProgram(self.model, start.variables, sampling, make_objective(nodes), self.constraints)
@@ -215,14 +216,14 @@ class Attempts:
     ) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
         used = solution.evaluation.detail
-        nodes = NODE_COUNTS[max(nodes_needed(used), self._level)]
+        level = max(used.flown.level_needed(QUADRATURE_ERROR), self._level)
         motion = used
-        if nodes > used.sampling.nodes:
-            motion = trajectory(self.model, variables, sample_nodes(nodes, variables.polynomials.width), solution.x)
-        missed = abs(motion.final_orientation - self.model.final_orientation)
-        if motion.unresolved > UNRESOLVED:
+        if self.model.flight.node_counts[level] > used.sampling.nodes:
+            motion = trajectory(self.model, variables, self.model.nodes(level, variables.polynomials.width), solution.x)
+        missed = max(map(abs, motion.residual[0].tolist()))
+        if motion.flown.unresolved > UNRESOLVED:
             missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, nodes, solution.x)
+        worst = local_minima(self.model, variables, self.constraints, level, solution.x)
         kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
         lacking = max(missed if missed > ORIENTATION else 0.0, float(-worst.value[worst.value < kept].min(initial=0.0)))
         if lacking <= 0 and solution.status == "infeasible":

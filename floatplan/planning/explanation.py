@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 
-from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.contact import motion_into_ground
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import SearchResult
 from floatplan.planning.transcription.constraints import applies
-from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
+from floatplan.planning.transcription.trajectory import sample_also, trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
 
@@ -21,7 +20,7 @@ HARDLY = 1e-3  # of a row's scale: what lacks no more is nearly a plan
 
 def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
     """Reasons, one sentence each, why no motion whatever can be a plan; empty where none is known."""
-    return [*_impossible_ends(prepared), *impossibilities(problem, prepared.model)]
+    return [*_impossible_ends(prepared), *impossibilities(problem)]
 
 
 def explain(
@@ -34,7 +33,7 @@ def explain(
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
     sentences = [*reasons, *_momentum(problem, momentum_bounds), *_nearest(prepared, found)]
-    momentum = found.best.variables.angular_momentum(found.best.solution.x)
+    (momentum,) = found.best.variables.angular_momentum(found.best.solution.x).tolist()
     sentences += [f"With {momentum:.4g} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)]
     if found.interrupted:
         sentences.append("The search was interrupted.")
@@ -68,7 +67,7 @@ def _rounded_up(amount: float) -> str:
 def _missed_turn(prepared: Attempts, found: SearchResult) -> float:
     """By how much the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
     motion = found.best.solution.evaluation.detail
-    missed = motion.final_orientation - prepared.model.final_orientation
+    missed = float(motion.residual[0, 0])
     return missed if abs(missed) > ORIENTATION else 0.0
 
 
@@ -87,13 +86,11 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
     """
     start = prepared.plain_start
     width = start.variables.polynomials.width
-    ends = sample_also(sample_nodes(NODE_COUNTS[-2], width), width, np.array([0.0, 1.0]))
-    motion = trajectory(prepared.model, start.variables, ends, start.x)
-    goal = [prepared.model.initial_orientation, prepared.model.final_orientation]
-    motion = motion.with_orientation(np.concatenate((motion.orientation[:-2], goal)))
+    ends = sample_also(prepared.model.nodes(-2, width), width, np.array([0.0, 1.0]))
+    motion = trajectory(prepared.model, start.variables, ends, start.x).at_goal()
     sentences = []
     for block in prepared.constraints:
-        if start.variables.reach and not block.settled_at_ends:
+        if start.variables.momentum.free and not block.settled_at_ends:
             continue
         values = block.values(motion)[-2:]
         exists = applies(block, motion.sampling.s[-2:])

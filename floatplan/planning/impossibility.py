@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import point_distances
-from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.problem.parts import Bar, Obstacle
 from floatplan.problem.problem import Problem
 
@@ -22,11 +22,11 @@ POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that 
 ROUNDING = 1e-9  # [-] relative: a limit that is met exactly does not make a problem impossible
 
 
-def impossibilities(problem: Problem, model: FlightModel) -> list[str]:
+def impossibilities(problem: Problem) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
     sentences = [*_mean_rates(problem), *_turning(problem)]
     if problem.obstacles:
-        point, path = central_point(problem), _ComPath.of(problem, model)
+        point, path = central_point(problem), _ComPath.of(problem)
         for index, obstacle in enumerate(problem.obstacles):
             sentences += [*_impassable(index, obstacle, path, point), *_barred(index, obstacle, path, point)]
     return sentences
@@ -40,9 +40,9 @@ class _ComPath:
     com: ComplexArray
 
     @classmethod
-    def of(cls, problem: Problem, model: FlightModel) -> _ComPath:
+    def of(cls, problem: Problem) -> _ComPath:
         times = np.linspace(0, problem.flight.duration, PATH_INSTANTS)
-        places = model.ballistics.positions(times)
+        places = ballistics(problem).positions(times)
         return cls(times, np.asarray(places[:, 0] + 1j * places[:, 1], dtype=np.complex128))
 
     def seen_from(self, obstacle: Obstacle) -> ComplexArray:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from floatplan.arrays import Array, read_only
+from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.contact import refuse_motion_into_ground
@@ -50,9 +51,9 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
         centre=read_only(polynomials.centre),
         amplitude=read_only(polynomials.amplitude),
         coefficients=_coefficients(best),
-        angular_momentum=best.variables.angular_momentum(best.solution.x),
+        angular_momentum=_angular_momentum(best),
         angular_momentum_bounds=bounds,
-        ballistics=prepared.model.ballistics,
+        ballistics=ballistics(problem),
         status=best.solution.status if best.holds else "infeasible",
         ok=best.holds,
         explanation=explain(problem, prepared, found, reasons, bounds),
@@ -96,8 +97,13 @@ def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
     return replace(
         plan,
         coefficients=_coefficients(outcome),
-        angular_momentum=outcome.variables.angular_momentum(outcome.solution.x),
+        angular_momentum=_angular_momentum(outcome),
     )
+
+
+def _angular_momentum(outcome: Outcome) -> float:
+    """The h, kg m^2/s, of where an attempt ended, about the plane's normal."""
+    return float(outcome.variables.angular_momentum(outcome.solution.x)[0])
 
 
 def _coefficients(outcome: Outcome) -> Array:

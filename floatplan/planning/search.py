@@ -151,7 +151,7 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
     if len(solved) < max(wanted, 1):
         return False
     constrained = bool(prepared.constraints)
-    if constrained and prepared.plain_start.variables.reach:
+    if constrained and prepared.plain_start.variables.momentum.free:
         return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or _agree([outcomes[index] for index in solved])
     if outcomes[0].came_easily or len(solved) >= WANTED_AFTER_FAILURE:
         return True

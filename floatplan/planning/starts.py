@@ -1,7 +1,7 @@
 """Where a search begins: the plain motion, then motions drawn at random that already meet (14) and violate little.
 
 theta0(T) is continuous in the decision variables: between a motion that turns too little and one that turns too much
-there is one that turns just enough. A crowd of random motions is evaluated at once; those pairs give starts, and the
+there is one that turns just enough. A batch of random motions is evaluated at once; those pairs give starts, and the
 starts that violate the constraints least are followed first.
 """
 
@@ -15,18 +15,19 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
-from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, crowd
+from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 
-CROWD = 160  # motions
-LARGEST_CROWD = 640  # where there are constraints: each crowd is twice as large as the one before
-CROWD_NODES = 32
+BATCH = 160  # motions
+LARGEST_BATCH = 640  # where there are constraints: each batch is twice as large as the one before
+BATCH_LEVEL = 2  # of grids
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 SECANT_STEPS = 4
-STARTS_PER_CROWD = 2
+STARTS_PER_BATCH = 2
 MOMENTUM_SHARES = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h, from its middle: plain starts
 APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
@@ -49,20 +50,22 @@ def starts(
     model: FlightModel,
     constraints: tuple[Constraint, ...],
     degrees: tuple[int, ...],
-    momentum_bounds: tuple[float, float],
+    momentum: MomentumSet,
     seed: int,
 ) -> Iterator[Start]:
     """Yield the plain start, then random ones without end where anything is free; the same for the same seed.
 
     Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones.
     """
-    start = _plain_start(problem, degrees, momentum_bounds)
+    start = _plain_start(problem, degrees, momentum)
     yield start
-    drawn = _random_starts(problem, model, constraints, degrees, momentum_bounds, start.variables, seed)
-    if start.variables.reach and constraints:
-        for share in MOMENTUM_SHARES:
-            yield next(drawn)
-            yield replace(start, x=np.append(start.x[:-1], share))
+    drawn = _random_starts(problem, model, constraints, degrees, momentum, start.variables, seed)
+    if momentum.free and constraints:
+        coefficients = start.x[: start.variables.coefficients]
+        for axis in np.eye(momentum.free):
+            for share in MOMENTUM_SHARES:
+                yield next(drawn)
+                yield replace(start, x=np.concatenate((coefficients, share * axis)))
     yield from drawn
 
 
@@ -71,7 +74,7 @@ def _random_starts(
     model: FlightModel,
     constraints: tuple[Constraint, ...],
     degrees: tuple[int, ...],
-    momentum_bounds: tuple[float, float],
+    momentum: MomentumSet,
     plain: DecisionVariables,
     seed: int,
 ) -> Iterator[Start]:
@@ -81,25 +84,42 @@ def _random_starts(
         variables = plain
         if number % 2:
             branches = np.array([np.zeros(n, dtype=np.int64), rng.choice([-1, 0, 0, 1], size=n)])
-            variables = _variables(problem, degrees, momentum_bounds, branches)
-        size = min(CROWD * 2**number, LARGEST_CROWD) if constraints else CROWD
+            variables = _variables(problem, degrees, momentum, branches)
+        size = min(BATCH * 2**number, LARGEST_BATCH) if constraints else BATCH
         before = model.work.done
-        first, *others = _crossings(model, constraints, variables, _random_motions(variables, size, rng))
+        first, *others = starts_among(model, constraints, variables, _random_motions(variables, size, rng))
         yield replace(first, work=model.work.done - before)
         yield from others
 
 
 @lru_cache(maxsize=8)
-def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum_bounds: tuple[float, float]) -> Start:
+def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet) -> Start:
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    variables = _variables(problem, degrees, momentum_bounds, branches)
+    variables = _variables(problem, degrees, momentum, branches)
     return Start(variables, variables.plain_motion(), is_plain=True)
 
 
 def _variables(
-    problem: Problem, degrees: tuple[int, ...], momentum_bounds: tuple[float, float], branches: IntArray
+    problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet, branches: IntArray
 ) -> DecisionVariables:
-    return decision_variables(problem, sine_polynomials(problem, degrees, branches), momentum_bounds)
+    return decision_variables(problem, sine_polynomials(problem, degrees, branches), momentum)
+
+
+def starts_among(
+    model: FlightModel, constraints: tuple[Constraint, ...], variables: DecisionVariables, motions: Array
+) -> Iterator[Start]:
+    """Starts that motions x (S, size) lead to.
+
+    Where the base turns in one direction, a motion meets the goal between any that turns too much and one that turns
+    too little; else there is no such order, and those that miss it least are taken as they are.
+    """
+    if model.flight.tangent == 1:
+        yield from _crossings(model, constraints, variables, motions)
+        return
+    together = trajectories(model, variables, BATCH_LEVEL, motions)
+    missed = (together.residual**2).sum(axis=1) + _violations(together, constraints, len(motions))
+    rank = np.argsort(missed, kind="stable")
+    yield from (Start(variables, x) for x in _apart(motions[rank], variables.metric))
 
 
 def _crossings(
@@ -109,9 +129,8 @@ def _crossings(
 
     Where all motions turn too much, or all too little, the one nearest to the goal is the only start.
     """
-    change = model.final_orientation - model.initial_orientation
     drawn = np.concatenate((variables.plain_motion()[None, :], motions))
-    residual = _turned(crowd(model, variables, CROWD_NODES, drawn)) - change
+    residual = trajectories(model, variables, BATCH_LEVEL, drawn).residual[:, 0]
     size = np.linalg.norm(drawn, axis=1)
     over, under = (np.flatnonzero(side)[np.argsort(size[side])] for side in (residual > 0, residual < 0))
     if not (over.size and under.size):
@@ -124,8 +143,8 @@ def _crossings(
     for _ in range(SECANT_STEPS):
         share = np.clip(low_residual / (low_residual - high_residual), 0.05, 0.95)
         middle = low + share[:, None] * (high - low)
-        together = crowd(model, variables, CROWD_NODES, middle)
-        middle_residual = _turned(together) - change
+        together = trajectories(model, variables, BATCH_LEVEL, middle)
+        middle_residual = together.residual[:, 0]
         above = middle_residual > 0
         low[above], low_residual[above] = middle[above], middle_residual[above]
         high[~above], high_residual[~above] = middle[~above], middle_residual[~above]
@@ -139,22 +158,16 @@ def _apart(ranked: Array, metric: Array) -> list[Array]:
     for x in ranked:
         if all(np.linalg.norm(metric @ (x - other)) > APART for other in chosen):
             chosen.append(x)
-        if len(chosen) == STARTS_PER_CROWD:
+        if len(chosen) == STARTS_PER_BATCH:
             break
     return chosen
 
 
-def _turned(together: Trajectory) -> Array:
-    """Change of orientation (S,) rad over the flight of a crowd of S motions."""
-    rates = together.rate.reshape(-1, CROWD_NODES)
-    return np.asarray(together.duration * (rates @ together.sampling.quadrature.weights))
-
-
 def _violations(together: Trajectory, constraints: tuple[Constraint, ...], motions: int) -> Array:
-    """Sum over rows and nodes of squared violations (S,) of a crowd."""
+    """Sum over rows and nodes of squared violations (S,) of a batch."""
     total = np.zeros(motions)
     for block in constraints:
-        lacking = np.minimum(block.values(together), 0) * applies(block, together.sampling.s)[:, None]
+        lacking = np.minimum(block.values(together), 0) * applies(block, together.s)[:, None]
         total += (lacking**2).reshape(motions, -1).sum(axis=1)
     return total
 
@@ -165,4 +178,5 @@ def _random_motions(variables: DecisionVariables, motions: int, rng: np.random.G
     smooth = np.resize(SPREADS, half)[:, None] * rng.normal(size=(half, size))
     z = np.resize(SPREADS, motions - half)[:, None] * rng.normal(size=(motions - half, size))
     x = np.concatenate((smooth, np.linalg.solve(variables.scaling, (z - variables.offset).T).T))
-    return np.asarray(np.concatenate((x, rng.uniform(-1, 1, (motions, 1))), axis=1) if variables.reach else x)
+    free = variables.momentum.free
+    return np.asarray(np.concatenate((x, rng.uniform(-1, 1, (motions, free))), axis=1) if free else x)

@@ -19,6 +19,7 @@ import floatplan as fp
 from floatplan import tables
 from floatplan.arrays import read_only
 from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import objectives as objectives_module
 from floatplan.planning.transcription.constraints import (
@@ -134,9 +135,9 @@ def flight(problem):
     """What evaluates a motion x: (model, variables, sampling)."""
     bounds = angular_momentum_interval(problem)
     polynomials = sine_polynomials(problem, problem.degrees, np.array([[0, 0, 0], [0, 1, -1]]))
-    variables = decision_variables(problem, polynomials, bounds)
-    assert variables.reach > 0
-    sampling = sample_also(sample_nodes(24, polynomials.width), polynomials.width, INSTANTS)
+    variables = decision_variables(problem, polynomials, momentum_set(problem, bounds))
+    assert variables.momentum.free == 1
+    sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.width), polynomials.width, INSTANTS)
     return flight_model(problem), variables, sampling
 
 
@@ -146,7 +147,7 @@ def x(request, flight):
     _, variables, _ = flight
     rng = np.random.default_rng(request.param)
     z = rng.normal(scale=0.3, size=(3, variables.polynomials.width))
-    return variables.variables(z, variables.middle + variables.reach * rng.uniform(-1, 1))
+    return variables.variables(z, variables.momentum.centre + variables.momentum.axes @ rng.uniform(-1, 1, 1))
 
 
 def assert_derivative(values, derivative, x, scale):
@@ -190,13 +191,13 @@ class TestDerivatives:
         assert_derivative(value, gradient, x, scale)
 
     def test_of_14(self, flight, x, scale):
-        gradient = trajectory(*flight, x).final_gradient
-        assert np.abs(gradient).min() > 0
-        assert_derivative(lambda at: np.array(trajectory(*flight, at).final_orientation), gradient, x, scale)
+        jacobian = trajectory(*flight, x).residual_jacobian
+        assert np.abs(jacobian).min() > 0
+        assert_derivative(lambda at: trajectory(*flight, at).residual[0], jacobian, x, scale)
 
     def test_of_18(self, flight, x, scale):
-        jacobian = trajectory(*flight, x).orientation_jacobian
-        assert_derivative(lambda at: trajectory(*flight, at).orientation, jacobian, x, scale)
+        jacobian = trajectory(*flight, x).attitude_jacobian[:, 0]
+        assert_derivative(lambda at: trajectory(*flight, at).flown.attitude, jacobian, x, scale)
 
     def test_of_the_whole_program(self, flight, x, scale):
         """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""
@@ -252,7 +253,7 @@ class TestConstraints:
         assert applies(block, expected).all()
 
     def test_window_ends_are_instants_of_the_program_as_they_are(self):
-        nodes = sample_nodes(24, 3)
+        nodes = sample_nodes(gauss_grid(24), 3)
         ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
         block = ObstacleClearance(BAR, "bar", LINKS, window=ends)
         sampling = watching(nodes, 3, (block, CONSTRAINTS["circle"]), np.array([0.5]))
@@ -309,7 +310,7 @@ class TestObjectives:
     def test_integrals_are_those_of_the_squares(self, flight, x, name, unit):
         """Against Simpson's rule."""
         model, variables, _ = flight
-        nodes = sample_nodes(96, variables.polynomials.width)
+        nodes = sample_nodes(gauss_grid(96), variables.polynomials.width)
         s = np.linspace(0, 1, 2001)
         dense = trajectory(model, variables, sample_also(nodes, variables.polynomials.width, s), x)
         values = (dense.torques if name == "torque" else dense.motion.accelerations)[96:]
@@ -329,8 +330,10 @@ class TestObjectives:
         asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
         model = flight_model(asked)
         branches = np.zeros((2, 3), dtype=np.int64)
-        variables = decision_variables(asked, sine_polynomials(asked, (7,) * 3, branches), (-10.0, 20.0))
-        sampling = sample_nodes(32, 2)
+        variables = decision_variables(
+            asked, sine_polynomials(asked, (7,) * 3, branches), momentum_set(asked, (-10.0, 20.0))
+        )
+        sampling = sample_nodes(gauss_grid(32), 2)
         made = objective(asked, model, variables, sampling)
         assert type(made) is type(OBJECTIVES[name])
         if name != "coefficients":
@@ -350,15 +353,15 @@ class TestVariables:
         _, variables, _ = flight
         plain = variables.plain_motion()
         assert np.abs(variables.free_coefficients(plain)).max() < 1e-9
-        assert variables.angular_momentum(plain) == variables.middle
+        assert variables.angular_momentum(plain) == variables.momentum.centre
 
     def test_metric_is_the_root_mean_square_of_p(self, flight, x):
         """Over time and joints, of the change that a step makes to p; h is measured by its reach."""
         _, variables, _ = flight
         step = np.append(x[:-1], 0.0)
-        fine = sample_nodes(64, variables.polynomials.width)
+        fine = sample_nodes(gauss_grid(64), variables.polynomials.width)
         z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
         change = fine.values[0][:, 6:] @ z.T
-        expected = np.sqrt(fine.quadrature.weights @ (change**2).mean(axis=1))
+        expected = np.sqrt(fine.weights @ (change**2).mean(axis=1))
         assert np.linalg.norm(variables.metric @ step) == pytest.approx(expected, rel=1e-10)
         assert variables.metric[-1].tolist() == [0.0] * variables.coefficients + [1.0]

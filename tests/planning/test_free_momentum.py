@@ -12,7 +12,6 @@ from free_problems import free_problem
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning.impossibility import impossibilities
-from floatplan.planning.transcription.trajectory import flight_model
 from floatplan.robot.urdf.example_robots import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -105,8 +104,8 @@ class TestOutside:
         problem = fp.load_problem(PROBLEMS / "handstand.toml")
         slow = replace(problem, limits=fp.Limits("full", velocity=10.0))
         fast = given(slow, 40.0)
-        assert impossibilities(fast, flight_model(fast))
-        assert not impossibilities(free(slow), flight_model(slow))
+        assert impossibilities(fast)
+        assert not impossibilities(free(slow))
 
     def test_the_explanation_claims_no_impossibility(self) -> None:
         plan = fp.plan(given(fp.load_problem(PROBLEMS / "handstand.toml"), 40.0), budget=0.5)

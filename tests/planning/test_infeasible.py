@@ -17,9 +17,10 @@ from forward_problems import GRADES, forward_problem
 from independent import Look, violations_seen
 
 import floatplan as fp
+from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.planning.impossibility import impossibilities
-from floatplan.planning.transcription.trajectory import flight_model
 from floatplan.planning.work import DEFAULT_WORK, EVALUATION
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
@@ -50,7 +51,7 @@ def with_momentum(problem: fp.Problem, momentum: float) -> fp.Problem:
 def com(name: str, share: float) -> tuple[float, float]:
     """Place of the centre of mass at a share of the flight."""
     duration = problem_of(name).flight.duration
-    (place,) = flight_model(problem_of(name)).ballistics.positions(np.array([share * duration]))
+    (place,) = ballistics(problem_of(name)).positions(np.array([share * duration]))
     return float(place[0]), float(place[1])
 
 
@@ -223,7 +224,7 @@ class TestNumbersInReasons:
     """The amounts that are given are those of the problem."""
 
     def reasons(self, problem: fp.Problem) -> str:
-        return " ".join(impossibilities(problem, flight_model(problem)))
+        return " ".join(impossibilities(problem))
 
     def test_mean_velocity(self) -> None:
         problem = with_limits(A, velocity={"q1": 2.8})
@@ -241,7 +242,7 @@ class TestNumbersInReasons:
         rng = np.random.default_rng(5)
         problem = with_momentum(with_limits(B, velocity=10.0), 40.0)
         least, most = map(float, re.search(r"changes by (\S+) to (\S+) rad", self.reasons(problem)).groups())
-        dynamics = flight_model(problem).dynamics
+        dynamics = Dynamics(problem.robot.tree)
         positions = rng.uniform(-np.pi, np.pi, (20_000, 2))
         rates = dynamics.base_rate(positions, rng.uniform(-10, 10, (20_000, 2)), 40.0)
         assert least < 1.4 * rates.min()

@@ -48,6 +48,7 @@ def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
     return complex(robot.tree.rotations(angles) @ frame_weights(robot, frame))
 
 
+@lru_cache(maxsize=8)
 def ballistics(problem: Problem) -> Ballistics:
     """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
     flight = problem.flight

@@ -286,16 +286,16 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
         ObstacleClearance(
             obstacle,
             f"obstacle {index} ({obstacle.kind})",
-            model.shapes.links,
+            model.flight.links,
             _window(obstacle, problem.flight.duration),
         )
         for index, obstacle in enumerate(problem.obstacles)
     ]
     if problem.ground:
-        blocks.append(ObstacleClearance(problem.ground_plane, "the ground", model.shapes.links))
+        blocks.append(ObstacleClearance(problem.ground_plane, "the ground", model.flight.links))
     for pair in problem.self_clearances:
         first, second = (
-            tuple(index for index, link in enumerate(model.shapes.links) if link == name) for name in pair.links
+            tuple(index for index, link in enumerate(model.flight.links) if link == name) for name in pair.links
         )
         blocks.append(SelfClearance(first, second, pair.links, pair.margin))
     return (*blocks, *_torque_limits(problem), *_joint_limits(problem), *_motor_limits(problem), *_base_limits(problem))

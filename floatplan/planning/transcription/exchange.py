@@ -5,7 +5,6 @@ The exchange method of semi-infinite programming (Hettich and Kortanek, SIAM Rev
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,26 +12,31 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, minimise
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective
-from floatplan.planning.transcription.program import BACK_OFF, FlightProgram, instants_beside_nodes, steerable, watching
+from floatplan.planning.transcription.program import (
+    BACK_OFF,
+    FlightProgram,
+    instants_beside_nodes,
+    scaled,
+    steerable,
+    watching,
+)
 from floatplan.planning.transcription.trajectory import (
     FlightModel,
     Sampling,
     Trajectory,
     sample_also,
-    sample_nodes,
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tolerances import ORIENTATION
 
-QUADRATURE_ERROR = 1e-13  # rad, of theta0(T), at which the nodes are enough
+QUADRATURE_ERROR = 1e-13  # rad, of the attitude at landing, at which the nodes are enough
 FIRST_LOOK = 129  # instants of the first look between the nodes
 CLOSER_LOOKS = 4  # times that the look at each local minimum narrows, 8-fold each
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
@@ -46,9 +50,9 @@ MOST_ITERATIONS = 240  # in all rounds together
 COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
 ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
 FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
-COARSELY_RESOLVED = 0.02  # tail of the Legendre coefficients of theta0', relative to its largest value
+COARSELY_RESOLVED = 0.02  # what the nodes may miss of the motion, relative to its size
 CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
-NEARLY_RESOLVED = 1e-6  # rad, error of theta0(T) that nodes may leave before the last stage
+NEARLY_RESOLVED = 1e-6  # rad, error of the attitude at landing that nodes may leave before the last stage
 HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
 
 
@@ -71,11 +75,11 @@ NOTHING_NEAR = Worst(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), n
 
 
 def local_minima(
-    model: FlightModel, variables: DecisionVariables, constraints: tuple[Constraint, ...], nodes: int, x: Array
+    model: FlightModel, variables: DecisionVariables, constraints: tuple[Constraint, ...], level: int, x: Array
 ) -> Worst:
     """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
 
-    ``nodes`` is the number of quadrature nodes that resolve the motion.
+    ``level`` is that of a grid that resolves the motion.
     """
     if not constraints:
         return NOTHING_NEAR
@@ -90,16 +94,15 @@ def local_minima(
             result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
         return result
 
+    nodes = model.nodes(level, width)
     first_look = _first_look(nodes, width, window_ends(constraints))
-    return _refined(
-        values(first_look), first_look.s[nodes:], lambda s: values(sample_also(sample_nodes(nodes, width), width, s))
-    )
+    return _refined(values(first_look), first_look.s[nodes.nodes :], lambda s: values(sample_also(nodes, width, s)))
 
 
 @lru_cache(maxsize=64)
-def _first_look(nodes: int, width: int, ends: tuple[float, ...]) -> Sampling:
+def _first_look(nodes: Sampling, width: int, ends: tuple[float, ...]) -> Sampling:
     instants = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
-    return sample_also(sample_nodes(nodes, width), width, instants)
+    return sample_also(nodes, width, instants)
 
 
 def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
@@ -145,19 +148,20 @@ def solve(
 ) -> Solution[Trajectory]:
     """Minimise the objective subject to (14) and to the constraints at all times, from x.
 
-    ``first_level`` is the index into NODE_COUNTS to start from.
+    ``first_level`` is the level of grids to start from.
     """
 
-    def program_at(level: int, extra: Array) -> FlightProgram:
-        nodes = sample_nodes(NODE_COUNTS[level], variables.polynomials.width)
+    def program_at(level: int, extra: Array, x: Array) -> FlightProgram:
+        nodes = model.nodes(level, variables.polynomials.width)
         beside = np.concatenate((always, extra))
         sampling = watching(nodes, variables.polynomials.width, constraints, beside)
-        return FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off)
+        return scaled(FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off), x)
 
     back_off, extra = BACK_OFF, np.empty(0)
     always = instants_beside_nodes(variables, constraints)
-    for level in range(max(first_level, _cheap_level(len(model.tree.mass))), len(NODE_COUNTS)):
-        program = program_at(level, extra)
+    counts = model.flight.node_counts
+    for level in range(max(first_level, _cheap_level(counts, model.flight.bodies)), len(counts)):
+        program = program_at(level, extra, x)
         start = program.evaluate(x)
         if _is_resolved(start):
             break
@@ -174,7 +178,7 @@ def solve(
         x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
         was_last, stage = stage.settings == settings, next(stages, stage)
-        needed = max(level, nodes_needed(motion, stage.quadrature_error))
+        needed = max(level, motion.flown.level_needed(stage.quadrature_error))
         finished = was_last and needed == level
         if iterations > MOST_ITERATIONS:
             break
@@ -183,7 +187,7 @@ def solve(
                 break
             back_off, finished = 0.0, False
         if constraints:
-            worst = local_minima(model, variables, constraints, NODE_COUNTS[needed], x)
+            worst = local_minima(model, variables, constraints, needed, x)
             inside = steerable(worst.s)
             if finished and not (inside & (worst.value < _kept(constraints, back_off)[worst.block])).any():
                 break
@@ -191,14 +195,14 @@ def solve(
         elif finished:
             break
         if needed > level or constraints:
-            level, program = needed, program_at(needed, extra)
+            level, program = needed, program_at(needed, extra, x)
             start = program.evaluate(x)
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
 @dataclass(frozen=True)
 class _Stage:
-    """A part of the way: when it ends, and the error of theta0(T), rad, that its nodes may leave."""
+    """A part of the way: when it ends, and the error of the attitude at landing, rad, that its nodes may leave."""
 
     settings: Settings
     quadrature_error: float
@@ -212,9 +216,9 @@ def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, const
     motion = start.detail
     if constrained:
         yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
-    elif nodes_needed(motion, NEARLY_RESOLVED) > level:
+    elif motion.flown.level_needed(NEARLY_RESOLVED) > level:
         yield _Stage(replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
-    if not constrained and nodes_needed(motion) > level:
+    if not constrained and motion.flown.level_needed(QUADRATURE_ERROR) > level:
         yield _Stage(replace(settings, feasibility=NEARLY_RESOLVED, polish=False), NEARLY_RESOLVED)
     yield _Stage(settings, QUADRATURE_ERROR)
 
@@ -226,7 +230,7 @@ def _made_feasible(
     nearest = reduce_violations(program, solution.x, stop)
     if nearest.squared_violation > solution.evaluation.worst_violation**2:
         return solution
-    turned = np.abs(nearest.evaluation.equality).max() <= ORIENTATION / 2
+    turned = np.abs(nearest.evaluation.equality).max(initial=0) <= ORIENTATION / 2
     status = "feasible" if turned and nearest.evaluation.worst_violation <= program.back_off / 4 else "infeasible"
     return replace(
         solution,
@@ -257,22 +261,12 @@ def _thinned(instants: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _cheap_level(bodies: int) -> int:
-    """Index into NODE_COUNTS up to which fewer nodes would hardly be faster."""
-    return max((level for level, count in enumerate(NODE_COUNTS) if count * bodies <= CHEAP), default=0)
+def _cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
+    """Level of grids up to which fewer nodes would hardly be faster."""
+    return max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
 
 
 def _is_resolved(start: Evaluation[Trajectory]) -> bool:
-    """Whether the nodes resolve theta0' well enough to start from."""
+    """Whether the nodes resolve the motion well enough to start from."""
     motion = start.detail
-    return motion.unresolved < COARSELY_RESOLVED
-
-
-def nodes_needed(motion: Trajectory, error: float = QUADRATURE_ERROR) -> int:
-    """Index into NODE_COUNTS at which theta0(T) is exact to ``error``, rad, by extrapolating the Legendre tail.
-
-    N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
-    """
-    decay = math.log(min(max(motion.unresolved, 1e-16), 0.9)) / motion.sampling.nodes
-    count = math.log(error / max(motion.fastest * motion.duration, error)) / (2 * decay)
-    return next((level for level, nodes in enumerate(NODE_COUNTS) if nodes >= count), len(NODE_COUNTS) - 1)
+    return motion.flown.unresolved < COARSELY_RESOLVED

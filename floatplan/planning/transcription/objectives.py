@@ -14,16 +14,15 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
-from floatplan.planning.transcription.trajectory import Trajectory, sample_nodes, trajectory
+from floatplan.planning.transcription.trajectory import Trajectory, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import OBJECTIVE_TABLE
 from floatplan.tables import Objective as ObjectiveName
 
 LEAST_CURVATURE = 1e-3  # of a Gauss-Newton approximation, relative to its largest
-EXACT_NODES = NODE_COUNTS[-1]  # of quadrature, for the number that the user sees
+EXACT_LEVEL = -1  # of the grids: the finest, for the number that the user sees
 
 
 class Objective(Protocol):
@@ -107,12 +106,12 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
     model, variables = motion.model, motion.variables
     if OBJECTIVE_TABLE[name].quantity is None:
         return float(np.linalg.norm(variables.polynomials.powers_of_seconds(variables.free_coefficients(x))))
-    exact = trajectory(model, variables, sample_nodes(EXACT_NODES, variables.polynomials.width), x)
+    exact = trajectory(model, variables, model.nodes(EXACT_LEVEL, variables.polynomials.width), x)
     return objective_term(name, variables).value(exact, x)
 
 
 def _time_weights(trajectory: Trajectory) -> Array:
-    return trajectory.duration * trajectory.sampling.quadrature.weights
+    return trajectory.duration * trajectory.sampling.weights
 
 
 def whitened_variables(variables: DecisionVariables) -> tuple[Array, Array]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.bounds import inertia_extremes
 from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
@@ -17,10 +17,13 @@ from floatplan.planning.transcription.objectives import Objective, objective_ter
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
+from floatplan.tolerances import ORIENTATION
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 
 
+RANK = 1e-7  # singular values below this, relative to the largest, are rounding
+MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
 GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
 
 
@@ -37,7 +40,10 @@ def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], e
 
 @dataclass(frozen=True, eq=False)
 class FlightProgram:
-    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling."""
+    """Minimise an objective subject to (14) and to the constraints, ``back_off`` inside, at instants of a sampling.
+
+    ``combinations`` (r, e) of the e residuals at landing are the equalities; None for the residuals themselves.
+    """
 
     model: FlightModel
     variables: DecisionVariables
@@ -45,6 +51,7 @@ class FlightProgram:
     objective: Objective
     constraints: tuple[Constraint, ...] = ()
     back_off: float = BACK_OFF
+    combinations: Array | None = None
 
     @property
     def metric(self) -> Array:
@@ -69,15 +76,19 @@ class FlightProgram:
         motion = self.trajectory(x)
         return Evaluation(
             objective=self.objective.value(motion, x),
-            equality=np.array([motion.final_orientation - self.model.final_orientation]),
+            equality=self._combined(motion.residual[0]),
             inequality=self._inequality(motion),
             differentiate=lambda: Derivatives(
                 self.objective.gradient(motion, x),
-                motion.final_gradient[None, :],
+                self._combined(motion.residual_jacobian),
                 self._inequality_jacobian(motion, len(x)),
             ),
             detail=motion,
         )
+
+    def _combined(self, residual: Array) -> Array:
+        """Equalities (r, ...) of residuals (e, ...)."""
+        return residual if self.combinations is None else self.combinations @ residual
 
     def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
@@ -97,6 +108,24 @@ class FlightProgram:
         return np.concatenate([block.jacobian(motion)[instants].reshape(-1, size) for block, instants in watched])
 
 
+def scaled(program: FlightProgram, x: Array) -> FlightProgram:
+    """Return the program with equalities whose derivatives at x have rows orthogonal in the metric, of like size.
+
+    By their singular values: in space some turns are much harder to make than others, and turns that nothing makes, as
+    those out of the plane of a planar flight, are left out where they are not wanted either.
+    """
+    if program.model.flight.tangent == 1:
+        return program
+    motion = program.trajectory(x)
+    by_step = motion.residual_jacobian @ np.linalg.inv(program.metric)
+    sizes, turns = np.linalg.eigh(by_step @ by_step.T)
+    sizes = np.sqrt(np.maximum(sizes, 0))
+    largest = sizes[-1] or 1.0
+    raised = largest / np.maximum(sizes, largest / MOST_RAISED)
+    kept = (sizes > RANK * largest) | (np.abs(turns.T @ motion.residual[0]) > ORIENTATION)
+    return replace(program, combinations=(turns * raised).T[kept])
+
+
 def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Constraint, ...]) -> Array:
     """Instants, in [0, 1], to watch beside the quadrature nodes from the beginning: the ends, where h matters there."""
     matter = any(_depends_on_momentum_at_ends(variables, block) for block in constraints)
@@ -104,7 +133,7 @@ def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Const
 
 
 def _depends_on_momentum_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
-    return variables.reach > 0 and not block.settled_at_ends
+    return variables.momentum.free > 0 and not block.settled_at_ends
 
 
 def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
@@ -125,25 +154,13 @@ def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntAr
     return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
 
 
-def decision_variables(
-    problem: Problem, polynomials: SinePolynomials, momentum_bounds: tuple[float, float]
-) -> DecisionVariables:
+def decision_variables(problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet) -> DecisionVariables:
     """Variables scaled for the problem's objective."""
-    low, high = momentum_bounds
-    asked = problem.flight.angular_momentum
-    middle = (low + high) / 2 if isinstance(asked, str) else float(asked)
-    reach = max((high - low) / 2, _momentum_of_a_turn(problem)) if asked == "free" else 0.0
     size = sum(polynomials.free)
-    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), middle, reach)
+    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
     if problem.motion.objective != "coefficients" or not size:
         return variables
-    return DecisionVariables(polynomials, *whitened_variables(variables), middle, reach)
-
-
-def _momentum_of_a_turn(problem: Problem) -> float:
-    """The h, kg m^2/s, that turns the whole robot by a radian in the time of the flight, at the most."""
-    _, high = inertia_extremes(problem.robot, problem.position_limits)
-    return float(high[0]) / problem.flight.duration
+    return DecisionVariables(polynomials, *whitened_variables(variables), momentum)
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:

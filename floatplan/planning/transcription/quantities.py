@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.planning.transcription.trajectory import Partials, Trajectory
+from floatplan.motion.dynamics import Partials
+from floatplan.planning.transcription.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

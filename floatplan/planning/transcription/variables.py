@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from floatplan.arrays import Array
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import SinePolynomials
 
 
 @dataclass(frozen=True, eq=False)
 class DecisionVariables:
-    """How the search's variables x make a motion: ``z = offset + scaling @ x[:m]``, ``h = middle + reach x[m]``.
+    """How the search's variables x make a motion: ``z = offset + scaling @ x[:m]``, ``h`` by the rest.
 
     Attributes
     ----------
     polynomials : SinePolynomials
     offset : (m,), scaling : (m, m)
         m free coefficients in all, joint by joint.
-    middle, reach : kg m^2/s
-        ``reach`` is 0 where h is given, and x then has no entry for it.
+    momentum : MomentumSet
+        Of h, ``centre + axes @ x[m:]``.
     """
 
     polynomials: SinePolynomials
     offset: Array
     scaling: Array
-    middle: float
-    reach: float
+    momentum: MomentumSet
 
     @property
     def coefficients(self) -> int:
@@ -38,11 +40,11 @@ class DecisionVariables:
     @property
     def size(self) -> int:
         """Number of variables."""
-        return self.coefficients + (1 if self.reach else 0)
+        return self.coefficients + self.momentum.free
 
     @cached_property
     def metric(self) -> Array:
-        """Matrix (size, size): ``|metric @ step|`` is 1 where p moves by 1 rad root mean square, or h by its reach."""
+        """Matrix (size, size): ``|metric @ step|`` is 1 where p moves by 1 rad root mean square, or h by an axis."""
         metric = np.eye(self.size)
         joints = len(self.polynomials.centre)
         metric[: self.coefficients, : self.coefficients] = self.scaling / np.sqrt(joints)
@@ -58,23 +60,32 @@ class DecisionVariables:
             free = z
         return free.reshape(joints, width)
 
-    def variables(self, z: Array, angular_momentum: float) -> Array:
+    def variables(self, z: Array, angular_momentum: npt.ArrayLike) -> Array:
         """Return the x of a motion: the inverse of :meth:`free_coefficients` and :meth:`angular_momentum`."""
         x = np.linalg.solve(self.scaling, z.ravel()[self.polynomials.free_indices] - self.offset)
-        return np.asarray(np.append(x, (angular_momentum - self.middle) / self.reach) if self.reach else x)
+        if not self.momentum.free:
+            return np.asarray(x)
+        beside = np.atleast_1d(angular_momentum) - self.momentum.centre
+        return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0]))
 
-    def angular_momentum(self, x: Array) -> float:
-        """Angular momentum h, kg m^2/s."""
-        return float(self.middle + self.reach * x[-1]) if self.reach else self.middle
+    def angular_momentum(self, x: Array) -> Array:
+        """Angular momentum h (e,), kg m^2/s."""
+        if not self.momentum.free:
+            return self.momentum.centre
+        return np.asarray(self.momentum.centre + self.momentum.axes @ x[self.coefficients :])
 
     def plain_motion(self) -> Array:
-        """Return the x of the Hermite motion with no free part, and the middle h."""
-        return self.variables(self.polynomials.no_free_part, self.middle)
+        """Return the x of the Hermite motion with no free part, and the h in the middle."""
+        return self.variables(self.polynomials.no_free_part, self.momentum.centre)
 
-    def gradient(self, by_z: Array, by_momentum: Array) -> Array:
-        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (...)."""
-        flat = by_z.reshape(*by_z.shape[:-2], -1)
-        by_x = (flat if flat.shape[-1] == len(self.offset) else flat[..., self.polynomials.free_indices]) @ self.scaling
-        if not self.reach:
-            return np.asarray(by_x)
-        return np.concatenate((by_x, self.reach * by_momentum[..., None]), axis=-1)
+    def gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
+        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros."""
+        *shape, joints, width = by_z.shape
+        flat = by_z.reshape(math.prod(shape), joints * width)  # one product of matrices is faster than many
+        by_x = (flat if flat.shape[1] == len(self.offset) else flat[:, self.polynomials.free_indices]) @ self.scaling
+        if self.momentum.free:
+            by_y = np.zeros((len(by_x), self.momentum.free))
+            if by_momentum is not None:
+                by_y = by_momentum.reshape(len(by_x), -1) @ self.momentum.axes
+            by_x = np.concatenate((by_x, by_y), axis=1)
+        return np.asarray(by_x.reshape(*shape, self.size))

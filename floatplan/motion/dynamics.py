@@ -1,0 +1,172 @@
+"""The seam between how a robot turns in flight and who plans it: what search and constraints see of the base's motion.
+
+A flight turns in e tangent directions: one in a plane, three in space. The angular momentum h (e,) about the centre of
+mass is constant, and the attitude follows from h and the joints' motion: by a quadrature in a plane, by a differential
+equation in space. A small turn zeta (e,) of the base, in the world's axes, obeys
+
+    zeta' = M [h]x zeta + g,    zeta(0) = 0,
+
+with the drift g linear in the changes of joint positions, joint velocities and h. In a plane M [h]x zeta vanishes.
+
+A motion is looked at in K instants, the first N of which are the grid's nodes. S motions are flown together one after
+the other: their arrays have S K rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from floatplan.arrays import Array
+from floatplan.motion.sine_polynomial import JointMotion
+
+Shapes = TypeVar("Shapes", covariant=True)  # where a robot's shapes are, as its distances want it
+
+
+@dataclass(frozen=True, eq=False)
+class Partials:
+    """Derivatives of r quantities at K instants by the robot's state there.
+
+    ``by_position, by_velocity, by_acceleration`` (K, r, n); ``by_attitude, by_momentum`` (K, r, e), by zeta and by h.
+    None is zero.
+    """
+
+    by_position: Array | None = None
+    by_velocity: Array | None = None
+    by_acceleration: Array | None = None
+    by_attitude: Array | None = None
+    by_momentum: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MomentumSet:
+    """The angular momenta that a search may choose: ``h = centre + axes @ y``, with the H numbers y about -1 to 1.
+
+    ``centre`` (e,), ``axes`` (e, H), kg m^2/s; H = 0 where h is given.
+    """
+
+    centre: Array
+    axes: Array
+
+    @property
+    def free(self) -> int:
+        """Number H."""
+        return int(self.axes.shape[1])
+
+
+class Grid(Protocol):
+    """Instants of a flight: N nodes, which the attitude is integrated on, then any others."""
+
+    @property
+    def s(self) -> Array:
+        """All instants (K,), fractions of the flight."""
+
+    @property
+    def nodes(self) -> int:
+        """Number N of nodes."""
+
+    @property
+    def weights(self) -> Array:
+        """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
+
+    def also(self, instants: Array) -> Grid:
+        """Return the same grid with more instants of [0, 1]."""
+
+    def __hash__(self) -> int:
+        """Of the object: what is computed for a grid is kept with it."""
+
+
+class Flown(Protocol[Shapes]):
+    """The base's motion; everything is computed when asked for. Derivatives are of a single motion, S = 1."""
+
+    @property
+    def rate(self) -> Array:
+        """Angular velocity (S K, e) of the base, rad/s."""
+
+    @property
+    def rate_partials(self) -> Partials:
+        """Of the angular velocity, r = e."""
+
+    @property
+    def attitude(self) -> Array:
+        """Attitudes (S K, ...), in a form of the module's own: angles, rad, in a plane."""
+
+    @property
+    def residual(self) -> Array:
+        """By how much the attitude at landing misses the goal (S, e), rad."""
+
+    @property
+    def carried(self) -> Array | None:
+        """What drifts at the nodes become by landing (N, e, e), in the residual; None where they stay what they are.
+
+        The change of the residual is ``duration * sum_j weights[j] carried[j] @ g[j]``.
+        """
+
+    @property
+    def drift(self) -> Partials:
+        """Of g at the nodes, K = N, r = e."""
+
+    def transport(self, drift: Array) -> Array:
+        """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make."""
+
+    @property
+    def unresolved(self) -> float:
+        """What the nodes may miss of the motion, relative to its size."""
+
+    def level_needed(self, error: float) -> int:
+        """Level of grids that integrates the attitude at landing to an error, rad; the finest where none does."""
+
+    @property
+    def torques(self) -> Array:
+        """Generalised joint torques (S K, n) N m: of a leader and its followers together."""
+
+    @property
+    def torque_partials(self) -> Partials:
+        """Of the generalised torques, r = n."""
+
+    @property
+    def motor_torques(self) -> Array:
+        """Each motor's own torque (S K, m) N m."""
+
+    @property
+    def motor_torque_partials(self) -> Partials:
+        """Of the motors' own torques, r = m; the same object as ``torque_partials`` where there are no followers."""
+
+    @property
+    def shapes(self) -> Shapes:
+        """Where the robot's shapes are."""
+
+    def shape_partials(self, by_body: Array) -> Partials:
+        """Of r quantities with derivatives ``by_body`` (K, r, bodies, or 3 for each in space) by the bodies' turns."""
+
+    def at_goal(self) -> Flown[Shapes]:
+        """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
+
+
+class FlightDynamics(Protocol[Shapes]):
+    """What a problem fixes of every motion: dynamics, shapes, attitudes at both ends, the CM's path."""
+
+    @property
+    def tangent(self) -> int:
+        """Number e of directions in which the base can turn."""
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies, by which the work of an evaluation is counted."""
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Link of each shape."""
+
+    @property
+    def node_counts(self) -> tuple[int, ...]:
+        """Number of nodes of the grids, by their level, rising."""
+
+    def grid(self, level: int) -> Grid:
+        """Return a grid of nodes alone, the same object for the same level."""
+
+    def fly(self, grid: Grid, joints: JointMotion, angular_momentum: Array) -> Flown[Shapes]:
+        """Turn the base as joints and angular momenta (S, e), kg m^2/s, make it.
+
+        ``joints`` are at the instants of ``grid``, which comes from :meth:`grid`, of S motions one after the other.
+        """

@@ -1,0 +1,291 @@
+"""Flight in a plane as search and constraints see it, see :mod:`floatplan.motion.dynamics`: e = 1.
+
+The orientation is a quadrature, (14) and (18), of the rate theta0' of (4); nothing that drifts is carried on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.motion.dynamics import Grid, MomentumSet, Partials
+from floatplan.motion.planar.ballistics import Ballistics, ballistics
+from floatplan.motion.planar.bounds import inertia_extremes
+from floatplan.motion.planar.clearance import LinkShapes, Segments
+from floatplan.motion.planar.closed_form import BaseRate, Dynamics, Moments
+from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
+from floatplan.motion.sine_polynomial import JointMotion
+from floatplan.problem.problem import Problem
+from floatplan.robot.planar.tree import PlanarTree
+from floatplan.robot.robot import Robot
+
+TINY = 1e-300  # keeps a quotient of zeros from being none
+SMALLEST_TAIL = 1e-16  # relative: rounding
+LARGEST_TAIL = 0.9  # relative: no decay can be read from more
+
+
+@dataclass(frozen=True, eq=False)
+class GaussGrid:
+    """Gauss-Legendre nodes, then other instants; ``integrals`` (K, N) over [0, s] from values at the nodes."""
+
+    quadrature: GaussLegendre
+    s: Array
+    integrals: Array
+
+    @property
+    def nodes(self) -> int:
+        """Number N of nodes."""
+        return len(self.quadrature.nodes)
+
+    @property
+    def weights(self) -> Array:
+        """Quadrature weights (N,)."""
+        return self.quadrature.weights
+
+    def also(self, instants: Array) -> GaussGrid:
+        """Return the grid with more instants."""
+        return GaussGrid(
+            self.quadrature,
+            np.concatenate((self.s, instants)),
+            np.concatenate((self.integrals, self.quadrature.integrals(instants))),
+        )
+
+
+@lru_cache(maxsize=32)
+def gauss_grid(count: int) -> GaussGrid:
+    """Return the grid of ``count`` nodes alone."""
+    quadrature = gauss_legendre(count)
+    return GaussGrid(quadrature, quadrature.nodes, quadrature.integrals(quadrature.nodes))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarFlight:
+    """What a problem fixes of every motion in its plane; orientations and their change in rad, the duration in s."""
+
+    tree: PlanarTree
+    equations: Dynamics
+    link_shapes: LinkShapes
+    ballistics: Ballistics
+    initial_orientation: float
+    final_orientation: float
+    duration: float
+    change: float
+    tangent: int = 1
+    node_counts: tuple[int, ...] = NODE_COUNTS
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies."""
+        return len(self.tree.mass)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Link of each capsule."""
+        return self.link_shapes.links
+
+    def grid(self, level: int) -> GaussGrid:
+        """Return the Gauss-Legendre nodes of a level."""
+        return gauss_grid(NODE_COUNTS[level])
+
+    def fly(self, grid: Grid, joints: JointMotion, angular_momentum: Array) -> PlanarFlown:
+        """Turn the base as joints and angular momenta (S, 1), kg m^2/s, make it."""
+        assert isinstance(grid, GaussGrid), "the grids of a flight are its own"
+        return PlanarFlown(self, grid, joints, angular_momentum)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarFlown:
+    """The base's motion in the plane."""
+
+    flight: PlanarFlight
+    grid: GaussGrid
+    joints: JointMotion
+    angular_momentum: Array
+
+    @cached_property
+    def base_rate(self) -> BaseRate:
+        """theta0' with its derivatives."""
+        h = self.angular_momentum
+        each: float | Array = float(h[0, 0]) if len(h) == 1 else np.repeat(h[:, 0], len(self.grid.s))
+        return self.flight.equations.base_rate_derivatives(self.joints.positions, self.joints.velocities, each)
+
+    @property
+    def rate(self) -> Array:
+        """theta0' (S K, 1) rad/s."""
+        return self.base_rate.rate[:, None]
+
+    @cached_property
+    def rate_partials(self) -> Partials:
+        """Of theta0'."""
+        rate = self.base_rate
+        return Partials(
+            by_position=rate.by_position[:, None, :],
+            by_velocity=rate.by_velocity[:, None, :],
+            by_momentum=rate.by_momentum[:, None, None],
+        )
+
+    @property
+    def node_rates(self) -> Array:
+        """theta0' (S, N) rad/s at the nodes."""
+        return self.base_rate.rate.reshape(len(self.angular_momentum), -1)[:, : self.grid.nodes]
+
+    @cached_property
+    def attitude(self) -> Array:
+        """Orientation (S K,) rad by (18)."""
+        turned = (self.node_rates @ self.grid.integrals.T).ravel()
+        return np.asarray(self.flight.initial_orientation + self.flight.duration * turned)
+
+    @property
+    def residual(self) -> Array:
+        """(14): orientation at landing less the goal (S, 1), rad."""
+        turned = self.flight.duration * (self.node_rates @ self.grid.weights)
+        return (turned - self.flight.change)[:, None]
+
+    @property
+    def carried(self) -> None:
+        """A turn in the plane stays what it is."""
+        return
+
+    @property
+    def drift(self) -> Partials:
+        """Of theta0' at the nodes."""
+        rate, nodes = self.base_rate, self.grid.nodes
+        return Partials(
+            by_position=rate.by_position[:nodes, None, :],
+            by_velocity=rate.by_velocity[:nodes, None, :],
+            by_momentum=rate.by_momentum[:nodes, None, None],
+        )
+
+    def transport(self, drift: Array) -> Array:
+        """Integrals (K, 1, c) of drifts (N, 1, c)."""
+        return np.asarray(self.flight.duration * (self.grid.integrals @ drift[:, 0, :]))[:, None, :]
+
+    @cached_property
+    def fastest(self) -> float:
+        """Largest theta0' at the nodes, rad/s."""
+        return float(np.abs(self.node_rates).max())
+
+    @cached_property
+    def unresolved(self) -> float:
+        """Tail of the Legendre coefficients of theta0', relative to its largest value."""
+        return self.grid.quadrature.tail(self.node_rates[0]) / max(self.fastest, TINY)
+
+    def level_needed(self, error: float) -> int:
+        """Level at which theta0(T) is exact to ``error``, rad, by extrapolating the Legendre tail.
+
+        N Gauss nodes integrate degree 2N - 1 exactly, so their error is the tail at 2N: geometric decay squares it.
+        """
+        decay = math.log(min(max(self.unresolved, SMALLEST_TAIL), LARGEST_TAIL)) / self.grid.nodes
+        count = math.log(error / max(self.fastest * self.flight.duration, error)) / (2 * decay)
+        return next((level for level, nodes in enumerate(NODE_COUNTS) if nodes >= count), len(NODE_COUNTS) - 1)
+
+    @cached_property
+    def torques(self) -> Array:
+        """Generalised joint torques (S K, n) N m."""
+        return np.asarray(self._moments @ self.flight.tree.turns)
+
+    @cached_property
+    def motor_torques(self) -> Array:
+        """Each motor's own torque (S K, m) N m."""
+        return np.asarray(self._moments @ self.flight.tree.motor_turns)
+
+    @cached_property
+    def _moments(self) -> Array:
+        joints = self.joints
+        return self.flight.equations.moments(
+            joints.positions, joints.velocities, joints.accelerations, self.base_rate.rate
+        )
+
+    @cached_property
+    def torque_partials(self) -> Partials:
+        """Of the generalised torques."""
+        return self._gathered(self.flight.tree.turns)
+
+    @cached_property
+    def motor_torque_partials(self) -> Partials:
+        """Of the motors' own torques."""
+        tree = self.flight.tree
+        if tree.motor_turns.shape == tree.turns.shape:  # the same: each planned joint has one motor
+            return self.torque_partials
+        return self._gathered(tree.motor_turns)
+
+    @cached_property
+    def _moment_derivatives(self) -> Moments:
+        joints = self.joints
+        return self.flight.equations.moment_derivatives(
+            joints.positions, joints.velocities, joints.accelerations, self.base_rate
+        )
+
+    def _gathered(self, turns: Array) -> Partials:
+        """Of the torques on coordinates that turn the bodies by ``turns`` (m, r)."""
+        torques = self._moment_derivatives.gathered(turns)
+        return Partials(
+            by_position=torques.by_position,
+            by_velocity=torques.by_velocity,
+            by_acceleration=torques.by_acceleration,
+            by_momentum=torques.by_momentum[..., None],
+        )
+
+    @cached_property
+    def angles(self) -> Array:
+        """Absolute angles (S K, m) of the bodies, rad."""
+        return self.flight.tree.absolute_angles(self.attitude, self.joints.positions)
+
+    @cached_property
+    def shapes(self) -> Segments:
+        """The links' capsules where they are."""
+        com = self.flight.ballistics.positions(self.flight.duration * self.grid.s)
+        place = com[:, 0] + 1j * com[:, 1]
+        motions = len(self.angular_momentum)
+        return self.flight.link_shapes.place(place if motions == 1 else np.tile(place, motions), self.angles)
+
+    def shape_partials(self, by_body: Array) -> Partials:
+        """Of quantities with derivatives ``by_body`` (K, r, m) by the bodies' absolute angles."""
+        return Partials(by_position=by_body @ self.flight.tree.turns, by_attitude=by_body.sum(axis=2)[..., None])
+
+    def at_goal(self) -> PlanarFlown:
+        """Return the same motion with the orientations asked for at takeoff and landing."""
+        s, flight = self.grid.s, self.flight
+        orientation = np.where(
+            s == 0, flight.initial_orientation, np.where(s == 1, flight.final_orientation, self.attitude)
+        )
+        other = replace(self)
+        other.__dict__["attitude"] = orientation
+        return other
+
+
+@lru_cache(maxsize=64)
+def _of_robot(robot: Robot) -> tuple[Dynamics, LinkShapes]:
+    return Dynamics(robot.tree), LinkShapes(robot.tree, robot.shapes)
+
+
+def planar_flight(problem: Problem) -> PlanarFlight:
+    """Prepare a problem's flight once for all motions."""
+    return PlanarFlight(
+        problem.robot.tree,
+        *_of_robot(problem.robot),
+        ballistics(problem),
+        problem.initial.orientation,
+        problem.final.orientation,
+        problem.flight.duration,
+        problem.final.orientation - problem.initial.orientation,
+    )
+
+
+@lru_cache(maxsize=8)
+def momentum_set(problem: Problem, bounds: tuple[float, float]) -> MomentumSet:
+    """The h of a problem: given, the middle of ``bounds``, kg m^2/s, or free between them.
+
+    A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
+    """
+    low, high = bounds
+    asked = problem.flight.angular_momentum
+    centre = (low + high) / 2 if isinstance(asked, str) else float(asked)
+    if asked != "free":
+        return MomentumSet(read_only([centre]), read_only(np.empty((1, 0))))
+    _, most = inertia_extremes(problem.robot, problem.position_limits)
+    return MomentumSet(read_only([centre]), read_only([[max((high - low) / 2, most[0] / problem.flight.duration)]]))
