@@ -33,99 +33,27 @@ r                     ``com_position`` (2,), m; ``com_velocity`` (2,), m/s
 ====================  ==========================================================================================
 
 Numbers in parentheses are the equations of the paper whose method this is: see the README.
+
+Public names are listed in ``__init__.pyi`` alone.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from floatplan.certificate.certificate import Certificate
-    from floatplan.certificate.certify import certify
-    from floatplan.errors import FloatplanError, InputError
-    from floatplan.motion.flight_state import FlightState
-    from floatplan.planning.planner import plan
-    from floatplan.planning.repair import plan_and_prove
-    from floatplan.plans.plan import Plan, load_plan
-    from floatplan.problem.file import load_problem, save_problem
-    from floatplan.problem.parts import (
-        Bar,
-        Circle,
-        Flight,
-        HalfPlane,
-        Landing,
-        Limits,
-        Motion,
-        Motor,
-        Posture,
-        SelfClearance,
-        Takeoff,
-    )
-    from floatplan.problem.problem import Problem
-    from floatplan.robot.robot import Coupling, Robot
-    from floatplan.simulation.replay import Replay, replay
 
-    __version__: str
+def _homes() -> dict[str, str]:
+    """Return the module of each public name, from the stub beside this file."""
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
 
-_HOME = {
-    "floatplan.errors": ("FloatplanError", "InputError"),
-    "floatplan.motion.flight_state": ("FlightState",),
-    "floatplan.plans.plan": ("Plan", "load_plan"),
-    "floatplan.planning.planner": ("plan",),
-    "floatplan.planning.repair": ("plan_and_prove",),
-    "floatplan.problem.parts": (
-        "Bar",
-        "Circle",
-        "Flight",
-        "HalfPlane",
-        "Landing",
-        "Limits",
-        "Motion",
-        "Motor",
-        "Posture",
-        "SelfClearance",
-        "Takeoff",
-    ),
-    "floatplan.problem.problem": ("Problem",),
-    "floatplan.problem.file": ("load_problem", "save_problem"),
-    "floatplan.certificate.certificate": ("Certificate",),
-    "floatplan.certificate.certify": ("certify",),
-    "floatplan.simulation.replay": ("Replay", "replay"),
-    "floatplan.robot.robot": ("Coupling", "Robot"),
-}
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = [
-    "Bar",
-    "Certificate",
-    "Circle",
-    "Coupling",
-    "Flight",
-    "FlightState",
-    "FloatplanError",
-    "HalfPlane",
-    "InputError",
-    "Landing",
-    "Limits",
-    "Motion",
-    "Motor",
-    "Plan",
-    "Posture",
-    "Problem",
-    "Replay",
-    "Robot",
-    "SelfClearance",
-    "Takeoff",
-    "__version__",
-    "certify",
-    "load_plan",
-    "load_problem",
-    "plan",
-    "plan_and_prove",
-    "replay",
-    "save_problem",
-]
+_HOMES = _homes()
+__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
@@ -134,8 +62,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         value: Any = version("floatplan")
-    elif name in _MODULE_OF:
-        value = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

@@ -35,6 +35,9 @@ OBJECTIVE_TABLE: dict[Objective, ObjectiveRow] = {
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 
 
+LimitKey: TypeAlias = Literal["velocity", "acceleration", "torque", "orientation_rate"]
+
+
 @dataclass(frozen=True)
 class LimitRow:
     """A limit of the magnitude of a quantity, at all times.
@@ -51,7 +54,7 @@ class LimitRow:
     base : quantity of the base that is drawn with that of the joints
     """
 
-    key: str
+    key: LimitKey
     quantity: str
     unit: str
     title: str
@@ -67,5 +70,5 @@ _LIMITS = (
     LimitRow("torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True),
     LimitRow("orientation_rate", "orientation_rate", "rad/s", "Rates", "base"),
 )
-LIMIT_TABLE: dict[str, LimitRow] = {row.key: row for row in _LIMITS}
+LIMIT_TABLE: dict[LimitKey, LimitRow] = {row.key: row for row in _LIMITS}
 JOINT_LIMITS: tuple[LimitRow, ...] = tuple(row for row in _LIMITS if row.of == "joints")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +41,7 @@ SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 
 def main() -> None:
     for name, problem in SHOWN.items():
-        drawn = figures(plan_of(problem, fp.plan_and_prove))
+        drawn = figures(plan_of(problem, prove=True))
         save(rendered(drawn["kinogram"]), IMAGES / f"kinogram_{name}.png")
         columns = [[rendered(drawn[figure], SHEET_DPI) for figure in column] for column in SHEET]
         save(sheet(columns), IMAGES / f"figures_{name}.png")
@@ -51,8 +51,8 @@ def main() -> None:
         save(rendered(gallery({title: plan_of(name) for name, title in GALLERY.items()})), IMAGES / "flights.png")
 
 
-def plan_of(name: str, search: Callable[[fp.Problem], fp.Plan] = fp.plan) -> fp.Plan:
-    plan = search(fp.load_problem(ROOT / "problems" / f"{name}.toml"))
+def plan_of(name: str, *, prove: bool = False) -> fp.Plan:
+    plan = fp.plan(fp.load_problem(ROOT / "problems" / f"{name}.toml"), prove=prove)
     if not plan.ok:
         raise SystemExit(f"{name}: {plan.explanation}")
     return plan

@@ -57,8 +57,7 @@ def checked(name: str) -> fp.Plan:
     if not plan.ok:
         raise SystemExit(f"{name}: {plan.explanation}")
     record = plan.record.with_checks(certificate=certify(plan).to_dict(), replay=fp.replay(plan).to_dict())
-    plan.__dict__["record"] = record
-    return plan
+    return plan.with_record(record)
 
 
 def photograph_report(browser: Any, plan: fp.Plan, page: Path, path: Path) -> None:

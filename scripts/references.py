@@ -23,11 +23,11 @@ def problem_names() -> list[str]:
 
 def answer(name: str) -> dict[str, Any]:
     """What a problem file is answered with, as ``floatplan plan`` does."""
-    plan = fp.plan_and_prove(fp.load_problem(ROOT / "problems" / f"{name}.toml"))
+    plan = fp.plan(fp.load_problem(ROOT / "problems" / f"{name}.toml"), prove=True)
     record = plan.record
     return {
         "status": record.status,
-        "verdict": None if record.certificate is None else record.certificate["verdict"],
+        "verdict": None if plan.certificate is None else plan.certificate.verdict,
         "angular_momentum": record.angular_momentum,
         "objective": record.objective["value"],
         "torque_peak": record.torque_peak.tolist(),

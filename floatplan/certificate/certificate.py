@@ -9,16 +9,15 @@ import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import read_only
 from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import Balls
-from floatplan.certificate.findings import Finding, Verdict, worst
 from floatplan.certificate.planar.boundary import boundary_findings, flight_findings, orientation_findings
 from floatplan.certificate.planar.inertia import PlanarRobot, planar_robot
 from floatplan.certificate.planar.limits import limit_findings, quantities, range_findings, recorded_peaks
@@ -29,62 +28,11 @@ from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.schema import checked
+from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
 from floatplan.robot.urdf.example_robots import urdf_path
 
 BUDGET = 4096  # cells of time
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
-
-
-@dataclass(frozen=True, eq=False)
-class Certificate:
-    """What was proved of a plan.
-
-    Attributes
-    ----------
-    verdict : "proved", "refuted" or "undecided"
-    orientation_end : (low, high) rad
-        Encloses the orientation at the end.
-    clearance_min : float or None
-        No link comes nearer to an obstacle, surface to surface, m.
-    torque_peak, velocity_peak : (n,)
-        No magnitude exceeds these, N m, rad/s; torques are generalised: a leader's is the sum over its group.
-    motor_torque_peak : motor's joint -> N m
-        The same of each motor's own torque.
-    findings : one per constraint
-    subintervals : number of cells of time
-    seconds : time that the proof took
-    """
-
-    verdict: Verdict
-    orientation_end: tuple[float, float]
-    clearance_min: float | None
-    torque_peak: Array
-    velocity_peak: Array
-    motor_torque_peak: Mapping[str, float]
-    findings: tuple[Finding, ...]
-    subintervals: int
-    seconds: float
-
-    @property
-    def proved(self) -> bool:
-        """Whether every constraint is proved."""
-        return self.verdict == "proved"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``floatplan certify --json`` prints; numbers that are not finite are null."""
-        values: dict[str, Any] = {
-            "verdict": self.verdict,
-            "orientation_end": list(self.orientation_end),
-            "clearance_min": self.clearance_min,
-            "torque_peak": self.torque_peak.tolist(),
-            "velocity_peak": self.velocity_peak.tolist(),
-            "motor_torque_peak": dict(self.motor_torque_peak),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "subintervals": self.subintervals,
-            "seconds": self.seconds,
-        }
-        finite: dict[str, Any] = _finite(values)
-        return finite
 
 
 def certify(
@@ -170,7 +118,7 @@ def _prove(
         found.append(recorded_peaks("motor_torque_peak", np.array(claimed), motor))
     clearance = None
     if not obstacles and record.clearance_min is not None:
-        found.append(Finding("recorded clearance_min", "refuted", record.clearance_min))
+        found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
     if record.asks_clearance:
         chosen = _shapes(robot, shapes)
         sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
@@ -231,18 +179,24 @@ def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], floa
     tolerance = say.RECORDED_CLEARANCE
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
-        claim = Finding("recorded clearance_min", verdict, bound, None, None)
+        claim = Finding("recorded", ("clearance_min",), verdict, bound, None, None)
     else:
         off = max(0.0, recorded - attained, bound - recorded)
         claim = say.at_most(
-            "recorded clearance_min", max(abs(recorded - bound), abs(recorded - attained)), off, 0.0, tolerance, None
+            "recorded",
+            ("clearance_min",),
+            max(abs(recorded - bound), abs(recorded - attained)),
+            off,
+            0.0,
+            tolerance,
+            None,
         )
     return [*found, claim], bound
 
 
 def _undecided(clear: Sequence[Finding], unknown_meshes: Sequence[str]) -> list[Finding]:
     """What is known of clearances where the shapes may not be those that were planned with: nothing."""
-    unknown = [Finding(f"hash of mesh {name}", "undecided", None) for name in unknown_meshes]
+    unknown = [Finding("mesh", (name,), "undecided", None) for name in unknown_meshes]
     return unknown + [replace(finding, verdict="undecided") for finding in clear]
 
 
@@ -251,11 +205,3 @@ def _windows(obstacles: Sequence[Any], duration: float) -> list[tuple[float, flo
     asked = [obstacle["window"] for obstacle in obstacles if obstacle.get("window")]
     within = [(max(float(first), 0.0), min(float(last), duration)) for first, last in asked]
     return [(first, last) for first, last in within if first <= last]
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -10,11 +10,12 @@ import cmath
 from pathlib import Path
 from typing import Protocol
 
-from floatplan.certificate.certificate import BUDGET, Certificate, prove
+from floatplan.certificate.certificate import BUDGET, prove
 from floatplan.certificate.planar.shapes import LinkShape
 from floatplan.plans.record import PlanRecord, load_record
 from floatplan.plans.recorded_robot import check_meshes, find_urdf, recorded_robot
 from floatplan.plans.schema import checked
+from floatplan.plans.verdicts import Certificate
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import urdf_path
 

@@ -22,7 +22,7 @@ from floatplan.tables import OBJECTIVES
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
 
-GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and looking through it again takes time
+GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
@@ -40,9 +40,9 @@ PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's a
 def main() -> None:
     """Run the command line."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait for one another
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and looking for them takes time
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and searching for them takes time
     gc.set_threshold(GARBAGE_THRESHOLD)
-    atexit.register(gc.freeze)  # what is left goes with the process: looking through it at the end takes 0.1 s
+    atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
 
 
@@ -110,8 +110,7 @@ def plan(
         write_results,
     )
     from floatplan.export.table import sample_times
-    from floatplan.planning.planner import plan as plan_only
-    from floatplan.planning.repair import plan_and_prove
+    from floatplan.planning.planner import plan as search
     from floatplan.problem.options import Options, asked_problem, is_robot
 
     options = Options(
@@ -138,8 +137,7 @@ def plan(
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
     with _progress(quiet) as progress:
-        search = plan_and_prove if certify else plan_only
-        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress)
+        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress, prove=certify)
     files = write_results(answer, directory, rate)
     if is_robot(source):
         files.append(write_problem(answer, directory))
@@ -153,7 +151,7 @@ def plan(
         print_summary(plan_summary(answer, files), stderr=True)
     if json_output:
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
-    proved = answer.certificate is not None and answer.certificate["verdict"] == "proved"
+    proved = answer.certificate is not None and answer.certificate.proved
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
 
 
@@ -211,12 +209,12 @@ def certify(
     plan_file: PlanFile,
     urdf: Urdf = None,
     budget: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Most cells of time to look at; fewer may decide less.")
+        int | None, typer.Option(min=1, metavar="N", help="Most intervals of time to examine; fewer may decide less.")
     ] = None,
     save: Save = False,
     json_output: Json = False,
 ) -> None:
-    """Prove that a plan holds at every instant, not only where it was looked at. Exit code 0 only where proved."""
+    """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     from floatplan.certificate.certificate import BUDGET
     from floatplan.certificate.certify import certify as prove
     from floatplan.plans.record import load_record
@@ -230,7 +228,7 @@ def certify(
     else:
         from floatplan.cli.summary import certificate_summary, print_summary
 
-        print_summary(certificate_summary(facts))
+        print_summary(certificate_summary(certificate))
     raise typer.Exit(DONE if certificate.proved else FAILED)
 
 

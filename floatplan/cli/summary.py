@@ -15,6 +15,7 @@ from rich.text import Text
 
 from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
+from floatplan.plans.verdicts import Certificate
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
 
@@ -36,8 +37,8 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
         table.add_row("clearance", f"{record.clearance_min:.4g} m at least")
     if record.out_of_plane_leak is not None and record.out_of_plane_leak > WORTH_A_WARNING:
         table.add_row("warning", Text(_leak(record.out_of_plane_leak), "yellow"))
-    if record.certificate is not None:
-        table.add_row(str(record.certificate["verdict"]), _proof(record.certificate, record.orientation["goal"]))
+    if plan.certificate is not None:
+        table.add_row(plan.certificate.verdict, _proof(plan.certificate, record.orientation["goal"]))
     places = _places(files)
     for name, path in places.items():
         table.add_row(name, Text(str(path), overflow="fold"))
@@ -112,16 +113,16 @@ def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableTy
     return Group(table, extremes)
 
 
-def certificate_summary(facts: Mapping[str, Any]) -> RenderableType:
+def certificate_summary(certificate: Certificate) -> RenderableType:
     """Return the result of ``floatplan certify``, for reading: what is not proved comes first."""
     colour = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
-    verdict = Text(f"{facts['verdict']} in {facts['seconds']:.3g} s", colour[facts["verdict"]])
-    verdict.append(f", {facts['subintervals']} intervals of time, {len(facts['findings'])} constraints", "default")
+    findings = sorted(certificate.findings, key=lambda finding: finding.verdict == "proved")
+    verdict = Text(f"{certificate.verdict} in {certificate.seconds:.3g} s", colour[certificate.verdict])
+    verdict.append(f", {certificate.subintervals} intervals of time, {len(findings)} constraints", "default")
     table = Table("constraint", "", "bound", "limit", "at, s", box=None, header_style="dim", pad_edge=False)
-    findings = sorted(facts["findings"], key=lambda finding: finding["verdict"] == "proved")
     for finding in findings[:MOST_FINDINGS_SHOWN]:
-        numbers = (_number(finding[key]) for key in ("bound", "limit", "instant"))
-        table.add_row(escape(finding["label"]), Text(finding["verdict"], colour[finding["verdict"]]), *numbers)
+        numbers = map(_number, (finding.bound, finding.limit, finding.instant))
+        table.add_row(escape(finding.label), Text(finding.verdict, colour[finding.verdict]), *numbers)
     rest = len(findings) - MOST_FINDINGS_SHOWN
     return Group(verdict, table, *([Text(f"and {rest} more; --json has all", "dim")] if rest > 0 else []))
 
@@ -165,11 +166,11 @@ def _verdict(plan: Plan) -> Text:
     seconds = plan.record.solver.get("seconds")
     took = "" if seconds is None else f" in {float(seconds):.3g} s"
     if plan.ok:
-        proved = (plan.certificate or {}).get("verdict") == "proved"
+        proved = plan.certificate is not None and plan.certificate.proved
         word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
-        said = ", ".join(filter(None, (plan.status, word)))
+        parts = ", ".join(filter(None, (plan.status, word)))
         return Text(
-            f"{plan.problem.name}: planned{took} ({said})", style="bold yellow" if plan.warnings else "bold green"
+            f"{plan.problem.name}: planned{took} ({parts})", style="bold yellow" if plan.warnings else "bold green"
         )
     return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
 
@@ -194,18 +195,17 @@ def _result(plan: Plan) -> str:
     return f"orientation off by {error:.1e} rad, {objective['name']} {float(objective['value']):.6g}"
 
 
-def _proof(certificate: Mapping[str, Any], goal: float) -> Text:
+def _proof(certificate: Certificate, goal: float) -> Text:
     """Bounds proved for all times, in a line; or the constraints that are not proved."""
-    low, high = certificate["orientation_end"]
-    unproved = [finding["label"] for finding in certificate["findings"] if finding["verdict"] != "proved"]
-    took = f"{certificate['seconds']:.2g} s, {certificate['subintervals']} intervals"
+    low, high = certificate.orientation_end
+    unproved = [finding.label for finding in certificate.unproved]
+    took = f"{certificate.seconds:.2g} s, {certificate.subintervals} intervals"
     if unproved:
         return Text(f"not proved: {_shortened(', '.join(unproved), 200)} ({took})", style="yellow")
-    parts = [] if low is None else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
-    torques = certificate.get("motor_torque_peak") or {}
-    parts.append(f"torque at most {max(torques.values(), default=0.0):.4g} N m")
-    if certificate["clearance_min"] is not None:
-        parts.append(f"clearance at least {certificate['clearance_min']:.4g} m")
+    parts = [] if math.isinf(low) else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
+    parts.append(f"torque at most {max(certificate.motor_torque_peak.values(), default=0.0):.4g} N m")
+    if certificate.clearance_min is not None:
+        parts.append(f"clearance at least {certificate.clearance_min:.4g} m")
     return Text(f"for all times, {', '.join(parts)} ({took})")
 
 
@@ -220,7 +220,7 @@ def _leak(leak: float) -> str:
 
 
 def _places(files: Sequence[Path]) -> dict[str, Path]:
-    """File names by kind; the many pictures are told by their folder."""
+    """File names by kind; pictures by their folder."""
     places: dict[str, Path] = {}
     for path in files:
         if path.suffix in (".png", ".svg"):
@@ -256,7 +256,7 @@ def _percent(fraction: float | None) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"
 
 
 def _pairs(values: Mapping[str, str]) -> str:

@@ -19,8 +19,19 @@ from floatplan.plans.plan import Plan
 
 Writer: TypeAlias = Callable[[Plan, Path, float], Path]
 
-STATES = ("orientation", "orientation_rate", "positions", "velocities", "accelerations", "torques", "motor_torques")
-PLACES = ("com_position", "com_velocity", "base_position", "angular_momentum")
+ARRAYS = (
+    "orientation",
+    "orientation_rate",
+    "positions",
+    "velocities",
+    "accelerations",
+    "torques",
+    "motor_torques",
+    "com_position",
+    "com_velocity",
+    "base_position",
+    "angular_momentum",
+)  # of a FlightState, in the archive's order
 
 
 @dataclass(frozen=True)
@@ -63,7 +74,7 @@ def format_of(name: str) -> Format:
 def write_npz(plan: Plan, path: Path, rate: float) -> Path:
     """Write NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
     state = plan.at(sample_times(plan.duration, rate))
-    arrays = {name: getattr(state, name) for name in (*STATES, *PLACES)}
+    arrays = {name: getattr(state, name) for name in ARRAYS}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
     return _write_archive(path, {"times": state.times, **names, **arrays})
 
@@ -127,7 +138,7 @@ def _write_archive(path: Path, arrays: Mapping[str, Array]) -> Path:
 
 
 def _yaml(values: Array) -> str:
-    """Numbers that read back bit for bit; YAML 1.1 takes 1e-05 for a word, and 1.0e-05 for a number."""
+    """Numbers that read back bit for bit; YAML 1.1 reads 1e-05 as text, and 1.0e-05 as a number."""
     texts = (repr(float(value)) for value in values)
     return (
         "[" + ", ".join(text.replace("e", ".0e") if "e" in text and "." not in text else text for text in texts) + "]"

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from floatplan.arrays import Array
 
-CONDITIONS = 6  # p, p', p'' at s = 0 and at s = 1
+CONDITIONS = 6  # [-] p, p', p'' at s = 0 and at s = 1
 HERMITE = (  # powers of s of the quintics with p, p', p'' at 0 and at 1 equal to the unit vectors, times two
     (2, 0, 0, -20, 30, -12),
     (0, 2, 0, -12, 16, -6),
@@ -32,7 +32,7 @@ HERMITE = (  # powers of s of the quintics with p, p', p'' at 0 and at 1 equal t
     (0, 0, 0, 1, -2, 1),
 )
 BUBBLE = (0, 0, 0, 1, -3, 3, -1)  # s^3 (1-s)^3
-FIXED_POINT = 256  # bits after the point
+FIXED_POINT = 256  # [bits] after the point
 
 
 @cache
@@ -60,9 +60,9 @@ def basis_columns(free: int) -> npt.NDArray[np.object_]:
 def powers_of_seconds(combination: Sequence[float], duration: float) -> list[float]:
     """Coefficients b in powers of seconds, as doubles, of a combination of the columns of the basis.
 
-    Rounded from the highest down. What b_k lacks, ``r_k s^k``, lower powers make up for, but for ``r_k L_k(s)``. L_k is
-    small, and vanishes with two derivatives at both ends where its degree allows it: (13) does not suffer from the
-    rounding of large terms, and p hardly does.
+    Rounded from the highest down. The rounding of b_k, ``r_k s^k``, is compensated by lower powers, but for
+    ``r_k L_k(s)``. L_k is small, and vanishes with two derivatives at both ends where its degree allows it: (13) does
+    not suffer from the rounding of large terms, and p hardly does.
     """
     factors = [_fixed(value) for value in combination]
     rest = [
@@ -73,8 +73,8 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
         unit, parts, lost = *_unit(duration, k), _lost(k)
         written[k] = (rest[k] * parts) / unit
         value, divisor = written[k].as_integer_ratio()
-        lacking = rest[k] - value * unit // (divisor * parts)
-        rest[:k] = [lower - (lacking * share >> FIXED_POINT) for lower, share in zip(rest, lost, strict=False)]
+        rounding = rest[k] - value * unit // (divisor * parts)
+        rest[:k] = [lower - (rounding * weight >> FIXED_POINT) for lower, weight in zip(rest, lost, strict=False)]
     return written
 
 

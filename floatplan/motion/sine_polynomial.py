@@ -29,7 +29,7 @@ from floatplan.motion.exact_polynomials import (
 )
 from floatplan.motion.quadrature import chebyshev_values
 
-EDGE = 1e-12  # of the amplitude: nearer to the end of its range than this, a joint stands on the edge
+EDGE = 1e-12  # [-] of the amplitude: nearer to the end of its range than this, a joint stands on the edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def basis(free: int) -> Basis:
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Joint motion at N instants and how it changes with p; what accelerations need is computed when asked for.
+    """Joint motion at N instants and how it changes with p; the terms of the accelerations are computed on first use.
 
     ``positions, velocities, accelerations`` are (N, n) in rad and s; ``p_rate, p_curvature`` are the derivatives of p
     by s, from ``coefficients`` (6+width, n) of the basis and its ``second`` derivatives (N, 6+width); ``sine,

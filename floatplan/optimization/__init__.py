@@ -1,1 +1,1 @@
-"""Nonlinear programs and how they are solved; knows no robot."""
+"""Nonlinear programming, independent of robots."""

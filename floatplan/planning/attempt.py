@@ -38,7 +38,6 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.problem.parts import Bar, Circle
 from floatplan.problem.problem import Problem
 from floatplan.tables import Objective as ObjectiveName
 from floatplan.tolerances import ORIENTATION
@@ -140,7 +139,7 @@ class Attempts:
 
         The plain motion tells how far the links travel.
         """
-        sizes = [2 * obstacle.radius for obstacle in self.problem.obstacles if isinstance(obstacle, Circle | Bar)]
+        sizes = [obstacle.thickness for obstacle in self.problem.obstacles]
         plain = self.plain_start
         dense = sample_nodes(NODE_COUNTS[-2], plain.variables.polynomials.width)
         segments = trajectory(self.model, plain.variables, dense, plain.x).segments

@@ -12,8 +12,9 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
+from floatplan.motion.planar.clearance import point_distances
 from floatplan.planning.transcription.trajectory import FlightModel
-from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.parts import Bar, Obstacle
 from floatplan.problem.problem import Problem
 
 PATH_INSTANTS = 2001  # [-] of the flight
@@ -128,7 +129,7 @@ def _impassable(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPo
     """Deep inside an obstacle the centre of mass takes its central point with it."""
     low, high = obstacle.window or (-np.inf, np.inf)
     exists = (path.times >= low) & (path.times <= high)
-    depth = np.where(exists, obstacle.margin - _distance(obstacle, path.seen_from(obstacle)), -np.inf)
+    depth = np.where(exists, obstacle.margin - point_distances(obstacle, path.seen_from(obstacle)), -np.inf)
     deepest = int(np.argmax(depth))
     if depth[deepest] > point.reach:
         yield (
@@ -159,17 +160,3 @@ def _barred(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPoint)
             f" the flight ends on its other side, and the point of the robot that is never further than"
             f" {point.reach:.3g} m from the centre of mass would have to pass through it."
         )
-
-
-def _distance(obstacle: Obstacle, points: ComplexArray) -> Array:
-    """Distance of points to the surface of an obstacle as it is at takeoff, negative inside."""
-    if isinstance(obstacle, Circle):
-        return np.asarray(np.abs(points - complex(*obstacle.center)) - obstacle.radius)
-    if isinstance(obstacle, HalfPlane):
-        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-        return np.asarray((np.conj(normal) * (points - complex(*obstacle.point))).real)
-    assert isinstance(obstacle, Bar)
-    along = complex(*obstacle.end) - complex(*obstacle.start)
-    offset = points - complex(*obstacle.start)
-    fraction = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
-    return np.asarray(np.abs(offset - fraction * along) - obstacle.radius)

@@ -7,43 +7,34 @@ against the problem that was asked. The plan's record holds the latter alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.certificate.certificate import Certificate
 from floatplan.certificate.certify import certify
-from floatplan.certificate.findings import Finding
-from floatplan.planning.planner import Planned, alternatives, planned, polished
+from floatplan.planning.planned import Planned, alternatives, polished
 from floatplan.plans.plan import Plan
+from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
 from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
-from floatplan.tables import JOINT_LIMITS
+from floatplan.tables import LIMIT_TABLE
 
 ROUNDS = 3
 BEYOND = 1.5  # times the missing amount is what the problem is tightened by
 HAIR = 1e-3  # of a limit, m or rad: what misses its proof by more is refused, not mended
-CONSEQUENCE = "landing.height"  # is missed where the orientation is, and met again with it
 VERDICTS = ("proved", "undecided", "refuted")  # from the best on
-CLAIM = "recorded "  # begins the labels of what the file itself claims
-OBSTACLE = "obstacles["
+RELATIVE: tuple[Kind, ...] = (*LIMIT_TABLE, "generalized_torque", "motor")
+MENDED: tuple[Kind, ...] = (*RELATIVE, "obstacle", "self_clearance")
+CONSEQUENCES: tuple[Kind, ...] = ("landing", "recorded")  # hold again where what they follow from does
+ORIENTATION: tuple[Kind, Subject] = ("goal", ("orientation",))
+Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
 
 
-def plan_and_prove(
-    problem: Problem,
-    *,
-    seed: int = 0,
-    starts: int = 1,
-    budget: float | None = None,
-    jobs: int = 1,
-    progress: Callable[[str], None] | None = None,
-) -> Plan:
-    """Plan a flight and prove the plan; parameters as those of :func:`floatplan.plan`.
-
-    Where the best motion found is not proved, the next best is tried.
+def proved_plan(found: Planned) -> Plan:
+    """Prove a plan that the search found, or the next best one, and return it with its certificate.
 
     Returns
     -------
@@ -51,10 +42,7 @@ def plan_and_prove(
         Its ``certificate`` is None where no plan was found. ``ok`` is False where none was found, or the one found was
         refuted; a plan that the certificate cannot decide stays ``ok``; ``explanation`` says what is not proved.
     """
-    found = planned(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress)
-    if not found.plan.ok:
-        return found.plan
-    return judged(*best_proved(found))
+    return judged(*best_proved(found)) if found.plan.ok else found.plan
 
 
 def best_proved(found: Planned) -> tuple[Plan, Certificate]:
@@ -107,35 +95,36 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
     return plan.with_record(replace(record, explanation=f"{plan.explanation} Not proved: {said}."))
 
 
-def shortfalls(certificate: Certificate) -> dict[str, float] | None:
-    """What each finding that is not proved lacks, by label; None where one lacks much, or the search cannot mend it."""
+def shortfalls(certificate: Certificate) -> Shortfalls | None:
+    """What each finding that is not proved lacks; None where one lacks much, or the search cannot mend it."""
     missing = {}
-    for finding in certificate.findings:
-        if finding.verdict == "proved" or finding.label.startswith((CLAIM, CONSEQUENCE)):
+    for finding in certificate.unproved:
+        if finding.kind in CONSEQUENCES:
             continue
-        if finding.bound is None or finding.limit is None or not finding.label.startswith(_MENDED):
+        if finding.bound is None or finding.limit is None or not _is_mended(finding):
             return None
         lacking = abs(finding.bound - finding.limit)
-        scale = finding.limit if finding.label.startswith(_RELATIVE) else 1.0
+        scale = finding.limit if finding.kind in RELATIVE else 1.0
         if not lacking <= HAIR * scale:
             return None
-        missing[finding.label] = lacking
+        missing[finding.kind, finding.subject] = lacking
     return missing or None
 
 
-_OF_JOINTS = tuple(f"{row.key} " for row in JOINT_LIMITS)
-_RELATIVE = (*_OF_JOINTS, "torque ", "generalized_torque ", "motor ", "orientation_rate")
-_MENDED = (*_RELATIVE, OBSTACLE, "self_clearance ", "goal.orientation")
+def _is_mended(finding: Finding) -> bool:
+    return finding.kind in MENDED or (finding.kind, finding.subject) == ORIENTATION
 
 
-def tightened(problem: Problem, missing: Mapping[str, float], turn: float) -> Problem:
+def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     """Return the problem with limits and margins tighter by what is missing, and the goal shifted by ``turn``, rad."""
-    more = {label: BEYOND * value for label, value in missing.items()}
+
+    def more(kind: Kind, *subject: str | int) -> float:
+        return BEYOND * missing.get((kind, subject), 0.0)
+
+    def less(kind: Kind, names: Sequence[str], values: Array) -> dict[str, float]:
+        return {name: value - more(kind, name) for name, value in zip(names, values, strict=True)}
+
     robot, limits = problem.robot, problem.limits
-
-    def less(kind: str, names: Sequence[str], values: Array) -> dict[str, float]:
-        return {name: value - more.get(f"{kind} {name}", 0.0) for name, value in zip(names, values, strict=True)}
-
     torque: Any = less("torque", robot.motors, problem.motor_torque_limits)
     if not np.isfinite(problem.motor_torque_limits).any():
         torque = list(less("generalized_torque", robot.joints, problem.torque_limits).values())
@@ -145,9 +134,7 @@ def tightened(problem: Problem, missing: Mapping[str, float], turn: float) -> Pr
     rate = limits.orientation_rate
     return replace(
         problem,
-        goal=replace(
-            problem.goal, orientation=problem.goal.orientation + (turn if "goal.orientation" in missing else 0.0)
-        ),
+        goal=replace(problem.goal, orientation=problem.goal.orientation + (turn if ORIENTATION in missing else 0.0)),
         limits=replace(
             limits,
             **of_joints,
@@ -159,23 +146,21 @@ def tightened(problem: Problem, missing: Mapping[str, float], turn: float) -> Pr
                 )
                 if math.isfinite(stall)
             },
-            orientation_rate=None if rate is None else rate - more.get("orientation_rate", 0.0),
+            orientation_rate=None if rate is None else rate - more("orientation_rate"),
         ),
         obstacles=tuple(
-            replace(obstacle, margin=obstacle.margin + more.get(f"{OBSTACLE}{index}] {obstacle.kind}", 0.0))
+            replace(obstacle, margin=obstacle.margin + more("obstacle", index, obstacle.kind))
             for index, obstacle in enumerate(problem.obstacles)
         ),
         self_clearances=tuple(
-            replace(pair, margin=pair.margin + more.get(f"self_clearance {pair.links[0]} {pair.links[1]}", 0.0))
-            for pair in problem.self_clearances
+            replace(pair, margin=pair.margin + more("self_clearance", *pair.links)) for pair in problem.self_clearances
         ),
     )
 
 
 def _claims_proved(plan: Plan, certificate: Certificate) -> tuple[Plan, Certificate]:
     """Where the record's own claims alone are not proved, claim what was proved, and have that proved."""
-    failed = [finding for finding in certificate.findings if finding.verdict != "proved"]
-    if not failed or not all(finding.label.startswith(CLAIM) for finding in failed):
+    if {finding.kind for finding in certificate.unproved} != {"recorded"}:
         return plan, certificate
     record = plan.record
     claims = replace(

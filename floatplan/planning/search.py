@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from floatplan.errors import InputError
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_SHARES, Start
-from floatplan.planning.work import USUAL
+from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -54,33 +55,56 @@ class SearchResult:
     interrupted: bool
 
 
-def search(
-    prepared: Attempts,
-    *,
-    wanted: int,
-    budget: float | None,
-    jobs: int,
-    attempts: int | None,
-    progress: Callable[[str], None] | None,
-) -> SearchResult:
-    """Try starts until ``wanted`` of them are solved, the budget is used up, or no start is left.
+@dataclass(frozen=True)
+class SearchOptions:
+    """How to search; see :func:`floatplan.plan`.
 
-    The budget is of seconds, or of the usual work where it is None. ``attempts`` limits the starts, where the problem
+    Attributes
+    ----------
+    seed : of the random starts
+    starts : solved starts to choose the best from
+    budget : s, or None: the usual work
+    jobs : processes
+    progress : told in a few words what the search is doing
+
+    Raises
+    ------
+    InputError
+        ``starts``, ``budget`` or ``jobs`` is not positive.
+    """
+
+    seed: int = 0
+    starts: int = 1
+    budget: float | None = None
+    jobs: int = 1
+    progress: Callable[[str], None] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, value in (("starts", self.starts), ("budget", self.budget), ("jobs", self.jobs)):
+            if value is not None and not value > 0:
+                raise InputError(f"{value} is not positive", element=name)
+
+
+def search(prepared: Attempts, options: SearchOptions, attempts: int | None = None) -> SearchResult:
+    """Try starts until so many of them are solved, the budget is used up, or no start is left.
+
+    The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
-    expired = expiry(budget)
-    allowance = Allowance(USUAL if budget is None else np.inf)
+    expired = expiry(options.budget)
+    allowance = Allowance(DEFAULT_WORK if options.budget is None else np.inf)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, jobs, budget, expired, allowance), attempts):
+        for outcome in islice(_outcomes(prepared, options, expired, allowance), attempts):
             outcomes.append(outcome)
             solved = sum(outcome.holds for outcome in outcomes)
-            if progress and time.monotonic() - announced > 1:
+            if options.progress and time.monotonic() - announced > 1:
                 announced = time.monotonic()
-                progress(f"{len(outcomes)} starts tried, {solved} solved, degree {max(outcome.degrees)}")
-            if _are_enough(outcomes, wanted, prepared) or expired():
+                options.progress(f"{len(outcomes)} starts tried, {solved} solved, degree {max(outcome.degrees)}")
+            if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -100,7 +124,7 @@ def search(
 
 
 def expiry(budget: float | None) -> Callable[[], bool]:
-    """Return what says when a budget of seconds, counted from now, is used up; never where there is none."""
+    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
     if budget is None:
         return lambda: False
     end = time.monotonic() + budget
@@ -155,7 +179,7 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
 
 
 def _outcomes(
-    prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool], allowance: Allowance
+    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance
 ) -> Iterator[Outcome]:
     """Outcomes of the attempts, in their order, from this process or from several.
 
@@ -164,7 +188,7 @@ def _outcomes(
     """
     nearest: list[Outcome] = []
     is_first = True
-    with _runner(prepared, jobs, budget, expired, allowance) as run:
+    with _runner(prepared, options, expired, allowance) as run:
         for degrees, attempts in _stages(prepared.problem):
             raised = [prepared.raised(outcome, degrees) for outcome in nearest]
             tried = []
@@ -192,7 +216,7 @@ Run: TypeAlias = Callable[[tuple[int, ...], list[Start], int], Iterator[Outcome]
 
 @contextmanager
 def _runner(
-    prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool], allowance: Allowance
+    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance
 ) -> Iterator[Run]:
     """What follows starts at some degrees: the given ones, then random ones, so many in all."""
 
@@ -203,7 +227,7 @@ def _runner(
                 return
             yield outcome
 
-    if jobs == 1:
+    if options.jobs == 1:
         yield run_here
         return
     from concurrent.futures import ProcessPoolExecutor  # here, because most plans do without
@@ -211,8 +235,8 @@ def _runner(
 
     context = get_context("forkserver")
     ended = context.Event()
-    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, budget, allowance.left, ended)
-    with ProcessPoolExecutor(jobs, context, initializer=_prepare, initargs=ready) as pool:
+    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, options.budget, allowance.left, ended)
+    with ProcessPoolExecutor(options.jobs, context, initializer=_prepare, initargs=ready) as pool:
 
         def run_there(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
             futures = [pool.submit(_attempt, degrees, given, number) for number in range(attempts)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
 DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
 ENTRY = 0.5  # [instants of one body] of a Jacobian
-USUAL = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
+DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
 
 
 @dataclass(eq=False)

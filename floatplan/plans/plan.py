@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -30,6 +31,7 @@ from floatplan.plans.outputs import output
 from floatplan.plans.record import PlanRecord, load_record
 from floatplan.plans.recorded_robot import check_meshes, recorded_robot, robot_record
 from floatplan.plans.schema import check_asked
+from floatplan.plans.verdicts import Certificate
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -63,6 +65,8 @@ class Plan:
     explanation : sentences for a person
     solver : mapping
         What the search took and how it was told to: iterations, evaluations, seconds, seed, ...
+    as_recorded : PlanRecord, optional
+        The plan as data, where it was read from a file or checked; left out, ``record`` is measured.
     """
 
     problem: Problem
@@ -76,6 +80,15 @@ class Plan:
     ok: bool
     explanation: str
     solver: Mapping[str, Any]
+    as_recorded: InitVar[PlanRecord | None] = None
+    _recorded: PlanRecord | None = field(init=False, repr=False)
+    _certificate: Certificate | None = field(init=False, repr=False)
+
+    def __post_init__(self, as_recorded: PlanRecord | None) -> None:
+        """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
+        content = None if as_recorded is None else as_recorded.certificate
+        object.__setattr__(self, "_recorded", as_recorded)
+        object.__setattr__(self, "_certificate", None if content is None else Certificate.from_dict(content))
 
     @property
     def robot(self) -> Robot:
@@ -293,9 +306,13 @@ class Plan:
                 break
         return quadrature, rates
 
-    @cached_property
+    @property
     def record(self) -> PlanRecord:
         """The plan as data: what :meth:`save` writes."""
+        return self._measured_record if self._recorded is None else self._recorded
+
+    @cached_property
+    def _measured_record(self) -> PlanRecord:
         peaks = self.peaks
         return PlanRecord(
             status=self.status,
@@ -347,16 +364,16 @@ class Plan:
         return float(self.duration * (quadrature.weights @ (integrand**2).sum(axis=1)))
 
     @property
-    def certificate(self) -> Mapping[str, Any] | None:
-        """What was proved of the plan, as the plan file holds it; None where nothing was."""
-        record = vars(self).get("record")
-        return None if record is None else record.certificate
+    def certificate(self) -> Certificate | None:
+        """What was proved of the plan; None where nothing was."""
+        return self._certificate
 
     def with_record(self, record: PlanRecord) -> Plan:
         """Return the same motion with what its checks found, and with the status that the record gives it."""
-        plan = replace(self, status=record.status, ok=record.ok, explanation=record.explanation)
-        known = {name: value for name, value in dict(vars(self)).items() if name not in vars(plan)}
-        vars(plan).update(known, record=record)
+        plan = copy(self)  # with what was measured of the motion
+        for name in ("status", "ok", "explanation"):
+            object.__setattr__(plan, name, getattr(record, name))
+        plan.__post_init__(record)
         return plan
 
     def __getstate__(self) -> dict[str, Any]:
@@ -412,7 +429,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
     Raises
     ------
     InputError
-        The URDF is missing or has changed, or the record's problem does not fit it.
+        The URDF is missing or has changed, the record's problem does not fit it, or its certificate is none.
     """
     check_asked(record)
     robot = recorded_robot(record.robot, source, urdf)
@@ -423,23 +440,27 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
             "is null although there are obstacles" if record.clearance_min is None else "is given without obstacles"
         )
         raise InputError(reason, source=source, element="clearance_min")
-    plan = Plan(
-        problem=problem_from_dict(dict(record.problem), robot, source),
-        centre=record.centre,
-        amplitude=record.amplitude,
-        coefficients=record.coefficients,
-        angular_momentum=record.angular_momentum,
-        angular_momentum_bounds=record.angular_momentum_bounds,
-        ballistics=Ballistics(
-            read_only(record.com["position0"]), read_only(record.com["velocity0"]), float(record.com["gravity"])
-        ),
-        status=record.status,
-        ok=record.ok,
-        explanation=record.explanation,
-        solver=record.solver,
+    problem = problem_from_dict(dict(record.problem), robot, source)
+    path = Ballistics(
+        read_only(record.com["position0"]), read_only(record.com["velocity0"]), float(record.com["gravity"])
     )
-    plan.__dict__["record"] = record
-    return plan
+    try:
+        return Plan(
+            problem=problem,
+            centre=record.centre,
+            amplitude=record.amplitude,
+            coefficients=record.coefficients,
+            angular_momentum=record.angular_momentum,
+            angular_momentum_bounds=record.angular_momentum_bounds,
+            ballistics=path,
+            status=record.status,
+            ok=record.ok,
+            explanation=record.explanation,
+            solver=record.solver,
+            as_recorded=record,
+        )
+    except InputError as error:
+        raise error.within(source=source) from None
 
 
 def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:

@@ -146,10 +146,19 @@ class Table:
 
 
 POINT = ListOf(number, 2)
+
+
+def direction(value: Any, element: str) -> None:
+    """Two numbers that are not both zero."""
+    POINT(value, element)
+    if not any(value):
+        raise InputError("has length zero", element=element)
+
+
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": OrNull(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
     "circle": {"center": POINT, "radius": non_negative},
-    "half-plane": {"point": POINT, "normal": POINT},
+    "half-plane": {"point": POINT, "normal": direction},
     "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
 }
 
@@ -223,8 +232,6 @@ def _obstacle(value: Any, element: str) -> None:
     window = value.get("window")
     if window is not None and not window[0] <= window[1]:
         raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
-    if kind == "half-plane" and not any(value["normal"]):
-        raise InputError("has length zero", element=f"{element}.normal")
 
 
 def _pair(value: Any, element: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.problem.ground import ground_height, resting_height
 from floatplan.problem.parts import (
+    OBSTACLE_KINDS,
     Flight,
-    HalfPlane,
     JointState,
     JointValues,
     Landing,
@@ -176,14 +177,14 @@ def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, grou
 
 def check_obstacle(obstacle: Obstacle, element: str, duration: float) -> None:
     """Refuse an obstacle whose numbers cannot be, or that never meets the flight."""
-    for name in ("center", "point", "normal", "start", "end", "velocity", "radius", "margin"):
-        if hasattr(obstacle, name):
-            check_finite(getattr(obstacle, name), f"{element}.{name}")
-    for name in ("radius", "margin"):
-        if getattr(obstacle, name, 0.0) < 0:
-            raise InputError(f"{getattr(obstacle, name)} m is negative", element=f"{element}.{name}")
-    if isinstance(obstacle, HalfPlane) and obstacle.normal == (0.0, 0.0):
-        raise InputError("the normal has length zero", element=f"{element}.normal")
+    if not isinstance(obstacle, tuple(OBSTACLE_KINDS.values())):
+        known = " or ".join(kind.__name__ for kind in OBSTACLE_KINDS.values())
+        raise InputError(f"must be a {known}, not {obstacle!r}", element=element)
+    for each in fields(obstacle):
+        if each.name != "window":
+            check_finite(getattr(obstacle, each.name), f"{element}.{each.name}")
+    for name, reason in obstacle.faults():
+        raise InputError(reason, element=f"{element}.{name}")
     if obstacle.window is not None:
         check_finite(obstacle.window, f"{element}.window")
         start, end = obstacle.window

@@ -85,6 +85,13 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
 
     The keys are those of a problem file less ``[robot]``, and :func:`problem_from_dict` reads it back bit for bit.
     """
+    limits: dict[str, Any] = {
+        "position": problem.position_limits,
+        **{str(key): values for key, values in problem.joint_limits.items()},
+        "torque": problem.torque_limits,
+        **_of_motors(problem),
+        "orientation_rate": problem.limits.orientation_rate,
+    }
     content = {
         "name": problem.name,
         "ground": problem.ground,
@@ -95,13 +102,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
             "degree": "auto" if problem.raises_degree else problem.degrees,
             "objective": problem.motion.objective,
         },
-        "limits": {
-            "position": problem.position_limits,
-            **problem.joint_limits,
-            "torque": problem.torque_limits,
-            **_of_motors(problem),
-            "orientation_rate": problem.limits.orientation_rate,
-        },
+        "limits": limits,
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
         "self_clearance": [asdict(pair) for pair in problem.self_clearances],
     }

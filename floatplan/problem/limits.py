@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.problem.checks import check_finite, check_joint_names
+from floatplan.problem.checks import ProblemError, check_finite, check_joint_names, faults
 from floatplan.problem.parts import JointState, JointValues, Limits
 from floatplan.robot.robot import Robot
-from floatplan.tables import LIMIT_TABLE, LimitRow
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 FULL_RANGE = (-math.pi, math.pi)
@@ -54,7 +55,26 @@ def _interval(interval: Sequence[float], element: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def joint_limits(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
+def joint_limits(robot: Robot, limits: Limits) -> dict[str, Array]:
+    """Return the limits (n,) of the planned coordinates' motion, by key of ``[limits]``.
+
+    Raises
+    ------
+    ProblemError
+        All that is wrong with them.
+    """
+    resolved: dict[str, Array] = {}
+
+    def resolve(row: LimitRow) -> None:
+        resolved[row.key] = _joint_limit(robot, row, getattr(limits, row.key))
+
+    errors = faults(partial(resolve, row) for row in JOINT_LIMITS)
+    if errors:
+        raise ProblemError(errors)
+    return resolved
+
+
+def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
     """Return limits (n,), in the row's unit, of the planned coordinates, infinite where there is none.
 
     A number or a mapping is about each motor: a leader is as slow as its followers demand, by their ratios.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
@@ -155,9 +156,26 @@ class Obstacle:
     """
 
     kind: ClassVar[str]
+    bounded: ClassVar[bool] = True
     margin: float = 0.0
     velocity: tuple[float, float] = (0.0, 0.0)
     window: tuple[float, float] | None = None
+
+    @property
+    def thickness(self) -> float:
+        """Least width, m: a point that moves less between two instants cannot have passed through unseen."""
+        raise NotImplementedError
+
+    @property
+    def where(self) -> str:
+        """Where it stands and how large it is, for a person."""
+        raise NotImplementedError
+
+    def faults(self) -> Iterator[tuple[str, str]]:
+        """What cannot be, of numbers that are finite: field and reason."""
+        for name in ("margin", "radius"):
+            if getattr(self, name, 0.0) < 0:
+                yield name, f"{getattr(self, name)} m is negative"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,14 +186,41 @@ class Circle(Obstacle):
     center: tuple[float, float]
     radius: float
 
+    @property
+    def thickness(self) -> float:
+        """The diameter."""
+        return 2 * self.radius
+
+    @property
+    def where(self) -> str:
+        """Centre and radius."""
+        return f"at {_pair(self.center)} m, radius {self.radius:g} m"
+
 
 @dataclass(frozen=True, kw_only=True)
 class HalfPlane(Obstacle):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-plane"
+    bounded: ClassVar[bool] = False
     point: tuple[float, float] = (0.0, 0.0)
     normal: tuple[float, float] = (0.0, 1.0)
+
+    @property
+    def thickness(self) -> float:
+        """Nothing passes through a half-plane."""
+        return math.inf
+
+    @property
+    def where(self) -> str:
+        """Point and normal."""
+        return f"at {_pair(self.point)} m, normal {_pair(self.normal)}"
+
+    def faults(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle, and a normal that has no direction."""
+        yield from super().faults()
+        if not any(self.normal):
+            yield "normal", "the normal has length zero"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +231,23 @@ class Bar(Obstacle):
     start: tuple[float, float]
     end: tuple[float, float]
     radius: float
+
+    @property
+    def thickness(self) -> float:
+        """Across."""
+        return 2 * self.radius
+
+    @property
+    def where(self) -> str:
+        """Ends and radius."""
+        return f"from {_pair(self.start)} to {_pair(self.end)} m, radius {self.radius:g} m"
+
+
+OBSTACLE_KINDS: dict[str, type[Obstacle]] = {kind.kind: kind for kind in (Circle, HalfPlane, Bar)}
+
+
+def _pair(values: tuple[float, float]) -> str:
+    return f"({values[0]:g}, {values[1]:g})"
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,9 @@ from floatplan.problem.parts import (
     SelfClearance,
     Takeoff,
 )
+from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import JOINT_LIMITS
+from floatplan.tables import LimitKey
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Problem:
     initial: JointState = field(init=False)
     final: JointState = field(init=False)
     position_limits: Array = field(init=False)
-    joint_limits: Mapping[str, Array] = field(init=False)
+    joint_limits: Mapping[LimitKey, Array] = field(init=False)
     torque_limits: Array = field(init=False)
     motor_torque_limits: Array = field(init=False)
     motor_stall: Array = field(init=False)
@@ -103,6 +104,8 @@ class Problem:
         for name, resolve in self._resolvers().items():
             try:
                 object.__setattr__(self, name, resolve())
+            except ProblemError as error:
+                errors += error.errors
             except InputError as error:
                 errors.append(error)
         errors.extend(faults(self._checks()))
@@ -119,9 +122,7 @@ class Problem:
             "initial": lambda: joint_state(robot, self.start, "start"),
             "final": lambda: joint_state(robot, self.goal, "goal"),
             "position_limits": lambda: position_limits(robot, limits),
-            "joint_limits": lambda: {
-                row.key: joint_limits(robot, row, getattr(limits, row.key)) for row in JOINT_LIMITS
-            },
+            "joint_limits": lambda: joint_limits(robot, limits),
             "torque_limits": lambda: torque_limits(robot, limits.torque),
             "motor_torque_limits": lambda: motor_torque_limits(robot, limits.torque),
             "motor_stall": lambda: motor_values(robot, limits, "stall", math.inf),
@@ -134,6 +135,7 @@ class Problem:
         }
 
     def _checks(self) -> Iterator[Callable[[], None]]:
+        yield partial(refuse_leak, self.robot)
         yield lambda: check_duration(self.flight)
         yield lambda: check_angular_momentum(self.flight)
         yield lambda: check_ballistics(self.flight)

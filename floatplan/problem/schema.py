@@ -6,10 +6,10 @@ Validated with the context ``{"degrees": True}``, every angle comes out in radia
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Annotated, Any, Literal, TypeAlias
+from dataclasses import MISSING, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo, create_model
 
 from floatplan.problem import parts as asked
 from floatplan.robot.robot import Coupling
@@ -259,64 +259,43 @@ def _unlimited(values: Any) -> Any:
 
 
 class ObstacleTable(Table):
-    """What all ``[[obstacles]]`` share."""
+    """One of ``[[obstacles]]``: its kind, and the fields of that kind's class."""
 
-    margin: Number = 0.0
-    velocity: Place = (0.0, 0.0)
-    window: tuple[Number, Number] | None = None
+    kind: str
 
-    def shared(self) -> dict[str, Any]:
-        """Return the fields of :class:`floatplan.problem.Obstacle`."""
-        return {"margin": self.margin, "velocity": self.velocity, "window": self.window}
-
-
-class CircleTable(ObstacleTable):
-    """``kind = "circle"``."""
-
-    kind: Literal["circle"]
-    center: Place
-    radius: Number
-
-    def obstacle(self) -> asked.Circle:
+    def obstacle(self) -> asked.Obstacle:
         """Return what the table says."""
-        return asked.Circle(center=self.center, radius=self.radius, **self.shared())
+        values = {name: getattr(self, name) for name in type(self).model_fields if name != "kind"}
+        return asked.OBSTACLE_KINDS[self.kind](**values)
 
 
-class HalfPlaneTable(ObstacleTable):
-    """``kind = "half-plane"``."""
-
-    kind: Literal["half-plane"]
-    point: Place = (0.0, 0.0)
-    normal: Place = (0.0, 1.0)
-
-    def obstacle(self) -> asked.HalfPlane:
-        """Return what the table says."""
-        return asked.HalfPlane(point=self.point, normal=self.normal, **self.shared())
+_TYPES: dict[Any, Any] = {float: Number, tuple[float, float]: Place, tuple[float, float] | None: Place | None}
 
 
-class CapsuleTable(ObstacleTable):
-    """``kind = "capsule"``."""
-
-    kind: Literal["capsule"]
-    start: Place
-    end: Place
-    radius: Number
-
-    def obstacle(self) -> asked.Bar:
-        """Return what the table says."""
-        return asked.Bar(start=self.start, end=self.end, radius=self.radius, **self.shared())
+def _obstacle_table(kind: type[asked.Obstacle]) -> type[ObstacleTable]:
+    """The table whose keys are the fields of a class of obstacles."""
+    hints = get_type_hints(kind)
+    keys: dict[str, Any] = {
+        each.name: (_TYPES[hints[each.name]], ... if each.default is MISSING else each.default) for each in fields(kind)
+    }
+    keys["kind"] = (Literal[kind.kind], ...)
+    table: type[ObstacleTable] = create_model(f"{kind.__name__}Table", __base__=ObstacleTable, **keys)
+    return table
 
 
-AnyObstacle: TypeAlias = Annotated[
-    Annotated[CircleTable, Tag("<circle>")]
-    | Annotated[HalfPlaneTable, Tag("<half-plane>")]
-    | Annotated[CapsuleTable, Tag("<capsule>")],
-    Discriminator(
-        _obstacle_kind,
-        custom_error_type="wrong_kind",
-        custom_error_message="is no table with kind = 'circle', 'half-plane' or 'capsule'",
-    ),
-]
+def _any_obstacle() -> Any:
+    """The tables of all kinds, told apart by their kind."""
+    tagged = [Annotated[_obstacle_table(known), Tag(f"<{kind}>")] for kind, known in asked.OBSTACLE_KINDS.items()]
+    *first, last = map(repr, asked.OBSTACLE_KINDS)
+    message = f"is not a table with kind = {', '.join(first)} or {last}"
+    told = Discriminator(_obstacle_kind, custom_error_type="wrong_kind", custom_error_message=message)
+    return Annotated[Union[tuple(tagged)], told]  # noqa: UP007
+
+
+if TYPE_CHECKING:
+    AnyObstacle: TypeAlias = ObstacleTable
+else:
+    AnyObstacle = _any_obstacle()
 
 
 class SelfClearanceTable(Table):

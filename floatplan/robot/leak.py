@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from random import Random
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import choose_joints
 from floatplan.robot.planar.mirror import mirror_couplings
+from floatplan.robot.planar.model import BASE
 from floatplan.robot.planar.model_check import sample_postures
 from floatplan.robot.robot import Robot
 
@@ -46,8 +48,7 @@ def out_of_plane_leak(robot: Robot, *, postures: int = POSTURES, seed: int = 0) 
     data = robot.model.createData()
     in_plane = out_of_plane = 0.0
     for positions in sample_postures(robot.position_limits, postures, Random(seed)):
-        full = robot.reference + robot.selection @ positions
-        momenta = pin.computeCentroidalMap(robot.model, data, full)[3:] @ robot.selection
+        momenta = _angular_map(robot, data, positions) @ robot.selection
         in_plane += float(((robot.plane.normal @ momenta) ** 2).sum())
         out_of_plane += float(((_plane_axes(robot) @ momenta) ** 2).sum())
     return math.sqrt(out_of_plane / in_plane)
@@ -104,8 +105,8 @@ def out_of_plane_momentum(robot: Robot, positions: Array, velocities: Array, ori
     data = robot.model.createData()
     momenta = np.empty((len(positions), 2))
     for row, (position, velocity, rate) in enumerate(zip(positions, velocities, orientation_rates, strict=True)):
-        everything = pin.computeCentroidalMap(robot.model, data, robot.reference + robot.selection @ position)[3:]
-        momenta[row] = _plane_axes(robot) @ (everything[:, 2] * rate + everything @ robot.selection @ velocity)
+        full = _angular_map(robot, data, position)
+        momenta[row] = _plane_axes(robot) @ (full[:, BASE - 1] * rate + full @ robot.selection @ velocity)
     return momenta
 
 
@@ -128,10 +129,16 @@ def leak_along(robot: Robot, positions: Array, velocities: Array, orientation_ra
     data = robot.model.createData()
     largest = abs(momentum)
     for position, velocity in zip(positions, velocities, strict=True):
-        momenta = pin.computeCentroidalMap(robot.model, data, robot.reference + robot.selection @ position)[3:]
-        largest = max(largest, abs(float(robot.plane.normal @ momenta @ robot.selection @ velocity)))
+        in_plane = robot.plane.normal @ _angular_map(robot, data, position) @ robot.selection @ velocity
+        largest = max(largest, abs(float(in_plane)))
     leaked = np.linalg.norm(out_of_plane_momentum(robot, positions, velocities, orientation_rates), axis=1)
     return float(leaked.max() / largest) if largest else 0.0
+
+
+def _angular_map(robot: Robot, data: Any, positions: Array) -> Array:
+    """Angular momentum (3, nv) about the centre of mass per velocity, at planned positions (n,)."""
+    full = robot.reference + robot.selection @ positions
+    return np.asarray(pin.computeCentroidalMap(robot.model, data, full)[3:])
 
 
 def _plane_axes(robot: Robot) -> Array:

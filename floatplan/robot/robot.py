@@ -206,14 +206,14 @@ class Robot:
         """
         for link, filename in missing_meshes(self.layout.tree, None if self.path is None else self.path.parent):
             raise InputError(
-                f'collision mesh "{filename}" not found, so clearance cannot be told',
+                f'collision mesh "{filename}" not found, so clearance cannot be computed',
                 source=self.source,
                 element=f'link "{link}"',
                 advice="put it there, set ROS_PACKAGE_PATH, or remove the <collision>",
             )
         for link, tag in unread_geometry(self.layout.tree):
             raise InputError(
-                f"collision geometry <{tag}> is not read, so clearance cannot be told",
+                f"collision geometry <{tag}> is not read, so clearance cannot be computed",
                 source=self.source,
                 element=f'link "{link}"',
                 advice=f"give one of {', '.join(KINDS)} in each <collision>",

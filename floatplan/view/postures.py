@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import JointState, Obstacle
+from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Frame, Robot
 
 ARC = 12  # [-] corners of a half circle
@@ -107,13 +107,11 @@ def _placed(plan: Plan, times: Array, com: ComplexArray, orientation: Array, pos
     )
 
 
-def clearances_to(plan: Plan, obstacle: Obstacle, times: Array) -> Array:
-    """Least distance (N,) m between the plan's links and one obstacle; NaN while that does not exist."""
-    angles = plan.robot.tree.absolute_angles(plan.orientation(times), plan.joint_motion(times)[0])
-    segments = LinkShapes(plan.robot.tree, plan.robot.shapes).place(com_path(plan, times), angles)
-    distance = obstacle_distances(segments, obstacle, times).values.min(axis=1)
-    low, high = obstacle.window or (-np.inf, np.inf)
-    return np.where((times >= low) & (times <= high), distance, np.nan)
+def clearance_ceiling(plan: Plan, distances: Array) -> float:
+    """Return where an axis of distances, m, ends: what is far away is cut off, since the picture is of the passage."""
+    most = float(distances[np.isfinite(distances)].max(initial=0.0))
+    near = max(robot_size(plan) / 2, *(4 * obstacle.margin for obstacle in plan.problem.obstacles))
+    return min(1.05 * most, near) or 1.0
 
 
 def stadium(start: complex, end: complex, radius: float) -> Array:

@@ -78,7 +78,7 @@ SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw in this look inside the ``with``, one thread at a time, and leave matplotlib's settings as they were.
+    """Draw in this style inside the ``with``, one thread at a time, and leave matplotlib's settings as they were.
 
     Not for a generator that yields inside: another thread might end it, or none.
     """

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -87,24 +90,36 @@ def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
 
 def obstacle_outline(obstacle: Obstacle, time: float, margin: float) -> Array:
     """Outline (points, 2) of an obstacle grown by a margin, at a time, m."""
-    shift = complex(*obstacle.velocity) * time
-    if isinstance(obstacle, Circle):
-        angles = np.linspace(0, 2 * np.pi, 97)
-        points = complex(*obstacle.center) + shift + (obstacle.radius + margin) * np.exp(1j * angles)
-        return np.stack((points.real, points.imag), axis=1)
-    if isinstance(obstacle, Bar):
-        return stadium(complex(*obstacle.start) + shift, complex(*obstacle.end) + shift, obstacle.radius + margin)
-    if isinstance(obstacle, HalfPlane):
-        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-        edge = complex(*obstacle.point) + shift + margin * normal
-        corners = edge + WIDE * np.array([-1j, 1j, 1j - 1, -1j - 1]) * normal
-        return np.stack((corners.real, corners.imag), axis=1)
-    raise TypeError(f"no outline of {type(obstacle).__name__}")
+    return OUTLINES[obstacle.kind](obstacle, complex(*obstacle.velocity) * time, margin)
+
+
+def _circle(obstacle: Circle, shift: complex, margin: float) -> Array:
+    angles = np.linspace(0, 2 * np.pi, 97)
+    points = complex(*obstacle.center) + shift + (obstacle.radius + margin) * np.exp(1j * angles)
+    return np.stack((points.real, points.imag), axis=1)
+
+
+def _bar(obstacle: Bar, shift: complex, margin: float) -> Array:
+    return stadium(complex(*obstacle.start) + shift, complex(*obstacle.end) + shift, obstacle.radius + margin)
+
+
+def _half_plane(obstacle: HalfPlane, shift: complex, margin: float) -> Array:
+    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+    edge = complex(*obstacle.point) + shift + margin * normal
+    corners = edge + WIDE * np.array([-1j, 1j, 1j - 1, -1j - 1]) * normal
+    return np.stack((corners.real, corners.imag), axis=1)
+
+
+OUTLINES: dict[str, Callable[[Any, complex, float], Array]] = {
+    "circle": _circle,
+    "half-plane": _half_plane,
+    "capsule": _bar,
+}
 
 
 def obstacle_corners(obstacle: Obstacle, duration: float) -> Array:
-    """Points (points, 2) that a picture must hold to show an obstacle, m; none for a half-plane."""
-    if isinstance(obstacle, HalfPlane):
+    """Points (points, 2) that a picture must hold to show an obstacle, m; none for one without bounds."""
+    if not obstacle.bounded:
         return np.empty((0, 2))
     return np.concatenate(
         [obstacle_outline(obstacle, time, obstacle.margin) for time in obstacle_times(obstacle, duration)]

@@ -77,7 +77,7 @@ def honest() -> PlanRecord:
     record = make_plan(robot, coefficients, duration=0.9, obstacles=obstacles, self_clearance=pairs)
     motor = {"q1": {"stall": 1e3, "slope": 0.1}}
     own = {"motor": motor, "motor_torque": {"q1": 900.0, "q2": 800.0, "q3": 700.0}}
-    limits = record.problem["limits"] | own | {"acceleration": [900.0, 800.0]}
+    limits = record.problem["limits"] | own | {"acceleration": [9e5, 8e5]}
     record = replace(
         record,
         problem=record.problem | {"limits": limits, "ground": False},
@@ -315,12 +315,12 @@ def test_a_clearance_without_obstacles_is_a_false_claim(honest):
 
 @pytest.mark.parametrize("tolerance", [math.inf, math.nan])
 def test_no_tolerance_proves_by_itself(tolerance):
-    assert say.at_most("a", 1.0, 0.0, 0.0, tolerance, None).verdict != "proved"
-    assert say.at_least("a", 1.0, 2.0, 3.0, tolerance, None).verdict != "proved"
-    assert say.near("a", Balls.exact([1.0]), [1.0], tolerance).verdict != "proved"
+    assert say.at_most("ground", (), 1.0, 0.0, 0.0, tolerance, None).verdict != "proved"
+    assert say.at_least("ground", (), 1.0, 2.0, 3.0, tolerance, None).verdict != "proved"
+    assert say.near("ground", (), Balls.exact([1.0]), [1.0], tolerance).verdict != "proved"
     with np.errstate(invalid="ignore"):
-        assert say.near("a", Balls.exact([math.inf]), [math.inf], 1.0).verdict != "proved"
-        assert say.near("a", Balls.exact([1.0]), [math.nan], 1.0).verdict != "proved"
+        assert say.near("ground", (), Balls.exact([math.inf]), [math.inf], 1.0).verdict != "proved"
+        assert say.near("ground", (), Balls.exact([1.0]), [math.nan], 1.0).verdict != "proved"
 
 
 SHORT = [
@@ -337,7 +337,7 @@ OUTSIDE = [[-2.0, -1.0], [2.0, 3.0], [-5e-324, 0.0], [0.9, 2.0], [0.9, math.next
 def test_a_window_of_no_length_ends_with_a_verdict(honest, window):
     obstacle = honest.problem["obstacles"][0] | {"window": window}
     certificate = fp.certify(replace(honest, problem=honest.problem | {"obstacles": [obstacle]}))
-    own = next(finding for finding in certificate.findings if finding.label.startswith("obstacles[0]"))
+    own = next(finding for finding in certificate.findings if (finding.kind, finding.subject[:1]) == ("obstacle", (0,)))
     assert own.verdict == "proved"
     said = [certificate.clearance_min, *certificate.orientation_end]
     said += [value for f in certificate.findings for value in (f.bound, f.instant, f.limit, f.gap)]

@@ -417,9 +417,9 @@ class TestProcess:
 
     def test_interrupted(self, tmp_path: Path) -> None:
         code = (
-            "import os, signal, floatplan.planning.planner as planner, floatplan.cli\n"
+            "import os, signal, floatplan.planning.planned, floatplan.cli\n"
             "def search(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
-            "planner.search = search\n"
+            "floatplan.planning.planned.search = search\n"
             "floatplan.cli.main()"
         )
         done = subprocess.run(

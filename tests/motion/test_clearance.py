@@ -175,9 +175,3 @@ def test_gradient_of_pairs_is_that_of_differences(any_robot):
     expected = by_differences(lambda angles: distances(angles).values, case.angles)
     assert np.abs(expected).max() > 0.1
     assert np.abs(distances(case.angles).by_angle - expected).max() < 1e-8
-
-
-def test_obstacle_of_another_kind_is_refused(gymnast):
-    case = placed(gymnast, 8)
-    with pytest.raises(TypeError, match="no distance to Obstacle"):
-        obstacle_distances(case.shapes.place(case.com, case.angles), Obstacle(), TIMES)

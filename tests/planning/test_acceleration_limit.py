@@ -120,6 +120,12 @@ def test_what_is_refused(free, given):
         limited(free.problem, given)
 
 
+def test_every_wrong_limit_is_reported(free):
+    limits = fp.Limits(velocity=-1.0, acceleration={"nose": 1.0})
+    with pytest.raises(fp.InputError, match=r"(?s)limits\.velocity.*limits\.acceleration"):
+        replace(free.problem, limits=limits)
+
+
 def test_a_goal_beyond_it_is_impossible(free):
     goal = replace(free.problem.goal, accelerations=[5.0, 0.0])
     plan = fp.plan(limited(replace(free.problem, goal=goal), 4.0))

@@ -15,8 +15,9 @@ import floatplan as fp
 from floatplan.optimization import quadratic_program
 from floatplan.planning import repair, search
 from floatplan.planning.attempt import best
-from floatplan.planning.planner import Planned, alternatives, planned
-from floatplan.planning.work import USUAL
+from floatplan.planning.planned import Planned, alternatives, planned
+from floatplan.planning.search import SearchOptions
+from floatplan.planning.work import DEFAULT_WORK
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
@@ -26,7 +27,7 @@ PROBLEMS = {problem.name: problem for problem in islice(starts_problems(), 12)}
 
 
 def searched(problem: fp.Problem, starts: int, jobs: int = 1) -> Planned:
-    return planned(problem, seed=0, starts=starts, budget=None, jobs=jobs, progress=None)
+    return planned(problem, SearchOptions(starts=starts, jobs=jobs))
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -63,7 +64,7 @@ class TestWork:
 
     @pytest.fixture
     def short(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(search, "USUAL", USUAL / 300)
+        monkeypatch.setattr(search, "DEFAULT_WORK", DEFAULT_WORK / 300)
 
     @pytest.fixture
     def hopeless(self) -> fp.Problem:
@@ -134,7 +135,7 @@ class TestProving:
         second = next(alternatives(found)).plan
         assert found.plan.objective_value < second.objective_value
         refused.add(found.plan.objective_value)
-        plan = repair.plan_and_prove(problem, starts=8)
+        plan = fp.plan(problem, starts=8, prove=True)
         assert plan.ok
         assert plan.objective_value == second.objective_value
 
@@ -142,5 +143,5 @@ class TestProving:
         asked = []
         certify = repair.certify
         monkeypatch.setattr(repair, "certify", lambda plan: asked.append(plan) or certify(plan))
-        assert repair.plan_and_prove(fp.load_problem(HANDSTAND), starts=4).ok
+        assert fp.plan(fp.load_problem(HANDSTAND), starts=4, prove=True).ok
         assert len(asked) == 1

@@ -20,12 +20,12 @@ import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.transcription.trajectory import flight_model
-from floatplan.planning.work import EVALUATION, USUAL
+from floatplan.planning.work import DEFAULT_WORK, EVALUATION
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
-WORK = USUAL / 5  # of the searches here
+WORK = DEFAULT_WORK / 5  # of the searches here
 NEAREST = re.compile(r"In the nearest motion found, (.+?) is violated by (\S+) (.+?) at t = ([\d.]+) s")
 AT_AN_END = re.compile(r"At (takeoff|landing) the (start|goal) itself is impossible: (.+?) lacks (\S+) (\S+)")
 
@@ -186,7 +186,7 @@ def as_seen(problem: fp.Problem, amount: float) -> float:
 @pytest.fixture
 def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end after less work than usual: the same on every machine, unlike a budget of seconds."""
-    monkeypatch.setattr("floatplan.planning.search.USUAL", WORK)
+    monkeypatch.setattr("floatplan.planning.search.DEFAULT_WORK", WORK)
 
 
 @pytest.mark.usefixtures("short_search")

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,12 @@ import pytest
 
 import floatplan as fp
 from floatplan.certificate.certificate import BUDGET
-from floatplan.certificate.findings import Finding
 from floatplan.errors import InputError
 from floatplan.planning import repair as proving
-from floatplan.planning.planner import planned
-from floatplan.planning.repair import judged, plan_and_prove, proved, shortfalls, tightened
+from floatplan.planning.planned import planned
+from floatplan.planning.repair import judged, proved, shortfalls, tightened
+from floatplan.planning.search import SearchOptions
+from floatplan.plans.verdicts import Finding
 from floatplan.tables import LIMIT_TABLE
 from floatplan.view.figures.curves import SampledPlan, clearance, limited, torques
 
@@ -31,7 +32,8 @@ def rates(flown):
 def plan_b():
     """Example B of the paper with its obstacle, and a limit on torques."""
     problem = fp.load_problem(ROOT / "problems" / "handstand.toml")
-    return plan_and_prove(replace(problem, obstacles=(CIRCLE,), limits=fp.Limits(position="full", torque=20.0)))
+    problem = replace(problem, obstacles=(CIRCLE,), limits=fp.Limits(position="full", torque=20.0))
+    return fp.plan(problem, prove=True)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,7 @@ def found():
     """Example A within torque limits that it needs."""
     problem = fp.load_problem(EXAMPLE)
     problem = replace(problem, limits=fp.Limits(position="full", torque=[2.0, 1.2]))
-    found = planned(problem, seed=0, starts=1, budget=None, jobs=1, progress=None)
+    found = planned(problem, SearchOptions())
     assert found.plan.ok
     return found
 
@@ -56,7 +58,7 @@ def asked_otherwise(plan, **changes):
 
 def doubted(certificate):
     """The certificate as it would be, had the proof not come to an end."""
-    finding = Finding("torque q1", "undecided", 2.5, 0.5, 2.0, 0.5)
+    finding = Finding("torque", ("q1",), "undecided", 2.5, 0.5, 2.0, 0.5)
     return replace(certificate, verdict="undecided", findings=(*certificate.findings, finding))
 
 
@@ -71,10 +73,13 @@ class TestCertify:
 
     def test_plan_keeps_its_certificate_in_its_file(self, plan_b, tmp_path):
         assert plan_b.ok
-        assert plan_b.certificate["verdict"] == "proved"
+        assert plan_b.certificate.proved
         content = json.loads(plan_b.save(tmp_path / "plan.json").read_text())
-        assert content["certificate"] == plan_b.certificate
-        assert fp.load_plan(tmp_path / "plan.json").certificate == plan_b.certificate
+        assert content["certificate"] == plan_b.certificate.to_dict()
+        loaded = fp.load_plan(tmp_path / "plan.json").certificate
+        assert isinstance(loaded, fp.Certificate)
+        assert loaded.to_dict() == content["certificate"]
+        assert loaded.findings == fp.certify(plan_b).findings
 
     def test_other_budgets(self, plan_b):
         assert fp.certify(plan_b, budget=24).subintervals == 24
@@ -121,7 +126,7 @@ class TestClosingTheGap:
     def test_of_clearance(self):
         problem = fp.load_problem(ROOT / "problems" / "handstand.toml")
         problem = replace(problem, obstacles=(CIRCLE,))
-        found = planned(problem, seed=0, starts=1, budget=None, jobs=1, progress=None)
+        found = planned(problem, SearchOptions())
         nearest = found.plan.record.clearance_min
         plan, certificate = proved(asking(found, obstacles=(replace(CIRCLE, margin=nearest + 1e-5),)))
         assert certificate.proved
@@ -148,17 +153,33 @@ class TestClosingTheGap:
     def test_an_undecided_plan_says_so(self, found):
         plan = judged(found.plan, doubted(fp.certify(found.plan)))
         assert plan.ok
-        assert plan.certificate["verdict"] == "undecided"
+        assert plan.certificate.verdict == "undecided"
         assert "Not proved: " in plan.explanation
 
     def test_shortfalls_and_tightening(self, found):
         problem = replace(found.plan.problem, obstacles=(CIRCLE, replace(CIRCLE, margin=0.1)))
-        tighter = tightened(problem, {"torque q2": 0.001, "obstacles[1] circle": 1e-4}, 0.5)
+        tighter = tightened(problem, {("torque", ("q2",)): 0.001, ("obstacle", (1, "circle")): 1e-4}, 0.5)
         assert tighter.torque_limits.tolist() == [2.0, 1.2 - 0.0015]
         assert [obstacle.margin for obstacle in tighter.obstacles] == [0.02, 0.1 + 1.5e-4]
         assert tighter.final.orientation == problem.final.orientation
-        assert tightened(problem, {"goal.orientation": 0.5}, 0.5).final.orientation == problem.final.orientation + 0.5
+        turned = problem.final.orientation + 0.5
+        assert tightened(problem, {("goal", ("orientation",)): 0.5}, 0.5).final.orientation == turned
         assert shortfalls(fp.certify(found.plan)) is None
+
+    def test_tightening_keeps_every_limit(self, found):
+        """Also one that this room has never heard of."""
+
+        @dataclass(frozen=True)
+        class MoreLimits(fp.Limits):
+            jerk: float = np.inf
+
+        limits = MoreLimits(position="full", torque=[2.0, 1.2], orientation_rate=30.0, jerk=7.0)
+        problem = replace(found.plan.problem, limits=limits)
+        tighter = tightened(problem, {("orientation_rate", ()): 0.2}, 0.0).limits
+        assert isinstance(tighter, MoreLimits)
+        assert tighter.orientation_rate == pytest.approx(30.0 - 0.3, abs=1e-12)
+        kept = replace(tighter, velocity=limits.velocity, torque=limits.torque, motor=limits.motor)
+        assert replace(kept, orientation_rate=30.0) == limits
 
 
 class TestCommands:
@@ -204,11 +225,11 @@ class TestFigures:
         assert words in [text.get_text() for text in figure.legends[0].get_texts()]
         name = {torques: "torque_peak", rates: "velocity_peak"}[draw]
         levels = {abs(line.get_ydata()[0]) for line in figure.axes[0].lines}
-        assert set(plan_b.certificate[name]) <= levels
+        assert set(getattr(plan_b.certificate, name)) <= levels
         bare = draw(SampledPlan.of(replace(plan_b)))
         assert words not in [text.get_text() for text in bare.legends[0].get_texts()]
 
     def test_the_proved_minimum_is_drawn(self, plan_b):
         figure = clearance(SampledPlan.of(plan_b))
         assert "proved minimum" in [text.get_text() for text in figure.legends[0].get_texts()]
-        assert plan_b.certificate["clearance_min"] in {line.get_ydata()[0] for line in figure.axes[0].lines}
+        assert plan_b.certificate.clearance_min in {line.get_ydata()[0] for line in figure.axes[0].lines}

@@ -176,18 +176,18 @@ class TestPlans:
         limits = fp.Limits(torque={"right_hip": most})
         if by == "motor":
             limits = fp.Limits(motor={"right_hip": fp.Motor(most, 0.01)})
-        plan = fp.plan_and_prove(flight(robot, limits=limits))
-        assert plan.certificate["verdict"] == "proved", plan.explanation
+        plan = fp.plan(flight(robot, limits=limits), prove=True)
+        assert plan.certificate.proved, plan.explanation
         assert plan.peaks.motor_torque[2] <= most * (1 + 1e-9)
         certificate = fp.certify(replace(plan, problem=flight(robot, limits=limits)))
         assert finding(certificate, f"{by} right_hip").verdict == "proved"
 
     def test_generalised_torques_keep_theirs(self, free, robot):
         most = 0.9 * free.peaks.torque
-        plan = fp.plan_and_prove(flight(robot, limits=fp.Limits(torque=most)))
-        assert plan.certificate["verdict"] == "proved", plan.explanation
+        plan = fp.plan(flight(robot, limits=fp.Limits(torque=most)), prove=True)
+        assert plan.certificate.proved, plan.explanation
         assert (plan.peaks.torque <= most * (1 + 1e-9)).all()
-        labels = {item["label"] for item in plan.certificate["findings"]}
+        labels = {item.label for item in plan.certificate.findings}
         assert {"generalized_torque left_hip", "generalized_torque left_knee"} <= labels
 
     def test_a_follower_beyond_its_effort_is_refuted(self, free, robot):
@@ -219,8 +219,8 @@ class TestPlans:
             fp.certify(path)
 
     def test_a_robot_with_gears_is_proved(self, geared, tmp_path):
-        plan = fp.plan_and_prove(flight(geared, limits=fp.Limits(torque="urdf")))
-        assert plan.certificate["verdict"] == "proved"
+        plan = fp.plan(flight(geared, limits=fp.Limits(torque="urdf")), prove=True)
+        assert plan.certificate.proved
         again = fp.load_plan(plan.save(tmp_path / "plan.json"))
         assert again.robot.motors == geared.motors
         assert (again.problem.motor_torque_limits == plan.problem.motor_torque_limits).all()
@@ -265,11 +265,11 @@ def test_case_of_a_weak_follower(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(WEAK_FOLLOWER)
     robot = fp.Robot.from_urdf(tmp_path / "r.urdf", joints=["a"], coupled={"b": "a"})
     problem = fp.Problem(robot, fp.Posture(0.0, -1.0), fp.Posture(2.0, 1.0), fp.Flight(0.5))
-    limited = fp.plan_and_prove(replace(problem, limits=fp.Limits(torque="urdf")), budget=2)
+    limited = fp.plan(replace(problem, limits=fp.Limits(torque="urdf")), budget=2, prove=True)
     assert not limited.ok
     assert "torque of b" in limited.explanation
-    unlimited = fp.plan_and_prove(problem)
-    assert unlimited.certificate["verdict"] == "proved"
+    unlimited = fp.plan(problem, prove=True)
+    assert unlimited.certificate.proved
     (warning,) = [warning for warning in unlimited.warnings if warning.kind == "torque"]
     assert (warning.subject, warning.limit, warning.unit) == ("b", 1.0, "N m")
     assert warning.value == pytest.approx(unlimited.peaks.motor_torque[1])

@@ -41,7 +41,7 @@ def sinking(backflip):
 
 @pytest.fixture(scope="module")
 def sunk(sinking):
-    return fp.plan_and_prove(sinking)
+    return fp.plan(sinking, prove=True)
 
 
 def kinds(plan):
@@ -50,7 +50,7 @@ def kinds(plan):
 
 class TestMeasured:
     def test_ground_is_measured_unasked(self, sunk):
-        assert sunk.certificate["verdict"] == "proved"
+        assert sunk.certificate.proved
         (warning,) = [warning for warning in sunk.warnings if warning.kind == "ground"]
         times = np.linspace(0, sunk.duration, 4001)
         lowest = sunk.clearances(times, [sunk.problem.ground_plane])
@@ -165,9 +165,9 @@ class TestAsked:
         assert plain.landing_height == 0.0
 
     def test_it_is_kept_and_proved(self, backflip):
-        plan = fp.plan_and_prove(replace(backflip, ground=True))
-        assert plan.certificate["verdict"] == "proved", plan.explanation
-        assert "ground" in {finding["label"] for finding in plan.certificate["findings"]}
+        plan = fp.plan(replace(backflip, ground=True), prove=True)
+        assert plan.certificate.proved, plan.explanation
+        assert "ground" in {finding.label for finding in plan.certificate.findings}
         assert "ground" not in kinds(plan)
 
     def test_a_free_momentum_that_takes_the_foot_down_is_told(self, sinking):

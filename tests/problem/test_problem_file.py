@@ -104,7 +104,7 @@ class TestWhatIsRead:
         np.testing.assert_allclose(everything.initial.velocities, [math.pi / 10] * 2, rtol=1e-15)
         np.testing.assert_allclose(everything.initial.accelerations, [0, math.pi / 5], rtol=1e-15)
         np.testing.assert_allclose(everything.velocity_limits, [4 * math.pi] * 2, rtol=1e-15)
-        np.testing.assert_allclose(everything.joint_limits["acceleration"], [math.inf, 20 * math.pi], rtol=1e-15)
+        np.testing.assert_allclose(everything.joint_limits["acceleration"], [20 * math.pi, math.inf], rtol=1e-15)
         assert everything.limits.orientation_rate == pytest.approx(5 * math.pi, rel=1e-15)
 
     def test_limits(self, everything: fp.Problem) -> None:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, inertial
 
+import floatplan as fp
+from floatplan.errors import InputError
 from floatplan.robot import Robot
 from floatplan.robot.leak import out_of_plane_leak
 
@@ -34,6 +36,18 @@ def biped(tmp_path):
 def test_legs_apart_leak_and_coupled_legs_do_not(biped):
     assert out_of_plane_leak(Robot.from_urdf(biped)) > 0.3
     assert out_of_plane_leak(Robot.from_urdf(biped, coupled={"hip_right": "hip_left"})) < 1e-14
+
+
+def test_no_problem_can_be_posed_for_legs_apart(biped):
+    def problem(robot):
+        still = fp.Posture(orientation=0.0, positions=[0.0] * len(robot.joints))
+        return fp.Problem(robot, still, still, fp.Flight(duration=1.0, angular_momentum=0.0))
+
+    advice = "a motion planned in the plane is meaningless; couple .* with .*"
+    with pytest.raises(InputError, match=advice) as refused:
+        problem(Robot.from_urdf(biped))
+    assert refused.value.element == "robot"
+    assert problem(Robot.from_urdf(biped, coupled={"hip_right": "hip_left"})).robot.joints == ("hip_left",)
 
 
 def test_leak_of_one_leg_is_its_closed_form(biped):

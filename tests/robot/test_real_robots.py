@@ -119,7 +119,7 @@ def test_without_the_package_the_error_names_the_command(monkeypatch):
 def test_environment_variable_and_share_folders_come_into_question(tmp_path, monkeypatch):
     monkeypatch.setattr(example_robots, "_of_distribution", lambda: None)
     monkeypatch.setattr(example_robots.sys, "prefix", str(tmp_path / "nowhere"))
-    monkeypatch.setattr(example_robots, "SHARE_PREFIXES", ())
+    monkeypatch.setattr(example_robots, "INSTALL_PREFIXES", ())
     assert robots_folder() is None
     ros = tmp_path / "ros" / "share" / "example-robot-data" / "robots"
     own = tmp_path / "own"

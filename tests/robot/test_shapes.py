@@ -252,7 +252,7 @@ def test_clearance_of_a_robot_without_its_meshes_is_refused(tmp_path):
         {"self_clearances": (fp.SelfClearance(links=("a", "b")),)},
     )
     for clearance in wanted:
-        with pytest.raises(InputError, match=r"clearance cannot be told") as caught:
+        with pytest.raises(InputError, match=r"clearance cannot be computed") as caught:
             fp.Problem(robot, **asked, **clearance)
         assert caught.value.element == 'link "a"'
 

@@ -22,7 +22,7 @@ from floatplan.view.figures.curves import SAMPLES
 from floatplan.view.figures.figures import figures, save_figures
 from floatplan.view.figures.kinogram import COLUMNS, kinogram, kinogram_times
 from floatplan.view.figures.snapshots import snapshot_times
-from floatplan.view.postures import clearances_to, postures, stadium
+from floatplan.view.postures import postures, stadium
 from floatplan.view.style import COLUMN, OKABE_ITO, palette, styled
 from floatplan.view.surroundings import ground_lines, obstacle_outline
 
@@ -117,7 +117,7 @@ def test_two_plans_are_compared_where_one_runs_into_something(handstand: fp.Plan
     ground = fp.HalfPlane()
     time, obstacle = worst_passage(among(ground, CIRCLE), handstand)
     assert obstacle is CIRCLE
-    assert clearances_to(handstand, CIRCLE, np.array([time]))[0] < CIRCLE.margin
+    assert handstand.clearances(time, [CIRCLE])[0] < CIRCLE.margin
     assert worst_passage(among(ground), handstand) == (handstand.duration / 2, None)
 
 
@@ -167,13 +167,13 @@ def test_limits_are_drawn_where_they_are_near(hindered: fp.Plan) -> None:
 
 def test_clearance_is_that_of_the_plan(hindered: fp.Plan, compared: dict[str, Figure]) -> None:
     times = np.linspace(0, hindered.duration, SAMPLES)
-    each = [clearances_to(hindered, obstacle, times) for obstacle in hindered.problem.obstacles]
+    each = [hindered.clearances(times, [obstacle]) for obstacle in hindered.problem.obstacles]
     np.testing.assert_array_equal(np.fmin.reduce(each), hindered.clearances(times))
     axes = only(compared["clearance"])
     lines = curves(axes)
     assert len(lines) == 2 * len(each)
     for distances in each:
-        assert any(np.array_equal(line[:, 1], distances, equal_nan=True) for line in lines)
+        assert any(np.array_equal(line[:, 1], distances) for line in lines)
     heights = {float(line.get_ydata()[0]) for line in axes.lines if len(line.get_xdata()) == 2}
     assert heights == {obstacle.margin for obstacle in hindered.problem.obstacles}
 

@@ -17,6 +17,7 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.plans.verdicts import Finding
 from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
 from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, hex_colour, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
@@ -107,13 +108,18 @@ def test_it_says_what_was_asked_found_and_proved(handstand: fp.Plan) -> None:
     assert [section["title"] for section in data["sections"]] == ["Problem", "Result", "Proved", "Use of limits"]
     assert data["verdict"] == {"word": "planned, not proved yet", "tone": "open"}
     assert 'urdf = "' in data["problem"]
-    findings = [{"label": "torque", "verdict": "proved", "bound": 1.0, "instant": None, "limit": None}]
-    record = handstand.record.with_checks(certificate={"verdict": "proved", "findings": findings})
-    proved = replace(handstand)
-    proved.__dict__["record"] = record
-    data = report_data(proved)
+    findings = (Finding("torque", ("q1",), "proved", 1.0), Finding("ground", (), "undecided", None))
+    certificate = replace(fp.certify(handstand), verdict="undecided", findings=findings)
+    data = report_data(handstand.with_record(handstand.record.with_checks(certificate=certificate.to_dict())))
+    assert data["verdict"] == {"word": "planned, proof undecided", "tone": "open"}
+    assert data["sections"][2]["findings"] == [
+        ["ground", "undecided", "none", "none", "none"],
+        ["torque q1", "proved", "1", "none", "none"],
+    ]
+    certificate = replace(certificate, verdict="proved", findings=findings[:1])
+    data = report_data(handstand.with_record(handstand.record.with_checks(certificate=certificate.to_dict())))
     assert data["verdict"]["tone"] == "good"
-    assert data["sections"][2]["findings"] == [["torque", "proved", "1", "none", "none"]]
+    assert data["sections"][2]["rows"][0][1] == "proved: 1 of 1 constraints hold at every instant"
 
 
 def test_no_plan_has_a_report_too(handstand: fp.Plan) -> None:

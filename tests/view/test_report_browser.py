@@ -15,7 +15,6 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
-from floatplan.view.postures import clearances_to
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -105,7 +104,7 @@ def test_every_report_plays_and_scrubs_without_complaint_or_network(
     scrub(browser, middle)
     wanted = expected(plan, middle)
     for index, obstacle in enumerate(plan.problem.obstacles):
-        distance = clearances_to(plan, obstacle, np.array([middle]))[0]
+        distance = plan.clearances(middle, [obstacle])[0]
         if np.isfinite(distance):
             wanted[f"clearance.{index}"] = distance
     agree(numbers(browser), wanted)

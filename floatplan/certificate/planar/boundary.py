@@ -10,24 +10,25 @@ import numpy as np
 
 from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.findings import Finding
 from floatplan.certificate.planar.flight import FlightModel
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.shapes import turned
 from floatplan.plans.record import PlanRecord
+from floatplan.plans.verdicts import Finding, Kind
 from floatplan.tolerances import BOUNDARY, ORIENTATION, PLACE
 
-KINDS = ("positions", "velocities", "accelerations")
+ENDS: tuple[Kind, ...] = ("start", "goal")
+QUANTITIES = ("positions", "velocities", "accelerations")
 
 
 def boundary_findings(record: PlanRecord) -> list[Finding]:
     """Positions, velocities and accelerations at both ends, (13), in Arb."""
     found = []
-    for end, instant in (("start", 0.0), ("goal", record.duration)):
+    for end, instant in zip(ENDS, (0.0, record.duration), strict=True):
         states = _joint_states(record, instant)
-        for kind, values, tolerance in zip(KINDS, states, BOUNDARY, strict=True):
-            wanted = _listed(record, record.problem[end], end, kind)
-            found.append(say.near(f"{end}.{kind}", values, wanted, tolerance, instant))
+        for quantity, values, tolerance in zip(QUANTITIES, states, BOUNDARY, strict=True):
+            wanted = _listed(record, record.problem[end], end, quantity)
+            found.append(say.near(end, (quantity,), values, wanted, tolerance, instant))
     return found
 
 
@@ -48,10 +49,10 @@ def _joint_states(record: PlanRecord, instant: float) -> tuple[Balls, ...]:
         return tuple(Balls.from_arb(values, (len(values),)) for values in states)
 
 
-def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, kind: str) -> Any:
-    values = np.array(posture[kind], dtype=np.float64)
+def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: str) -> Any:
+    values = np.array(posture[quantity], dtype=np.float64)
     if values.shape != (len(record.robot.joints),) or not np.isfinite(values).all():
-        raise ValueError(f"problem.{end}.{kind} should be one number per joint")
+        raise ValueError(f"problem.{end}.{quantity} should be one number per joint")
     return values
 
 
@@ -62,10 +63,10 @@ def orientation_findings(record: PlanRecord, flight: FlightModel) -> tuple[list[
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
     found = [
-        say.near("goal.orientation", last, [goal], ORIENTATION, record.duration),
+        say.near("goal", ("orientation",), last, [goal], ORIENTATION, record.duration),
         _same("orientation.start", recorded["start"], start, 0.0),
         _same("orientation.goal", recorded["goal"], goal, record.duration),
-        say.near("recorded orientation.end", last, [recorded["end"]], ORIENTATION, record.duration),
+        say.near("recorded", ("orientation.end",), last, [recorded["end"]], ORIENTATION, record.duration),
     ]
     return found, last
 
@@ -77,8 +78,8 @@ def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightModel)
     place = _frame_place(robot, record, flight, takeoff["frame"], last=False)
     landed = _frame_place(robot, record, flight, landing["frame"], last=True)
     found = [
-        say.near("takeoff.position", place, takeoff["position"], PLACE, 0.0),
-        say.near("landing.height", landed[1:], [landing["height"]], PLACE, duration),
+        say.near("takeoff", ("position",), place, takeoff["position"], PLACE, 0.0),
+        say.near("landing", ("height",), landed[1:], [landing["height"]], PLACE, duration),
         _same("com.gravity", com["gravity"], asked["gravity"], None),
         _same("com.velocity0", com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
@@ -112,7 +113,7 @@ def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, fr
         return Balls.from_arb([values[0], robot.sigma * values[1]], (2,))
 
 
-def _same(label: str, number: float, other: float, instant: float | None) -> Finding:
+def _same(key: str, number: float, other: float, instant: float | None) -> Finding:
     """Two numbers of the file that should be one."""
     scale = max(1.0, abs(number), abs(other))
-    return say.near(label, Balls.exact([number]), [other], say.SAME * scale, instant)
+    return say.near("stated", (key,), Balls.exact([number]), [other], say.SAME * scale, instant)

@@ -15,11 +15,11 @@ from floatplan.certificate import findings as say
 from floatplan.certificate.bernstein import bernstein, magnitude
 from floatplan.certificate.branch_and_bound import Forms, Goal, Items, Minimum, smallest
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor, stack
-from floatplan.certificate.findings import Finding
 from floatplan.certificate.planar.flight import FlightModel
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
+from floatplan.plans.verdicts import Finding, Kind, Subject
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.tolerances import RANGE, RELATIVE
 
@@ -30,7 +30,8 @@ PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
 class Quantity:
     """Something whose magnitude is limited: models (K, cells, members); infinite where there is no limit."""
 
-    label: str
+    kind: Kind
+    subject: Subject
     models: Taylor
     limit: float
 
@@ -44,7 +45,7 @@ def range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
             beyond = flint.arb.max(centre + amplitude - high, low - (centre - amplitude))
             bound = float(beyond.upper()) + 2.0**-60
             if bound <= RANGE:
-                found.append(Finding(f"position {record.robot.joints[index]}", "proved", bound, None, 0.0))
+                found.append(Finding("position", (record.robot.joints[index],), "proved", bound, None, 0.0))
             else:
                 left.append(index)
     return found, left
@@ -73,18 +74,18 @@ def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, beyo
     motors = []
     for i, name in enumerate(robot.motors):
         motors.append(len(found))
-        found.append(Quantity(f"torque {name}", joints.motor_torques[:, i : i + 1], own[i]))
+        found.append(Quantity("torque", (name,), joints.motor_torques[:, i : i + 1], own[i]))
     torques = []
     for i, name in enumerate(names):
         several = np.count_nonzero(robot.motor_ratios[:, i]) > 1
         torques.append(len(found) if several else motors[i])
         if several:
             together = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
-            found.append(Quantity(f"generalized_torque {name}", together, _limit(limits["torque"], i)))
+            found.append(Quantity("generalized_torque", (name,), together, _limit(limits["torque"], i)))
     for name, motor in (limits.get("motor") or {}).items():
         found.append(_motor_curve(robot, flight, name, motor))
     if limits.get("orientation_rate") is not None:
-        found.append(Quantity("orientation_rate", joints.rate, float(limits["orientation_rate"])))
+        found.append(Quantity("orientation_rate", (), joints.rate, float(limits["orientation_rate"])))
     found += [_beyond_range(record, flight, i) for i in beyond_range]
     return Quantities(found, velocities, torques, motors)
 
@@ -94,7 +95,7 @@ def _of_joints(row: LimitRow, record: PlanRecord, flight: FlightModel) -> list[Q
     limits = record.problem["limits"].get(row.key) or [None] * len(record.robot.joints)
     models: Taylor = getattr(flight.joints, row.quantity)
     of_joints = [
-        Quantity(f"{row.key} {name}", models[:, i : i + 1], _limit(limits, i))
+        Quantity(row.key, (name,), models[:, i : i + 1], _limit(limits, i))
         for i, name in enumerate(record.robot.joints)
     ]
     return of_joints if row.always else [quantity for quantity in of_joints if quantity.limit != math.inf]
@@ -107,7 +108,7 @@ def _motor_curve(robot: PlanarRobot, flight: FlightModel, name: str, motor: Mapp
     slope = flint.arb(float(motor["slope"])) * float(robot.motor_ratios[i, leader])
     drop = joints.velocities[:, leader : leader + 1].times(Balls.from_arb([slope], (1,)))
     torque = joints.motor_torques[:, i : i + 1]
-    return Quantity(f"motor {name}", stack([torque + drop, torque - drop]), float(motor["stall"]))
+    return Quantity("motor", (name,), stack([torque + drop, torque - drop]), float(motor["stall"]))
 
 
 def _beyond_range(record: PlanRecord, flight: FlightModel, joint: int) -> Quantity:
@@ -120,7 +121,7 @@ def _beyond_range(record: PlanRecord, flight: FlightModel, joint: int) -> Quanti
     shift = Balls(np.broadcast_to(middle.mid, shape), np.broadcast_to(middle.rad, shape))
     position = flight.joints.positions[:, joint : joint + 1]
     name = record.robot.joints[joint]
-    return Quantity(f"position {name}", position - Taylor.constant(shift, position.order), reach)
+    return Quantity("position", (name,), position - Taylor.constant(shift, position.order), reach)
 
 
 def _own_limits(robot: PlanarRobot, limits: Mapping[str, Any]) -> list[float]:
@@ -153,7 +154,7 @@ def limit_findings(found: list[Quantity], flight: FlightModel) -> tuple[list[Fin
     items = Items.whole_cells([bernstein(models)], np.arange(len(flight.cells)))
     peaks = smallest(items, groups, _below, _at_point, goal, flight.cells)
     said = [
-        say.at_most(q.label, -peak.bound, -peak.attained, q.limit, tolerance, peak.instant)
+        say.at_most(q.kind, q.subject, -peak.bound, -peak.attained, q.limit, tolerance, peak.instant)
         for q, peak, tolerance in zip(found, peaks, tolerances.tolist(), strict=True)
         if q.limit != math.inf
     ]
@@ -169,7 +170,7 @@ def recorded_peaks(name: str, recorded: Array, peaks: list[Minimum]) -> Finding:
     smallest_ = np.maximum(0.0, np.maximum(recorded - upper, lower - recorded)) / scale
     factor = say.RECORDED_PEAK
     return say.at_most(
-        f"recorded {name}", float(largest.max()) * factor, float(smallest_.max()) * factor, 0.0, factor, None
+        "recorded", (name,), float(largest.max()) * factor, float(smallest_.max()) * factor, 0.0, factor, None
     )
 
 
@@ -184,7 +185,7 @@ def _at_point(values: tuple[Balls, ...], member: IntArray) -> Array:
 def _tolerance(quantity: Quantity) -> float:
     if math.isinf(quantity.limit):
         return 0.0
-    return RANGE if quantity.label.startswith("position ") else RELATIVE * quantity.limit
+    return RANGE if quantity.kind == "position" else RELATIVE * quantity.limit
 
 
 def _ranges(record: PlanRecord) -> list[tuple[float, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,6 @@ from floatplan.certificate import findings as say
 from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
 from floatplan.certificate.cells import ORDER, path
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
-from floatplan.certificate.findings import Finding, Verdict
 from floatplan.certificate.planar.boundary import com_polynomials
 from floatplan.certificate.planar.clearance import (
     PlanePoints,
@@ -33,6 +32,7 @@ from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.shapes import PlacedShapes
 from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
+from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
 from floatplan.tolerances import CLEARANCE
 
 CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
@@ -90,10 +90,10 @@ def obstacle_finding(sky: Sky, index: int, obstacle: Mapping[str, Any]) -> tuple
     for key in ("radius", "margin"):
         if not 0.0 <= float(obstacle.get(key) or 0.0) < math.inf:
             raise ValueError(f"obstacles[{index}].{key} is negative")
-    separation, window = _separation(sky, obstacle), obstacle.get("window")
-    label = f"obstacles[{index}] {obstacle['kind']}"
+    separation = SEPARATIONS[obstacle["kind"]](sky, obstacle, obstacle.get("velocity") or (0.0, 0.0))
+    window = obstacle.get("window")
     margin = float(obstacle.get("margin") or 0.0)
-    return _finding(sky, label, separation, _existing(sky, window), margin)
+    return _finding(sky, "obstacle", (index, obstacle["kind"]), separation, _existing(sky, window), margin)
 
 
 def ground_finding(sky: Sky, robot: PlanarRobot) -> Finding:
@@ -109,7 +109,7 @@ def ground_finding(sky: Sky, robot: PlanarRobot) -> Finding:
     level = sky.record.problem["flight"]["takeoff"]["position"][1]
     if standing:
         level = above(0.0, sky.shapes.only(standing)).least_at_start()
-    return _finding(sky, "ground", Separation(above(level, sky.shapes)), np.arange(len(sky.flight.cells)), 0.0)[0]
+    return _finding(sky, "ground", (), Separation(above(level, sky.shapes)), np.arange(len(sky.flight.cells)), 0.0)[0]
 
 
 def _standing(shapes: PlacedShapes, carriers: Sequence[str]) -> list[int]:
@@ -133,10 +133,9 @@ def self_finding(sky: Sky, pair: Mapping[str, Any]) -> Finding:
             ends = (_ends_to(first.only([i]), second.only([j])), _ends_to(second.only([j]), first.only([i])))
             sets += ends
             crossings.append(ends)
-    label = f"self_clearance {pair['links'][0]} {pair['links'][1]}"
     cells = np.arange(len(sky.flight.cells))
     separation = Separation(join_pairs(sets), tuple(crossings))
-    return _finding(sky, label, separation, cells, float(pair.get("margin") or 0.0))[0]
+    return _finding(sky, "self_clearance", tuple(pair["links"]), separation, cells, float(pair.get("margin") or 0.0))[0]
 
 
 def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
@@ -145,21 +144,18 @@ def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
     return join_pairs([points_to_shapes(points, other, radius) for points in (one.start, one.end)])
 
 
-def _separation(sky: Sky, obstacle: Mapping[str, Any]) -> Separation:
-    kind, velocity = obstacle["kind"], obstacle.get("velocity") or (0.0, 0.0)
-    if kind == "circle":
-        center = sky.seen(obstacle["center"], velocity)
-        return Separation(points_to_shapes(center, sky.shapes, float(obstacle["radius"])))
-    if kind == "half-plane":
-        with flint.ctx.workprec(PRECISION):
-            x, y = (flint.arb(float(part)) for part in obstacle["normal"])
-            length = (x * x + y * y).sqrt()
-            normal = (x / length, sky.sigma * y / length)
-        offset = sky.height_offset(obstacle["point"], velocity, normal)
-        return Separation(heights(sky.shapes, sky.direction(normal), offset))
-    if kind == "capsule":
-        return _bar(sky, obstacle, velocity)
-    raise ValueError(f'"{kind}" is no kind of obstacle')
+def _circle(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    center = sky.seen(obstacle["center"], velocity)
+    return Separation(points_to_shapes(center, sky.shapes, float(obstacle["radius"])))
+
+
+def _half_plane(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    with flint.ctx.workprec(PRECISION):
+        x, y = (flint.arb(float(part)) for part in obstacle["normal"])
+        length = (x * x + y * y).sqrt()
+        normal = (x / length, sky.sigma * y / length)
+    offset = sky.height_offset(obstacle["point"], velocity, normal)
+    return Separation(heights(sky.shapes, sky.direction(normal), offset))
 
 
 def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
@@ -179,6 +175,13 @@ def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
     return Separation(join_pairs([of_start, of_end, of_shapes]), crossings)
 
 
+SEPARATIONS: dict[str, Callable[[Sky, Mapping[str, Any], Any], Separation]] = {
+    "circle": _circle,
+    "half-plane": _half_plane,
+    "capsule": _bar,
+}
+
+
 def _existing(sky: Sky, window: Any) -> IntArray:
     """Cells in which an obstacle exists: cells end where windows do, and a window of one instant is one."""
     cells = sky.flight.cells
@@ -190,20 +193,22 @@ def _existing(sky: Sky, window: Any) -> IntArray:
     return np.flatnonzero((cells.low >= first) & (cells.high <= last))
 
 
-def _finding(sky: Sky, label: str, separation: Separation, cells: IntArray, margin: float) -> tuple[Finding, Minimum]:
+def _finding(
+    sky: Sky, kind: Kind, subject: Subject, separation: Separation, cells: IntArray, margin: float
+) -> tuple[Finding, Minimum]:
     pairs = separation.pairs
     members = len(pairs.radius.mid)
     goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
     groups = np.zeros(members, dtype=np.int64)
     least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, sky.flight.cells)[0]
-    finding = say.at_least(label, least.bound, least.attained, margin, CLEARANCE, least.instant)
+    finding = say.at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
     if finding.verdict != "proved" or len(cells) == 0:
         return finding, least
     verdict = _uncrossed(separation, int(cells[0]), least)
     if verdict == "proved":
         return finding, least
     crossing = Minimum(-math.inf, 0.0, float(sky.flight.cells.low[cells[0]]), 0)
-    return Finding(label, verdict, 0.0, crossing.instant, margin, margin), crossing
+    return Finding(kind, subject, verdict, 0.0, crossing.instant, margin, margin), crossing
 
 
 def _uncrossed(separation: Separation, cell: int, least: Minimum) -> Verdict:

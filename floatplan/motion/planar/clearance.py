@@ -5,7 +5,9 @@ Points are complex, horizontal + i vertical. A distance is between surfaces and 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -102,28 +104,75 @@ class Distances:
 
 
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
-    """Distances of links to an obstacle: one row per capsule; for a half-plane one row per capsule's end."""
+    """Distances of links to an obstacle: one row per capsule, or ``ends`` rows, as its kind says."""
     shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
-    if isinstance(obstacle, Circle):
-        center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
-        distance, direction, share = _point_to_segment(center, segments.start, segments.end)
-        return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
-    if isinstance(obstacle, HalfPlane):
-        normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-        origin = complex(*obstacle.point) + shift
-        count = segments.start.shape[1]
-        both = segments.of(np.tile(np.arange(count), 2))
-        share = np.broadcast_to(np.repeat([0.0, 1.0], count), both.start.shape)
-        ends = np.concatenate((segments.start, segments.end), axis=1)
-        distance = (np.conj(normal) * (ends - origin[:, None])).real - both.radius
-        return Distances(distance, both, np.full(both.start.shape, normal), share)
-    if isinstance(obstacle, Bar):
-        shape = segments.start.shape
-        bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
-        bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
-        distance, direction, share, _ = _between(segments.start, segments.end, bar_start, bar_end)
-        return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
-    raise TypeError(f"no distance to {type(obstacle).__name__}")
+    return OBSTACLE_DISTANCES[obstacle.kind].to_links(segments, obstacle, shift)
+
+
+def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
+    """Distances of points, of any shape, to the surface of an obstacle as it is at takeoff, m; negative inside."""
+    return OBSTACLE_DISTANCES[obstacle.kind].to_points(obstacle, points)
+
+
+def _circle_to_links(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:
+    center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
+    distance, direction, share = _point_to_segment(center, segments.start, segments.end)
+    return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
+
+
+def _circle_to_points(obstacle: Circle, points: ComplexArray) -> Array:
+    return np.asarray(np.abs(points - complex(*obstacle.center)) - obstacle.radius)
+
+
+def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Distances:
+    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+    origin = complex(*obstacle.point) + shift
+    count = segments.start.shape[1]
+    both = segments.of(np.tile(np.arange(count), 2))
+    share = np.broadcast_to(np.repeat([0.0, 1.0], count), both.start.shape)
+    ends = np.concatenate((segments.start, segments.end), axis=1)
+    distance = (np.conj(normal) * (ends - origin[:, None])).real - both.radius
+    return Distances(distance, both, np.full(both.start.shape, normal), share)
+
+
+def _half_plane_to_points(obstacle: HalfPlane, points: ComplexArray) -> Array:
+    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+    return np.asarray((np.conj(normal) * (points - complex(*obstacle.point))).real)
+
+
+def _bar_to_links(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Distances:
+    shape = segments.start.shape
+    bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
+    bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
+    distance, direction, share, _ = _between(segments.start, segments.end, bar_start, bar_end)
+    return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
+
+
+def _bar_to_points(obstacle: Bar, points: ComplexArray) -> Array:
+    along = complex(*obstacle.end) - complex(*obstacle.start)
+    offset = points - complex(*obstacle.start)
+    share = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
+    return np.asarray(np.abs(offset - share * along) - obstacle.radius)
+
+
+@dataclass(frozen=True)
+class ObstacleDistance:
+    """Distances to a kind of obstacle.
+
+    ``to_links`` has ``ends`` rows per capsule: of each end, or of the nearest point along it. It takes the obstacle's
+    displacements (K,) since takeoff, m.
+    """
+
+    to_links: Callable[[Segments, Any, ComplexArray], Distances]
+    to_points: Callable[[Any, ComplexArray], Array]
+    ends: int = 1
+
+
+OBSTACLE_DISTANCES: dict[str, ObstacleDistance] = {
+    "circle": ObstacleDistance(_circle_to_links, _circle_to_points),
+    "half-plane": ObstacleDistance(_half_plane_to_links, _half_plane_to_points, ends=2),
+    "capsule": ObstacleDistance(_bar_to_links, _bar_to_points),
+}
 
 
 def pair_distances(first: Segments, second: Segments) -> Distances:

@@ -9,7 +9,8 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.motion.flight_state import FlightState
-from floatplan.motion.planar.pinocchio_dynamics import BASE, PinocchioDynamics
+from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
+from floatplan.robot.planar.model import BASE
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.robot.planar.model import BASE
 from floatplan.robot.robot import Robot
-
-BASE = 3  # coordinates of the planar free-flyer: horizontal, vertical, orientation
 
 
 class Workspace(threading.local):

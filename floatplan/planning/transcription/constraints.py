@@ -13,10 +13,10 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.motion.planar.clearance import Distances, obstacle_distances, pair_distances
+from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES, Distances, obstacle_distances, pair_distances
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
-from floatplan.problem.parts import HalfPlane, Obstacle
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 from floatplan.tolerances import CLEARANCE, RELATIVE
@@ -86,7 +86,7 @@ class ObstacleClearance:
     @property
     def labels(self) -> tuple[str, ...]:
         """One row per link's capsule; for a half-plane one per end of it."""
-        ends = 2 if isinstance(self.obstacle, HalfPlane) else 1
+        ends = OBSTACLE_DISTANCES[self.obstacle.kind].ends
         return tuple(f"clearance of {link} to {self.name}" for link in self.links * ends)
 
     @property

@@ -32,7 +32,7 @@ def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, st
     ----------
     layout : TreeLayout
     folder : path or None
-        Of the URDF, from which mesh files are looked for.
+        Of the URDF, from which mesh files are searched.
     meshes : mapping
         What :func:`mesh_digests` said of the files.
 

@@ -32,7 +32,7 @@ class Mesh:
 def find_mesh(filename: str, folder: Path) -> Path | None:
     """Return the file that a URDF in ``folder`` means by ``filename``, None where there is none.
 
-    ``package://name/rest`` is looked for in the folders above the URDF and below ``ROS_PACKAGE_PATH`` and
+    ``package://name/rest`` is searched in the folders above the URDF and below ``ROS_PACKAGE_PATH`` and
     ``AMENT_PREFIX_PATH``; anything else is a path, absolute or from the URDF.
     """
     return next((path for path in map(Path, _candidates(filename, folder.absolute())) if path.is_file()), None)
@@ -89,7 +89,7 @@ def _content(path: Path, element: str) -> bytes:
 def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
     """All corners (k, 3) and faces (f, 3) as they are written: what trimesh calls processing would drop and move some.
 
-    Files that the content refers to are not looked for, so that it alone is the mesh.
+    Files that the content refers to are not read: it alone is the mesh.
     """
     import trimesh
 
@@ -124,7 +124,7 @@ def _fault(corners: Array, faces: IntArray, scale: Array) -> str | None:
 def _merged(corners: Array) -> tuple[Array, IntArray]:
     """Corners without repetitions, and the number (k,) of each among them; only what is exactly the same is merged."""
     x, y, z = corners.T
-    key = x + np.sqrt(2.0) * y + np.sqrt(3.0) * z  # tells corners apart by one number
+    key = x + np.sqrt(2.0) * y + np.sqrt(3.0) * z  # one number per corner, to sort by
     _, first, numbers = np.unique(key, return_index=True, return_inverse=True)
     if (corners[first][numbers] != corners).any():  # two corners have one key by chance
         return corners, np.arange(len(corners))

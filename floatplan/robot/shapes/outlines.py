@@ -60,7 +60,7 @@ def read_collision(
     projection : Projection
         From the link's frame to the plane.
     folder : path or None
-        Of the URDF, from which mesh files are looked for.
+        Of the URDF, from which mesh files are searched.
 
     Raises
     ------

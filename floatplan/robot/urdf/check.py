@@ -22,7 +22,6 @@ LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placehol
 MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 SHORTEST_AXIS = 1e-9  # [-] length as written
-RESERVED = ("universe",)  # Pinocchio's name for the world
 
 
 def check_urdf(root: Element) -> UrdfTree:
@@ -63,7 +62,7 @@ def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
             raise InputError("has no name", element=f"<{kind}> number {position}", advice='write name="..."')
         if name in named:
             raise InputError(f"two {kind}s have this name", element=f'{kind} "{name}"', advice="rename one of them")
-        if name in RESERVED:
+        if name == "universe":
             raise InputError("Pinocchio keeps this name for the world", element=f'{kind} "{name}"', advice="rename it")
         named[name] = element
     return named

@@ -13,10 +13,9 @@ from pathlib import Path
 from floatplan.errors import InputError
 
 PREFIX = "example-robot-data:"
-DISTRIBUTION = "example-robot-data"
 FOLDER = Path("share", "example-robot-data", "robots")
-VARIABLES = ("EXAMPLE_ROBOT_DATA_MODEL_DIR",)  # the folder "robots" itself
-SHARE_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
+FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
+INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
 
 
 def urdf_path(source: str | Path) -> Path:
@@ -31,7 +30,7 @@ def urdf_path(source: str | Path) -> Path:
         return Path(source)
     folder = robots_folder()
     if folder is None:
-        advice = f'install it: pip install "floatplan[robots]", or set {VARIABLES[0]} to its folder "robots"'
+        advice = f'install it: pip install "floatplan[robots]", or set {FOLDER_VARIABLE} to its folder "robots"'
         raise InputError("the package example-robot-data is not installed", source=source, advice=advice)
     name = source.removeprefix(PREFIX)
     path = folder / name
@@ -58,17 +57,18 @@ def example_urdfs() -> tuple[str, ...]:
 
 
 def _candidates() -> Iterator[Path]:
-    yield from (Path(os.environ[name]) for name in VARIABLES if os.environ.get(name))
+    if given := os.environ.get(FOLDER_VARIABLE):
+        yield Path(given)
     if (folder := _of_distribution()) is not None:
         yield folder
-    prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), *SHARE_PREFIXES]
+    prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), *INSTALL_PREFIXES]
     yield from (Path(prefix) / FOLDER for prefix in prefixes if prefix)
 
 
 @cache
 def _of_distribution() -> Path | None:
     try:
-        files = metadata.files(DISTRIBUTION) or []
+        files = metadata.files("example-robot-data") or []
     except metadata.PackageNotFoundError:
         return None
     for file in files:

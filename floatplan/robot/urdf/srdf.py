@@ -14,7 +14,7 @@ from floatplan.robot.urdf.values import number
 def reference_posture(name: str, tree: UrdfTree, urdf: Path) -> dict[str, float]:
     """Return positions, rad or m, of the joints that the SRDF state called ``name`` gives.
 
-    SRDF files are looked for in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
+    SRDF files are searched in the URDF's folder and in the folder ``srdf`` beside it; one with the URDF's own name
     comes before others. A state counts where the URDF has most of its joints; those it does not have, and those that do
     not move, are left out. States of one name for several groups of joints add up.
 

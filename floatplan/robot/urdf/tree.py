@@ -103,7 +103,7 @@ class UrdfJoint:
 class UrdfTree:
     """Links by name, and joints with parents before children, siblings by name: the order of Pinocchio.
 
-    ``warnings`` say what the file leaves in doubt.
+    ``warnings`` are doubts about the file.
     """
 
     name: str

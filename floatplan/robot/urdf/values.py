@@ -39,10 +39,10 @@ def triple(place: str, element: Element | None, key: str, default: tuple[float, 
     text = None if element is None else element.get(key)
     if text is None:
         return read_only(default)
-    words = text.split()
-    if len(words) != 3:
+    parts = text.split()
+    if len(parts) != 3:
         raise InputError(f'must be three numbers, not "{text}"', element=place)
-    return read_only([_finite(place, word) for word in words])
+    return read_only([_finite(place, part) for part in parts])
 
 
 def _finite(place: str, text: str) -> float:

@@ -34,7 +34,7 @@ FRAME_RATE = 25.0  # [Hz] GIF counts in hundredths of a second
 SPEED = 0.5  # [-] of the film's clock against the flight's
 LONGEST = 60.0  # [s] of film
 LANDING_PAUSE = 0.8  # [s] that the last picture stays
-WIDTH = 480  # [px] even as MP4 wants them
+WIDTH = 480  # [px] even, as MP4 needs
 FILM_DPI = 120  # [1/in]
 COLOURS = 64  # [-] of a GIF
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import HalfPlane, Obstacle
+from floatplan.problem.parts import Obstacle
 from floatplan.view.figures.curves import plan_names
 from floatplan.view.figures.snapshots import (
     draw_flight,
@@ -19,7 +19,7 @@ from floatplan.view.figures.snapshots import (
     snapshot_times,
     spatial_figure,
 )
-from floatplan.view.postures import Postures, clearances_to, postures
+from floatplan.view.postures import Postures, postures
 from floatplan.view.style import INK, legend_above, palette
 from floatplan.view.surroundings import obstacle_outline
 
@@ -58,7 +58,7 @@ def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
     times = np.linspace(0, duration, SAMPLES)
     worst: tuple[float, float, Obstacle | None] = (-TOUCH, duration / 2, None)
     for obstacle in plan.problem.obstacles:
-        left = np.nan_to_num(clearances_to(compare, obstacle, times) - obstacle.margin, nan=np.inf)
+        left = compare.clearances(times, [obstacle]) - obstacle.margin
         if left.min() < worst[0]:
             worst = float(left.min()), float(times[left.argmin()]), obstacle
     return worst[1:]
@@ -68,7 +68,7 @@ def _close_up(own: Postures, other: Postures, obstacle: Obstacle | None, time: f
     """Corners of a box around two robots and what they pass, m."""
     corners = np.concatenate((own.low, own.high, other.low, other.high))
     points = np.stack((corners.real, corners.imag), axis=1)
-    if obstacle is not None and not isinstance(obstacle, HalfPlane):
+    if obstacle is not None and obstacle.bounded:
         points = np.concatenate((points, obstacle_outline(obstacle, time, obstacle.margin)))
     low, high = points.min(axis=0), points.max(axis=0)
     room = PAD * float(np.max(high - low))

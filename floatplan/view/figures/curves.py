@@ -19,7 +19,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.motors import available_torques, motor_colours, shown_motors
-from floatplan.view.postures import clearances_to, robot_size
+from floatplan.view.postures import clearance_ceiling
 from floatplan.view.style import (
     ALARM,
     COLUMN,
@@ -106,7 +106,8 @@ def limited(flown: SampledPlan, row: LimitRow, other: SampledPlan | None = None)
         of_base = np.full(len(plan.robot.joints), base_limit(plan, row.base or ""))
         limits = _draw_limits(base, flown, of_base, base_peak) or limits
         base.set_ylabel(f"orientation ({row.unit})")
-    peaks = (plan.certificate or {}).get(f"{row.key}_peak") or []
+    proved = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
+    peaks = [] if proved is None else proved.tolist()
     limits = [*limits, *_draw_proved_peaks(joints, peaks, palette(len(plan.robot.joints) + 1)[1:])]
     for axes in (joints, *below):
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
@@ -132,7 +133,7 @@ def torques(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
 
 
 def draw_torques(axes: Axes, flown: SampledPlan, other: SampledPlan | None = None) -> list[tuple[Any, str]]:
-    """Draw the curves of :func:`torques` onto axes; return what the legend says of limits and proved peaks."""
+    """Draw the curves of :func:`torques` onto axes; return the legend's entries for limits and proved peaks."""
     plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
     colours = motor_colours(plan, motors)
     peak = 0.0
@@ -145,8 +146,8 @@ def draw_torques(axes: Axes, flown: SampledPlan, other: SampledPlan | None = Non
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     axes.set_ylabel("torque (N m)")
     limits = available_torques(plan, flown.state.velocities)[:, motors]
-    proved = (plan.certificate or {}).get("motor_torque_peak") or {}
-    peaks = [proved.get(plan.robot.motors[motor]) for motor in motors]
+    proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
+    peaks = [proved.get(plan.robot.motors[motor], np.inf) for motor in motors]
     return [*_draw_limits(axes, flown, limits, peak, colours), *_draw_proved_peaks(axes, peaks, colours)]
 
 
@@ -162,14 +163,13 @@ def clearance(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     figure, (axes,) = _time_figure(flown.plan, 1)
     obstacles = flown.plan.problem.obstacles
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
-    least, most = np.full(len(obstacles), np.inf), 0.0
+    drawn: list[list[Array]] = []
     for each, style, strength in _layers(flown, other):
-        for index, (obstacle, colour) in enumerate(zip(obstacles, colours, strict=True)):
-            distances = clearances_to(each.plan, obstacle, each.times)
+        drawn.append([each.plan.clearances(each.times, [obstacle]) for obstacle in obstacles])
+        for distances, colour in zip(drawn[-1], colours, strict=True):
             axes.plot(each.times, distances, color=faded(colour, strength), **style)
-            least[index] = np.fmin.reduce(distances, initial=least[index])
-            most = np.fmax.reduce(distances, initial=most)
-    top = clearance_ceiling(flown.plan, most)
+    distances = np.concatenate(drawn, axis=1)
+    least, top = distances.min(axis=1), clearance_ceiling(flown.plan, distances)
     bottom = min(1.1 * least.min(), -0.06 * top)
     axes.set(ylim=(bottom, top), ylabel="clearance (m)")
     axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
@@ -183,12 +183,6 @@ def clearance(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     return figure
 
 
-def clearance_ceiling(plan: Plan, largest: float) -> float:
-    """Return the upper end of a clearance axis, m: what is far away is cut off."""
-    margins = (4 * obstacle.margin for obstacle in plan.problem.obstacles)
-    return min(1.05 * largest, max([robot_size(plan) / 2, *margins])) or 1.0
-
-
 def obstacle_names(obstacles: tuple[Obstacle, ...]) -> list[str]:
     """Return a name for each obstacle: its kind, numbered where several are of one kind."""
     kinds = [obstacle.kind for obstacle in obstacles]
@@ -199,7 +193,7 @@ def obstacle_names(obstacles: tuple[Obstacle, ...]) -> list[str]:
 
 
 def plan_names(plan: Plan, compare: Plan) -> tuple[str, str]:
-    """Say what tells two plans apart: obstacles, or their problems' names."""
+    """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
     many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
     if (many > 0) != (few > 0):
         names = "with obstacle", "without obstacle"
@@ -256,7 +250,7 @@ def _draw_limits(
 ) -> list[tuple[Any, str]]:
     """Draw limits (r,), or (N, r) over time, on both sides, unless so far away that they would flatten the curves.
 
-    Returns what the legend says of them.
+    Returns the legend's entries.
     """
     mark: list[tuple[Any, str]] = []
     over_time = np.broadcast_to(limits, (len(flown.times), limits.shape[-1]))
@@ -270,9 +264,9 @@ def _draw_limits(
     return mark
 
 
-def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Sequence[Any]) -> list[tuple[Any, str]]:
+def _draw_proved_peaks(axes: Axes, peaks: Sequence[float], colours: Sequence[Any]) -> list[tuple[Any, str]]:
     """Draw, on both sides, the peaks that the certificate proves; return the legend's entry."""
-    known = [(peak, colour) for peak, colour in zip(peaks, colours, strict=False) if peak is not None]
+    known = [(peak, colour) for peak, colour in zip(peaks, colours, strict=False) if np.isfinite(peak)]
     for peak, colour in known:
         for sign in (1, -1):
             axes.axhline(sign * peak, color=faded(colour, 0.6), zorder=1.4, **PROVED)
@@ -281,11 +275,15 @@ def _draw_proved_peaks(axes: Axes, peaks: Sequence[float | None], colours: Seque
 
 def _draw_proved_clearances(axes: Axes, flown: SampledPlan, colours: Sequence[str]) -> list[tuple[Any, str]]:
     """Draw the distance from each obstacle that the certificate proves, if any; return the legend's entry."""
-    findings = (flown.plan.certificate or {}).get("findings", ())
-    bounds = {finding["label"]: finding["bound"] for finding in findings if finding["verdict"] == "proved"}
+    findings = () if flown.plan.certificate is None else flown.plan.certificate.findings
+    bounds = {
+        finding.subject: finding.bound
+        for finding in findings
+        if finding.kind == "obstacle" and finding.verdict == "proved"
+    }
     top, drawn = axes.get_ylim()[1], False
     for index, (obstacle, colour) in enumerate(zip(flown.plan.problem.obstacles, colours, strict=True)):
-        least = bounds.get(f"obstacles[{index}] {obstacle.kind}")
+        least = bounds.get((index, obstacle.kind))
         if least is not None and least <= top:
             axes.axhline(least, color=colour, zorder=1.6, **PROVED)
             drawn = True

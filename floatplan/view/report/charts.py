@@ -10,8 +10,9 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.tables import LimitRow
-from floatplan.view.figures.curves import NEAR, base_limit, clearance_ceiling, drawn_limits, obstacle_names
+from floatplan.view.figures.curves import NEAR, base_limit, drawn_limits, obstacle_names
 from floatplan.view.motors import available_torques, motor_colours, shown_motors
+from floatplan.view.postures import clearance_ceiling
 from floatplan.view.report.data import hex_colour, rounded, sample_grid
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, palette
 
@@ -20,7 +21,7 @@ def charts(plan: Plan, columns: Mapping[str, Array]) -> list[dict[str, Any]]:
     """Return the charts from top to bottom, as the page reads them.
 
     Each has a title, a unit, a factor from SI to it, ``series`` (name, colour, key of its column) and ``lines``
-    (name, colour, one value or samples): limits, margins and marks; ``beyond`` tells of limits that are not drawn.
+    (name, colour, one value or samples): limits, margins and marks; ``beyond`` describes limits that are not drawn.
     """
     of_joints = [_of_limit(plan, row, columns) for row in drawn_limits(plan)]
     drawn = [_angles(plan), *of_joints, _torques(plan, columns), _momentum(plan)]
@@ -69,12 +70,11 @@ def _momentum(plan: Plan) -> dict[str, Any]:
 
 
 def _clearance(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
-    """What is far away is cut off: the chart is of the passage."""
+    """Distances from each obstacle, and the margins."""
     obstacles = plan.problem.obstacles
     keys = [f"clearance.{index}" for index in range(len(obstacles))]
     values = np.array([columns[key] for key in keys])
-    most, least = np.nanmax(values, initial=0.0), np.nanmin(values, initial=0.0)
-    top = clearance_ceiling(plan, most)
+    least, top = float(values.min(initial=0.0)), clearance_ceiling(plan, values)
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
     series = [
         {"name": name, "colour": colour, "key": key}
@@ -106,7 +106,7 @@ def _series(plan: Plan, keys: Sequence[str]) -> list[dict[str, Any]]:
 def _limits(
     keys: Sequence[str], limits: Sequence[float] | Array, columns: Mapping[str, Array], of_keys: Sequence[Array]
 ) -> dict[str, Any]:
-    """Limits on both sides, one value or (N,) each; told in words if so far away that they would flatten the curves.
+    """Limits on both sides, one value or (N,) each; a sentence if so far away that they would flatten the curves.
 
     ``of_keys`` are the colours of the keys' curves. One limit for several joints is one line.
     """

@@ -16,7 +16,7 @@ from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import clearances_to, posture_at, postures
+from floatplan.view.postures import posture_at, postures
 from floatplan.view.style import OBSTACLES, palette
 from floatplan.view.surroundings import ground_lines, obstacle_outline
 
@@ -65,7 +65,7 @@ def columns(plan: Plan, times: Array) -> dict[str, Array]:
     for name in ("positions", "velocities", "accelerations", "motor_torques"):
         sampled |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
     for index, obstacle in enumerate(plan.problem.obstacles):
-        sampled[f"clearance.{index}"] = clearances_to(plan, obstacle, times)
+        sampled[f"clearance.{index}"] = plan.clearances(times, [obstacle])
     return sampled
 
 

@@ -2,7 +2,7 @@
 
 What comes from files (names of joints, frames and problems) is untrusted. It enters the page as JSON whose ``<``, ``>``
 and ``&`` are escaped, and the page writes it as text, never as markup. On top of that the page's security policy admits
-no script but its own, told by their hashes, and no address of any kind.
+no script but its own, identified by their hashes, and no address of any kind.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from floatplan.view.report.charts import charts
 from floatplan.view.report.data import columns, motion_data, sample_grid
 from floatplan.view.report.sections import sections, verdict
 
-ASSETS = "assets"
 STYLES = ("uplot/uPlot.min.css", "report.css")
 PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
 SCRIPTS = ("motion.js", "stage.js", "charts.js", "player.js", "report.js")
@@ -93,7 +92,7 @@ def escaped_json(content: Any) -> str:
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Put parts into a template's places, ``{{name}}``, in one pass: what is put in is not looked at again."""
+    """Put parts into a template's places, ``{{name}}``, in one pass: what is put in is not searched again."""
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
@@ -104,7 +103,7 @@ def _policy(scripts: list[str]) -> str:
 
 
 def _asset(name: str) -> str:
-    return files("floatplan.view.report").joinpath(ASSETS, *name.split("/")).read_text(encoding="utf-8")
+    return files("floatplan.view.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
 def _problem_file(plan: Plan, path: str | Path | None) -> str:

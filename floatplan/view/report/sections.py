@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,8 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
+from floatplan.plans.verdicts import Certificate, Verdict
 from floatplan.problem.parts import (
-    Bar,
-    Circle,
-    HalfPlane,
     JointState,
     Obstacle,
 )
@@ -22,6 +20,7 @@ from floatplan.problem.problem import Problem
 
 Row = tuple[str, str]
 
+TONES: dict[Verdict, str] = {"proved": "good", "refuted": "bad", "undecided": "open"}
 LONGEST_LIST = 12  # [-] joints listed one by one
 
 
@@ -42,15 +41,15 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
 
 def verdict(plan: Plan) -> tuple[str, str]:
     """Return the plan's verdict in a word or two, and its tone."""
-    certificate = plan.record.certificate
+    certificate = plan.certificate
     if not plan.ok:
         return "no plan found", "bad"
     if certificate is None:
         return "planned, not proved yet", "open"
-    words = {"proved": ("proved", "good"), "refuted": ("refuted", "bad")}
-    if plan.warnings and certificate.get("verdict") == "proved":
+    if plan.warnings and certificate.proved:
         return "proved, with warnings", "open"
-    return words.get(str(certificate.get("verdict")), ("planned, proof undecided", "open"))
+    word = "planned, proof undecided" if certificate.verdict == "undecided" else certificate.verdict
+    return word, TONES[certificate.verdict]
 
 
 def _problem(problem: Problem) -> list[Row]:
@@ -112,13 +111,13 @@ def _use(use: Utilisation, key: str) -> tuple[str, str, str]:
 
 
 def _proved(plan: Plan) -> tuple[list[Row], str]:
-    certificate, replay = plan.record.certificate, plan.record.replay
+    certificate, replay = plan.certificate, plan.record.replay
     rows: list[Row] = []
     tone = "open"
     if certificate is None:
         rows.append(("certificate", "none in the plan file; floatplan certify --save makes one"))
     else:
-        tone = {"proved": "good", "refuted": "bad"}.get(str(certificate.get("verdict")), "open")
+        tone = TONES[certificate.verdict]
         rows += _certificate_rows(certificate)
     if replay is None:
         rows.append(("replay", "none in the plan file; floatplan replay --save makes one"))
@@ -129,28 +128,21 @@ def _proved(plan: Plan) -> tuple[list[Row], str]:
     return rows, tone
 
 
-def _certificate_rows(certificate: Mapping[str, Any]) -> list[Row]:
-    findings = certificate.get("findings") or ()
-    many = sum(finding.get("verdict") == "proved" for finding in findings)
-    rows = [
-        ("certificate", f"{certificate.get('verdict')}: {many} of {len(findings)} constraints hold at every instant")
-    ]
-    if certificate.get("clearance_min") is not None:
-        rows.append(("clearance above", f"{_number(certificate['clearance_min'])} m"))
+def _certificate_rows(certificate: Certificate) -> list[Row]:
+    total = len(certificate.findings)
+    many = total - len(certificate.unproved)
+    rows = [("certificate", f"{certificate.verdict}: {many} of {total} constraints hold at every instant")]
+    if certificate.clearance_min is not None:
+        rows.append(("clearance above", f"{_number(certificate.clearance_min)} m"))
     return rows
 
 
 def _findings(plan: Plan) -> list[list[str]]:
     """The certificate's findings: label, verdict, bound, limit, instant; unproved ones first."""
-    findings = (plan.record.certificate or {}).get("findings") or ()
-    ordered = sorted(findings, key=lambda finding: finding.get("verdict") == "proved")
+    findings = () if plan.certificate is None else plan.certificate.findings
     return [
-        [
-            str(finding.get("label")),
-            str(finding.get("verdict")),
-            *(_number(finding.get(key)) for key in ("bound", "limit", "instant")),
-        ]
-        for finding in ordered
+        [finding.label, finding.verdict, *map(_number, (finding.bound, finding.limit, finding.instant))]
+        for finding in sorted(findings, key=lambda finding: finding.verdict == "proved")
     ]
 
 
@@ -168,23 +160,12 @@ def _degrees(problem: Problem) -> str:
 
 
 def _obstacle(obstacle: Obstacle) -> str:
-    text = f"{obstacle.kind}{_where(obstacle)}, margin {obstacle.margin:g} m"
+    text = f"{obstacle.kind} {obstacle.where}, margin {obstacle.margin:g} m"
     if any(obstacle.velocity):
         text += f", moving at {_pair(obstacle.velocity)} m/s"
     if obstacle.window is not None:
         text += f", from {obstacle.window[0]:g} to {obstacle.window[1]:g} s"
     return text
-
-
-def _where(obstacle: Obstacle) -> str:
-    match obstacle:
-        case Circle():
-            return f" at {_pair(obstacle.center)} m, radius {obstacle.radius:g} m"
-        case Bar():
-            return f" from {_pair(obstacle.start)} to {_pair(obstacle.end)} m, radius {obstacle.radius:g} m"
-        case HalfPlane():
-            return f" at {_pair(obstacle.point)} m, normal {_pair(obstacle.normal)}"
-    raise TypeError(f"no words for {type(obstacle).__name__}")
 
 
 def _pair(values: Iterable[float]) -> str:

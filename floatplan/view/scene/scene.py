@@ -21,7 +21,7 @@ from floatplan.files import write_atomically
 from floatplan.motion.flight_state import FlightState
 from floatplan.optional import import_optional
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import HalfPlane, Obstacle
+from floatplan.problem.parts import Obstacle
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import postures
 from floatplan.view.scene.moving_robot import Mover, capsule_robot, mesh_robot, visual_model
@@ -99,9 +99,9 @@ def _add_obstacles(server: Any, plan: Plan, times: Array) -> list[Update]:
     low, high = picture_box(plan, postures(plan, snapshot_times(plan)))
     for number, obstacle in enumerate(plan.problem.obstacles):
         vertices, faces = obstacle_slab(plan, obstacle, low, high)
-        name, flat = f"/obstacles/{number}", isinstance(obstacle, HalfPlane)
-        look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
-        node = server.scene.add_mesh_simple(name, vertices, faces, cast_shadow=not flat, **look)
+        name, flat = f"/obstacles/{number}", not obstacle.bounded
+        material: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
+        node = server.scene.add_mesh_simple(name, vertices, faces, cast_shadow=not flat, **material)
         if obstacle.window is not None or any(obstacle.velocity):
             updates.append(_obstacle_update(node, plan, obstacle, times))
     return updates

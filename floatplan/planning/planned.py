@@ -1,0 +1,107 @@
+"""Plans with where the search for them ended, so that it can go on from there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from floatplan.arrays import Array, read_only
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.contact import refuse_motion_into_ground
+from floatplan.planning.explanation import explain, proven_impossible
+from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SearchOptions, search
+from floatplan.planning.starts import Start
+from floatplan.plans.plan import Plan
+from floatplan.problem.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on."""
+
+    plan: Plan
+    best: Outcome
+    others: tuple[Outcome, ...] = ()
+
+
+def planned(problem: Problem, options: SearchOptions) -> Planned:
+    """Plan a flight and keep where the search ended.
+
+    Raises
+    ------
+    InputError
+        What stands on the ground moves down at takeoff, or up at landing.
+    """
+    began = time.perf_counter()
+    bounds = angular_momentum_interval(problem)
+    asked = problem.flight.angular_momentum
+    if asked != "free":
+        refuse_motion_into_ground(problem, sum(bounds) / 2 if isinstance(asked, str) else float(asked))
+    prepared = Attempts(problem, bounds, options.seed)
+    reasons = proven_impossible(problem, prepared) if prepared.constraints else []
+    found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None)
+    best = found.best
+    seconds = time.perf_counter() - began
+    polynomials = best.variables.polynomials
+    plan = Plan(
+        problem=problem,
+        centre=read_only(polynomials.centre),
+        amplitude=read_only(polynomials.amplitude),
+        coefficients=_coefficients(best),
+        angular_momentum=best.variables.angular_momentum(best.solution.x),
+        angular_momentum_bounds=bounds,
+        ballistics=prepared.model.ballistics,
+        status=best.solution.status if best.holds else "infeasible",
+        ok=best.holds,
+        explanation=explain(problem, prepared, found, reasons, bounds),
+        solver={
+            "iterations": found.iterations,
+            "evaluations": found.evaluations,
+            "seconds": seconds,
+            "seed": options.seed,
+            "starts": found.attempts,
+            "solved": found.solved,
+        },
+    )
+    return Planned(plan, best, found.holding[1:])
+
+
+def alternatives(found: Planned) -> Iterator[Planned]:
+    """Yield the plans that the other solutions would make."""
+    for outcome in found.others:
+        yield Planned(replace(_moving_as(found.plan, outcome), status=outcome.solution.status), outcome)
+
+
+def polished(found: Planned, tighter: Problem) -> Planned | None:
+    """Follow the motion found to the nearest one that meets a tighter problem; None where that leads to none.
+
+    The plan answers the problem that it answered before.
+    """
+    plan, best = found.plan, found.best
+    prepared = Attempts(tighter, plan.angular_momentum_bounds, plan.solver["seed"])
+    outcome = prepared.attempt(Start(best.variables, best.solution.x), 0, best.degrees)
+    if not outcome.holds:
+        return None
+    solver = {
+        **plan.solver,
+        "iterations": plan.solver["iterations"] + outcome.solution.iterations,
+        "evaluations": plan.solver["evaluations"] + outcome.solution.evaluations,
+    }
+    return Planned(replace(_moving_as(plan, outcome), solver=solver), outcome)
+
+
+def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
+    return replace(
+        plan,
+        coefficients=_coefficients(outcome),
+        angular_momentum=outcome.variables.angular_momentum(outcome.solution.x),
+    )
+
+
+def _coefficients(outcome: Outcome) -> Array:
+    """The paper's b (n, k+1) of where an attempt ended."""
+    variables = outcome.variables
+    free = variables.free_coefficients(outcome.solution.x)
+    return read_only(variables.polynomials.powers_of_seconds(free))

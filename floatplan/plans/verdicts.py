@@ -1,0 +1,229 @@
+"""What was proved of a plan, as data: the verdict on each constraint, and on all of them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.tables import LIMIT_TABLE, LimitKey
+
+Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
+Kind: TypeAlias = Literal[
+    LimitKey,
+    "start",
+    "goal",
+    "takeoff",
+    "landing",
+    "position",
+    "generalized_torque",
+    "motor",
+    "obstacle",
+    "self_clearance",
+    "ground",
+    "mesh",
+    "recorded",
+    "stated",
+]
+Subject: TypeAlias = tuple[str | int, ...]
+
+LABELS: Mapping[Kind, str] = {
+    "start": "start.{}",
+    "goal": "goal.{}",
+    "takeoff": "takeoff.{}",
+    "landing": "landing.{}",
+    "position": "position {}",
+    **{key: key if row.of == "base" else f"{key} {{}}" for key, row in LIMIT_TABLE.items()},
+    "generalized_torque": "generalized_torque {}",
+    "motor": "motor {}",
+    "obstacle": "obstacles[{}] {}",
+    "self_clearance": "self_clearance {} {}",
+    "ground": "ground",
+    "mesh": "hash of mesh {}",
+    "recorded": "recorded {}",
+    "stated": "{}",  # the last: it fits every label
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The verdict on one constraint.
+
+    Attributes
+    ----------
+    kind : which constraint
+        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "position" to "orientation_rate" are
+        limits, "obstacle" to "mesh" belong to clearances; "recorded" is what the file claims of the motion, and
+        "stated" a number that the file gives twice.
+    subject : whose
+        The joint, the obstacle's index and kind, both links, the mesh file, or the quantity's key; empty where the kind
+        says everything.
+    verdict : "proved", "refuted" or "undecided"
+    bound : the proved bound; where refuted, a value that is attained
+    instant : s, where the bound is nearly attained, or the violation is; None where it belongs to no instant
+    limit : what the bound is compared with
+    gap : where undecided, the distance between what is proved and what is asked
+    """
+
+    kind: Kind
+    subject: Subject
+    verdict: Verdict
+    bound: float | None
+    instant: float | None = None
+    limit: float | None = None
+    gap: float | None = None
+
+    @property
+    def label(self) -> str:
+        """The constraint's name for a person."""
+        return LABELS[self.kind].format(*self.subject)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers; ``gap`` only where undecided."""
+        values = {"label": self.label, "verdict": self.verdict, "bound": self.bound, "instant": self.instant}
+        values |= {"limit": self.limit}
+        return values | ({"gap": self.gap} if self.verdict == "undecided" else {})
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Finding:
+        """Rebuild a finding from what :meth:`to_dict` returned."""
+        kind, subject = _constraint(content["label"])
+        numbers = (_number_or_none(content.get(key)) for key in ("bound", "instant", "limit", "gap"))
+        return cls(kind, subject, _verdict(content["verdict"]), *numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What was proved of a plan.
+
+    Attributes
+    ----------
+    verdict : "proved", "refuted" or "undecided"
+    orientation_end : (low, high) rad
+        Encloses the orientation at the end.
+    clearance_min : float or None
+        No link comes nearer to an obstacle, surface to surface, m.
+    torque_peak, velocity_peak : (n,)
+        No magnitude exceeds these, N m, rad/s; torques are generalised: a leader's is the sum over its group.
+    motor_torque_peak : motor's joint -> N m
+        The same of each motor's own torque.
+    findings : one per constraint
+    subintervals : number of cells of time
+    seconds : time that the proof took
+    """
+
+    verdict: Verdict
+    orientation_end: tuple[float, float]
+    clearance_min: float | None
+    torque_peak: Array
+    velocity_peak: Array
+    motor_torque_peak: Mapping[str, float]
+    findings: tuple[Finding, ...]
+    subintervals: int
+    seconds: float
+
+    @property
+    def proved(self) -> bool:
+        """Whether every constraint is proved."""
+        return self.verdict == "proved"
+
+    @property
+    def unproved(self) -> tuple[Finding, ...]:
+        """What is refuted or undecided."""
+        return tuple(finding for finding in self.findings if finding.verdict != "proved")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a plan file and ``floatplan certify --json`` hold; numbers that are not finite are null."""
+        values: dict[str, Any] = {
+            "verdict": self.verdict,
+            "orientation_end": list(self.orientation_end),
+            "clearance_min": self.clearance_min,
+            "torque_peak": self.torque_peak.tolist(),
+            "velocity_peak": self.velocity_peak.tolist(),
+            "motor_torque_peak": dict(self.motor_torque_peak),
+            "findings": [finding.to_dict() for finding in self.findings],
+            "subintervals": self.subintervals,
+            "seconds": self.seconds,
+        }
+        finite: dict[str, Any] = _finite(values)
+        return finite
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Certificate:
+        """Rebuild a certificate from what a plan file holds; a bound that is null is infinite.
+
+        Raises
+        ------
+        InputError
+            A key is missing, or its value is of the wrong kind.
+        """
+        try:
+            low, high = content["orientation_end"]
+            return cls(
+                verdict=_verdict(content["verdict"]),
+                orientation_end=(_number(low, -math.inf), _number(high)),
+                clearance_min=_number_or_none(content["clearance_min"]),
+                torque_peak=_numbers(content["torque_peak"]),
+                velocity_peak=_numbers(content["velocity_peak"]),
+                motor_torque_peak={
+                    str(name): _number(peak) for name, peak in (content.get("motor_torque_peak") or {}).items()
+                },
+                findings=tuple(Finding.from_dict(finding) for finding in content["findings"]),
+                subintervals=int(content["subintervals"]),
+                seconds=_number(content["seconds"]),
+            )
+        except KeyError as error:
+            raise InputError("is missing", element=f"certificate.{error.args[0]}") from None
+        except (AttributeError, OverflowError, TypeError, ValueError) as error:
+            raise InputError(f"must be what floatplan certify --save writes: {error}", element="certificate") from None
+
+
+def worst(findings: Sequence[Finding]) -> Verdict:
+    """Refuted if anything is, else undecided if anything is, else proved."""
+    verdicts = {finding.verdict for finding in findings}
+    if "refuted" in verdicts:
+        return "refuted"
+    return "undecided" if "undecided" in verdicts else "proved"
+
+
+def _constraint(label: str) -> tuple[Kind, Subject]:
+    """The kind and the subject that a label was made from."""
+    for kind, template in LABELS.items():
+        match = re.fullmatch(re.escape(template).replace(r"\{\}", "(.+?)"), label, re.DOTALL)
+        if match:
+            words: Subject = match.groups()
+            return kind, (int(words[0]), *words[1:]) if kind == "obstacle" else words
+    raise ValueError("the label of a finding is empty")
+
+
+def _verdict(value: Any) -> Verdict:
+    if value not in get_args(Verdict):
+        raise ValueError(f"a verdict must be {' or '.join(map(repr, get_args(Verdict)))}, not {value!r}")
+    verdict: Verdict = value
+    return verdict
+
+
+def _number(value: Any, unknown: float = math.inf) -> float:
+    return unknown if value is None else float(value)
+
+
+def _number_or_none(value: Any) -> float | None:
+    return None if value is None else float(value)
+
+
+def _numbers(values: Sequence[Any]) -> Array:
+    return read_only(np.array([_number(value) for value in values]))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

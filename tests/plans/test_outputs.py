@@ -1,0 +1,56 @@
+"""What a plan makes of itself: a page, and files for other programs."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def plan(root: Path) -> fp.Plan:
+    return fp.plan(fp.load_problem(root / "problems" / "new_configuration.toml"))
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Addresses that the browser was told to open."""
+    addresses: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: addresses.append(address))
+    return addresses
+
+
+class TestShow:
+    def test_writes_the_report_and_opens_it(self, plan: fp.Plan, tmp_path: Path, opened: list[str]) -> None:
+        page = plan.show(tmp_path / "page.html")
+        assert page == tmp_path / "page.html"
+        assert plan.problem.name in page.read_text()
+        assert opened == [page.resolve().as_uri()]
+
+    def test_opens_nothing_where_that_is_not_wanted(self, plan: fp.Plan, tmp_path: Path, opened: list[str]) -> None:
+        assert plan.show(tmp_path / "page.html", browse=False).is_file()
+        assert opened == []
+
+
+class TestExport:
+    def test_writes_the_file_at_a_rate(self, plan: fp.Plan, tmp_path: Path) -> None:
+        path = plan.export("npz", tmp_path / "flight.npz", rate=200.0)
+        with np.load(path) as written:
+            times = written["times"]
+            np.testing.assert_array_equal(written["positions"], plan.at(times).positions)
+        assert np.diff(times).max() <= 1 / 200 + 1e-12
+
+    def test_has_a_name_for_each_format(self, plan: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.chdir(tmp_path)
+        names = {plan.export(form).name for form in ("csv", "npz", "ros", "mujoco", "unitree")}
+        assert names == {path.name for path in tmp_path.iterdir()}
+        assert len(names) == 5
+
+    def test_refuses_other_formats(self, plan: fp.Plan, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match="docx"):
+            plan.export("docx", tmp_path / "plan.docx")
