@@ -13,15 +13,14 @@ import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning import search as room
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.search import Allowance, expiry, search
+from floatplan.planning.search import Allowance, SearchOptions, SearchResult, expiry, search
 
 MANY = 10**6
 
 
-def run(problem: fp.Problem, **options: Any) -> Any:
+def run(problem: fp.Problem, attempts: int | None = None, **options: Any) -> SearchResult:
     ready = Attempts(problem, angular_momentum_interval(problem), 0)
-    settings = {"wanted": 1, "budget": None, "jobs": 1, "attempts": None, "progress": None}
-    return search(ready, **settings | options)
+    return search(ready, SearchOptions(**options), attempts)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,7 @@ def test_an_easy_problem_needs_one_attempt(problem):
 
 
 def test_the_best_of_those_wanted_comes_first(problem):
-    found = run(problem, wanted=4)
+    found = run(problem, starts=4)
     assert found.solved >= 4
     values = [outcome.objective_value for outcome in found.holding]
     assert values == sorted(values)
@@ -60,7 +59,7 @@ def test_attempts_bound_the_starts(hopeless):
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
-    monkeypatch.setattr(room, "USUAL", 3e6)
+    monkeypatch.setattr(room, "DEFAULT_WORK", 3e6)
     found = run(hopeless)
     again = run(hopeless)
     assert found.ran_out_of_time
@@ -95,7 +94,7 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
 
 
 def test_processes_find_what_one_finds(problem):
-    alone, shared = (run(problem, wanted=3, jobs=jobs) for jobs in (1, 2))
+    alone, shared = (run(problem, starts=3, jobs=jobs) for jobs in (1, 2))
     assert shared.attempts == alone.attempts
     assert shared.best.solution.x.tobytes() == alone.best.solution.x.tobytes()
 

@@ -98,7 +98,7 @@ class TestWhatIsRead:
     def test_angles_become_radians_in_joint_order(self, everything: fp.Problem) -> None:
         assert everything.robot.joints == ("q2", "q1")
         assert everything.initial.orientation == math.pi / 2
-        assert everything.final.orientation == 2.5 * math.pi
+        assert everything.final.orientation == pytest.approx(2.5 * math.pi, rel=1e-15)
         np.testing.assert_allclose(everything.initial.positions, [math.pi / 6, -math.pi / 3], rtol=1e-15)
         np.testing.assert_allclose(everything.final.positions, [0, math.pi / 4], rtol=1e-15)
         np.testing.assert_allclose(everything.initial.velocities, [math.pi / 10] * 2, rtol=1e-15)

@@ -122,9 +122,9 @@ def test_coupled_joints_follow_their_leader(load):
     assert robot.velocity_limits.tolist() == [14.0, math.inf]
     assert robot.torque_limits.tolist() == [math.inf, math.inf]
     assert robot.tree.turns[-1] == pytest.approx([0.5, 1.0])
-    assert robot.tree.offsets[-1] == 0.2
+    assert robot.tree.offsets[-1] == pytest.approx(0.2, abs=1e-15)
     row = list(robot.model.names)[1:].index("l")
-    assert robot.reference[row] == 0.2
+    assert robot.reference[row] == pytest.approx(0.2, abs=1e-15)
     assert robot.selection[row].tolist() == [-0.5, 0.0]
 
 
