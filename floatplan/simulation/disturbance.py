@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.robot.planar.model import BASE
-from floatplan.simulation.held_model import HeldModel
+from floatplan.simulation.held_model import BASE, HeldModel
 
 LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
-from floatplan.robot.planar.model import BASE
+from floatplan.simulation.held_model import BASE
 
 Torques: TypeAlias = Callable[[float, Array, Array], Array]  # time, positions, velocities (3 + m,) -> (m,)
 

@@ -11,6 +11,8 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.robot.robot import Robot
 
+BASE = 3  # coordinates of the planar free-flyer: horizontal, vertical, orientation
+
 
 @dataclass(frozen=True, eq=False)
 class HeldModel:

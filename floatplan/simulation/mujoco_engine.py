@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.robot.planar.model import BASE
 from floatplan.simulation.forward import Torques
+from floatplan.simulation.held_model import BASE
 from floatplan.simulation.mujoco_model import import_mujoco
 
 CLASSICAL = np.array([1, 2, 2, 1]) / 6  # weights of the stages

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.errors import InputError
-from floatplan.extras import optional_module
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink
 from floatplan.simulation.held_model import HeldModel
@@ -19,8 +18,20 @@ HEADER = '<mujoco><compiler fusestatic="false" balanceinertia="false" discardvis
 
 
 def import_mujoco() -> ModuleType:
-    """Return the module; InputError where it is not installed."""
-    return optional_module("mujoco", "MuJoCo", element="engine", install="mujoco")
+    """Return the module.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        advice = "install it: pip install mujoco"
+        raise InputError("MuJoCo is not installed", element="engine", advice=advice) from None
+    module: ModuleType = mujoco
+    return module
 
 
 def mujoco_model(robot: Robot, held: HeldModel, gravity: float, step: float) -> tuple[Any, list[int]]:

@@ -16,8 +16,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.plans.record import PlanRecord
-from floatplan.robot.planar.model import BASE
-from floatplan.simulation.held_model import HeldModel
+from floatplan.simulation.held_model import BASE, HeldModel
 
 NODES = 96  # of Gauss-Legendre quadrature on each panel
 

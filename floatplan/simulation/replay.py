@@ -21,11 +21,10 @@ from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import recorded_robot
-from floatplan.robot.planar.model import BASE
 from floatplan.robot.robot import Robot
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly
-from floatplan.simulation.held_model import HeldModel, held_model
+from floatplan.simulation.held_model import BASE, HeldModel, held_model
 from floatplan.simulation.recorded_motion import RecordedMotion
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.extras import optional_module
+from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
@@ -52,7 +52,7 @@ def write_scene(plan: Plan, path: str | Path) -> Path:
 
 def scene(plan: Plan) -> str:
     """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
-    viser = optional_module("viser", "viser", element="scene", install='"floatplan[view]"')
+    viser = _import_viser()
     frames = int(np.ceil(plan.duration * RATE)) + 1
     state = plan.at(np.linspace(0.0, plan.duration, frames))
     with _server(viser) as server:
@@ -65,6 +65,16 @@ def scene(plan: Plan) -> str:
             serializer.insert_sleep(plan.duration / (frames - 1))
         serializer.insert_sleep(REST)
         return str(serializer.as_html())
+
+
+def _import_viser() -> ModuleType:
+    try:
+        import viser
+    except ImportError:
+        advice = 'install it: pip install "floatplan[view]"'
+        raise InputError("viser is not installed", element="scene", advice=advice) from None
+    module: ModuleType = viser
+    return module
 
 
 @contextlib.contextmanager
