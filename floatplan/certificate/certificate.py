@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import read_only
-from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import Balls
+from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.planar.boundary import boundary_findings, flight_findings, orientation_findings
 from floatplan.certificate.planar.inertia import PlanarRobot, planar_robot
 from floatplan.certificate.planar.limits import limit_findings, quantities, range_findings, recorded_peaks
@@ -176,13 +176,13 @@ def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], floa
     bound = min(item.bound for item in least)
     attained = min(item.attained for item in least)
     recorded = sky.record.clearance_min
-    tolerance = say.RECORDED_CLEARANCE
+    tolerance = RECORDED_CLEARANCE
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
         claim = Finding("recorded", ("clearance_min",), verdict, bound, None, None)
     else:
         off = max(0.0, recorded - attained, bound - recorded)
-        claim = say.at_most(
+        claim = at_most(
             "recorded",
             ("clearance_min",),
             max(abs(recorded - bound), abs(recorded - attained)),

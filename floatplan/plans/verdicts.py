@@ -175,9 +175,8 @@ def worst(findings: Sequence[Finding]) -> Verdict:
 def _constraint(label: str) -> tuple[Kind, Subject]:
     """The kind and the subject that a label was made from."""
     for kind, template in LABELS.items():
-        match = re.fullmatch(
-            re.escape(template).replace(r"\{\}", r"(\w+)" if kind == "stated" else "(.+?)"), label, re.DOTALL
-        )
+        word = r"(\w+)" if kind == "stated" else "(.+?)"
+        match = re.fullmatch(re.escape(template).replace(r"\{\}", word), label, re.DOTALL)
         if match:
             words: Subject = match.groups()
             return kind, (int(words[0]), *words[1:]) if kind == "obstacle" else words

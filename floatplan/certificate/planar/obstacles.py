@@ -11,10 +11,10 @@ import flint
 import numpy as np
 
 from floatplan.arrays import IntArray
-from floatplan.certificate import findings as say
 from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
 from floatplan.certificate.cells import ORDER, path
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
+from floatplan.certificate.findings import at_least
 from floatplan.certificate.planar.boundary import com_polynomials
 from floatplan.certificate.planar.clearance import (
     PlanePoints,
@@ -196,7 +196,7 @@ def _finding(
     goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
     groups = np.zeros(members, dtype=np.int64)
     least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, sky.flight.cells)[0]
-    finding = say.at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
+    finding = at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
     if finding.verdict != "proved" or len(cells) == 0:
         return finding, least
     verdict = _uncrossed(separation, int(cells[0]), least)
