@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import read_only
-from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import Balls
+from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.planar.boundary import boundary_findings, flight_findings, orientation_findings
 from floatplan.certificate.planar.inertia import PlanarRobot, planar_robot
 from floatplan.certificate.planar.limits import limit_findings, quantities, range_findings, recorded_peaks
-from floatplan.certificate.planar.obstacles import Sky, ground_finding, obstacle_finding, self_finding
+from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.certificate.planar.refine import fly
 from floatplan.certificate.planar.shapes import LinkShape, Shape, given_shapes, place_shapes, urdf_shapes
 from floatplan.certificate.planar.urdf import read_urdf
@@ -121,12 +121,12 @@ def _prove(
         found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
     if record.asks_clearance:
         chosen = _shapes(robot, shapes)
-        sky = Sky(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
-        clear = [self_finding(sky, pair) for pair in pairs]
+        surroundings = Surroundings(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
+        clear = [self_finding(surroundings, pair) for pair in pairs]
         if problem.get("ground"):
-            clear.append(ground_finding(sky, robot))
+            clear.append(ground_finding(surroundings, robot))
         if obstacles:
-            to_obstacles, clearance = _clearances(sky, obstacles)
+            to_obstacles, clearance = _clearances(surroundings, obstacles)
             clear = to_obstacles + clear
         if unknown_meshes:
             clear, clearance = _undecided(clear, unknown_meshes), None
@@ -168,21 +168,21 @@ def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> tuple[Sha
     return urdf_shapes(robot)
 
 
-def _clearances(sky: Sky, obstacles: Sequence[Any]) -> tuple[list[Finding], float]:
+def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[list[Finding], float]:
     """One finding per obstacle, one on the recorded minimum, and the proved minimum."""
     found, least = zip(
-        *(obstacle_finding(sky, index, obstacle) for index, obstacle in enumerate(obstacles)), strict=True
+        *(obstacle_finding(surroundings, index, obstacle) for index, obstacle in enumerate(obstacles)), strict=True
     )
     bound = min(item.bound for item in least)
     attained = min(item.attained for item in least)
-    recorded = sky.record.clearance_min
-    tolerance = say.RECORDED_CLEARANCE
+    recorded = surroundings.record.clearance_min
+    tolerance = RECORDED_CLEARANCE
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
         claim = Finding("recorded", ("clearance_min",), verdict, bound, None, None)
     else:
         off = max(0.0, recorded - attained, bound - recorded)
-        claim = say.at_most(
+        claim = at_most(
             "recorded",
             ("clearance_min",),
             max(abs(recorded - bound), abs(recorded - attained)),

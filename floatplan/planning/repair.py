@@ -1,6 +1,6 @@
-"""Planning with proof: where a plan misses its proof by a hair, planner and certificate close the gap together.
+"""Planning with proof: where a plan misses its proof by little, planner and certificate close the gap together.
 
-The search is given a problem that is tighter by what was missing, begins where it ended, and the new motion is proved
+The search is given a problem that is tighter by the shortfall, begins where it ended, and the new motion is proved
 against the problem that was asked. The plan's record holds the latter alone.
 """
 
@@ -22,12 +22,12 @@ from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
-ROUNDS = 3
-BEYOND = 1.5  # times the missing amount is what the problem is tightened by
-HAIR = 1e-3  # of a limit, m or rad: what misses its proof by more is refused, not mended
-VERDICTS = ("proved", "undecided", "refuted")  # from the best on
+ROUNDS = 3  # [-] tightened problems at most
+TIGHTENING = 1.5  # [-] over the shortfall
+LARGEST_SHORTFALL = 1e-3  # [-] of a limit, [m] or [rad]: beyond it a plan is refused, not corrected
+VERDICTS = ("proved", "undecided", "refuted")  # best first
 RELATIVE: tuple[Kind, ...] = (*LIMIT_TABLE, "generalized_torque", "motor")
-MENDED: tuple[Kind, ...] = (*RELATIVE, "obstacle", "self_clearance")
+CORRECTABLE: tuple[Kind, ...] = (*RELATIVE, "obstacle", "self_clearance")
 CONSEQUENCES: tuple[Kind, ...] = ("landing", "recorded")  # hold again where what they follow from does
 ORIENTATION: tuple[Kind, Subject] = ("goal", ("orientation",))
 Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
@@ -48,7 +48,7 @@ def proved_plan(found: Planned) -> Plan:
 def best_proved(found: Planned) -> tuple[Plan, Certificate]:
     """Prove the best plan, or the next best where that is not proved; what is proved goes before what is undecided.
 
-    The best plan proved may have lost by being mended: then the next best ones may be better still.
+    The best plan proved may have lost by being corrected: then the next best ones may be better still.
     """
     plan, certificate = proved(found)
     for other in alternatives(found):
@@ -65,20 +65,20 @@ def _rank(answer: tuple[Plan, Certificate]) -> tuple[int, float]:
 
 
 def proved(found: Planned) -> tuple[Plan, Certificate]:
-    """Prove a plan, mending it where little is missing; the best plan and its certificate."""
+    """Prove a plan, correcting it where little is missing; the best plan and its certificate."""
     asked = tighter = found.plan.problem
     plan, certificate = _claims_proved(found.plan, certify(found.plan))
     for _ in range(ROUNDS):
         if certificate.proved:
             break
         missing = shortfalls(certificate)
-        mended = None
+        corrected = None
         if missing is not None:
             tighter = tightened(tighter, missing, asked.final.orientation - sum(certificate.orientation_end) / 2)
-            mended = polished(found, tighter)
-        if mended is None:
+            corrected = polished(found, tighter)
+        if corrected is None:
             break
-        found = mended
+        found = corrected
         plan, certificate = _claims_proved(found.plan, certify(found.plan))
     return plan, certificate
 
@@ -96,30 +96,30 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
 
 
 def shortfalls(certificate: Certificate) -> Shortfalls | None:
-    """What each finding that is not proved lacks; None where one lacks much, or the search cannot mend it."""
+    """The shortfall of each finding that is not proved; None where one is large, or the search cannot correct it."""
     missing = {}
     for finding in certificate.unproved:
         if finding.kind in CONSEQUENCES:
             continue
-        if finding.bound is None or finding.limit is None or not _is_mended(finding):
+        if finding.bound is None or finding.limit is None or not _is_correctable(finding):
             return None
-        lacking = abs(finding.bound - finding.limit)
+        shortfall = abs(finding.bound - finding.limit)
         scale = finding.limit if finding.kind in RELATIVE else 1.0
-        if not lacking <= HAIR * scale:
+        if not shortfall <= LARGEST_SHORTFALL * scale:
             return None
-        missing[finding.kind, finding.subject] = lacking
+        missing[finding.kind, finding.subject] = shortfall
     return missing or None
 
 
-def _is_mended(finding: Finding) -> bool:
-    return finding.kind in MENDED or (finding.kind, finding.subject) == ORIENTATION
+def _is_correctable(finding: Finding) -> bool:
+    return finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
 
 
 def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
-    """Return the problem with limits and margins tighter by what is missing, and the goal shifted by ``turn``, rad."""
+    """Return the problem with limits and margins tighter by the shortfalls, and the goal turned by ``turn``, rad."""
 
     def more(kind: Kind, *subject: str | int) -> float:
-        return BEYOND * missing.get((kind, subject), 0.0)
+        return TIGHTENING * missing.get((kind, subject), 0.0)
 
     def less(kind: Kind, names: Sequence[str], values: Array) -> dict[str, float]:
         return {name: value - more(kind, name) for name, value in zip(names, values, strict=True)}

@@ -12,42 +12,20 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.tables import LIMIT_TABLE, LimitKey
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
-Kind: TypeAlias = Literal[
-    LimitKey,
-    "start",
-    "goal",
-    "takeoff",
-    "landing",
-    "position",
-    "generalized_torque",
-    "motor",
-    "obstacle",
-    "self_clearance",
-    "ground",
-    "mesh",
-    "recorded",
-    "stated",
-]
+Kind: TypeAlias = str
 Subject: TypeAlias = tuple[str | int, ...]
 
-LABELS: Mapping[Kind, str] = {
+LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, with spaces between
     "start": "start.{}",
     "goal": "goal.{}",
     "takeoff": "takeoff.{}",
     "landing": "landing.{}",
-    "position": "position {}",
-    **{key: key if row.of == "base" else f"{key} {{}}" for key, row in LIMIT_TABLE.items()},
-    "generalized_torque": "generalized_torque {}",
-    "motor": "motor {}",
+    "stated": "{}.{}",
     "obstacle": "obstacles[{}] {}",
     "self_clearance": "self_clearance {} {}",
-    "ground": "ground",
     "mesh": "hash of mesh {}",
-    "recorded": "recorded {}",
-    "stated": "{}",  # the last: it fits every label
 }
 
 
@@ -58,9 +36,10 @@ class Finding:
     Attributes
     ----------
     kind : which constraint
-        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "position" to "orientation_rate" are
-        limits, "obstacle" to "mesh" belong to clearances; "recorded" is what the file claims of the motion, and
-        "stated" a number that the file gives twice.
+        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "position", "velocity", "torque",
+        "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle", "self_clearance", "ground" and
+        "mesh" belong to clearances; "recorded" is what the file claims of the motion, "stated" and "angular_momentum"
+        are numbers that the file gives twice.
     subject : whose
         The joint, the obstacle's index and kind, both links, the mesh file, or the quantity's key; empty where the kind
         says everything.
@@ -82,7 +61,8 @@ class Finding:
     @property
     def label(self) -> str:
         """The constraint's name for a person."""
-        return LABELS[self.kind].format(*self.subject)
+        template = LABELS.get(self.kind, " ".join((self.kind, *("{}" for _ in self.subject))))
+        return template.format(*self.subject)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers; ``gap`` only where undecided."""
@@ -195,11 +175,13 @@ def worst(findings: Sequence[Finding]) -> Verdict:
 def _constraint(label: str) -> tuple[Kind, Subject]:
     """The kind and the subject that a label was made from."""
     for kind, template in LABELS.items():
-        match = re.fullmatch(re.escape(template).replace(r"\{\}", "(.+?)"), label, re.DOTALL)
+        word = r"(\w+)" if kind == "stated" else "(.+?)"
+        match = re.fullmatch(re.escape(template).replace(r"\{\}", word), label, re.DOTALL)
         if match:
             words: Subject = match.groups()
             return kind, (int(words[0]), *words[1:]) if kind == "obstacle" else words
-    raise ValueError("the label of a finding is empty")
+    kind, *rest = label.split(" ", 1)
+    return kind, tuple(rest)
 
 
 def _verdict(value: Any) -> Verdict:

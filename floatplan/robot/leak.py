@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import choose_joints
 from floatplan.robot.planar.mirror import mirror_couplings
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.planar.model_check import sample_postures
 from floatplan.robot.robot import Robot
 
@@ -106,7 +106,7 @@ def out_of_plane_momentum(robot: Robot, positions: Array, velocities: Array, ori
     momenta = np.empty((len(positions), 2))
     for row, (position, velocity, rate) in enumerate(zip(positions, velocities, orientation_rates, strict=True)):
         full = _angular_map(robot, data, position)
-        momenta[row] = _plane_axes(robot) @ (full[:, BASE - 1] * rate + full @ robot.selection @ velocity)
+        momenta[row] = _plane_axes(robot) @ (full[:, BASE_COORDINATES - 1] * rate + full @ robot.selection @ velocity)
     return momenta
 
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 
 Torques: TypeAlias = Callable[[float, Array, Array], Array]  # time, positions, velocities (3 + m,) -> (m,)
 
@@ -44,7 +44,7 @@ def fly_pinocchio(
 
     def rate(time: float, state: Array) -> Array:
         positions, velocities = state[: model.nv], state[model.nv :]
-        forces[BASE:] = torques(time, positions, velocities)
+        forces[BASE_COORDINATES:] = torques(time, positions, velocities)
         return np.concatenate((velocities, pin.aba(model, data, positions, velocities, forces)))
 
     flown = solve_ivp(

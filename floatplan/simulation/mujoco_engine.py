@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.forward import Torques
 from floatplan.simulation.mujoco_model import import_mujoco
 
@@ -40,7 +40,7 @@ def fly_mujoco(
     data = mujoco.MjData(model)
     positions, velocities, accelerations, forces = data.qpos, data.qvel, data.qacc, data.qfrc_applied  # views
     coordinates = np.array(order)
-    joints = coordinates[BASE:]
+    joints = coordinates[BASE_COORDINATES:]
 
     def rate(time: float, state: Array, out: Array) -> None:
         """Velocities and accelerations (2, 3 + m) from positions and velocities."""

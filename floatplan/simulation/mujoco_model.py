@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from floatplan.errors import InputError
 from floatplan.optional import import_optional
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink
 from floatplan.simulation.reduced_model import ReducedModel
@@ -42,7 +42,7 @@ def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: floa
     rows = {f"joint{index}": name for index, name in enumerate(robot.model.names)}
     of_name = {rows.get(model.joint(j).name, model.joint(j).name): int(model.jnt_qposadr[j]) for j in range(model.njnt)}
     base = ["base_horizontal", "base_vertical", "base_orientation"]
-    return model, [of_name[name] for name in [*base, *list(reduced.model.names)[BASE + 1 :]]]
+    return model, [of_name[name] for name in [*base, *list(reduced.model.names)[BASE_COORDINATES + 1 :]]]
 
 
 def _release(mujoco: ModuleType, spec: Any, robot: Robot, gravity: float, step: float) -> None:

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.plans.record import PlanRecord
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.reduced_model import ReducedModel
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
@@ -67,18 +67,18 @@ class RecordedMotion:
     def base_velocity(self, state: ModelState, angular_momentum: float) -> tuple[Array, float]:
         """Velocity (3,) of the base that gives no momentum but the angular, and d orientation rate / d h."""
         inverse, coupling = self._base_rows(state)
-        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE:]
-        return inverse @ momentum, float(inverse[BASE - 1, BASE - 1])
+        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
+        return inverse @ momentum, float(inverse[BASE_COORDINATES - 1, BASE_COORDINATES - 1])
 
     def _base_rows(self, state: ModelState) -> tuple[Array, Array]:
         """First rows of the inertia matrix: the inverse of the base's part (3, 3), and the joints' part (3, m).
 
         The rows give the momenta along the plane's axes and about the base's origin.
         """
-        rows = pin.crba(self._model, self._data, state.positions)[:BASE]  # only its upper triangle counts
-        base = rows[:, :BASE].copy()
+        rows = pin.crba(self._model, self._data, state.positions)[:BASE_COORDINATES]  # only its upper triangle counts
+        base = rows[:, :BASE_COORDINATES].copy()
         base[1, 0], base[2, 0], base[2, 1] = base[0, 1], base[0, 2], base[1, 2]
-        return np.linalg.inv(base), rows[:, BASE:]
+        return np.linalg.inv(base), rows[:, BASE_COORDINATES:]
 
     def torques(self, time: float) -> Array:
         """Torques (m,) of all joints, coupled ones each with their own, N m.
@@ -87,19 +87,19 @@ class RecordedMotion:
         """
         state = self.joints(time)
         inverse, coupling = self._base_rows(state)
-        momentum = np.array([0.0, 0.0, self.record.angular_momentum]) - coupling @ state.velocities[BASE:]
-        state.velocities[:BASE] = inverse @ momentum
+        momentum = np.array([0.0, 0.0, self.record.angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
+        state.velocities[:BASE_COORDINATES] = inverse @ momentum
         forces = pin.rnea(self._model, self._data, state.positions, state.velocities, state.accelerations)
-        return np.asarray(forces[BASE:] - coupling.T @ (inverse @ forces[:BASE]))
+        return np.asarray(forces[BASE_COORDINATES:] - coupling.T @ (inverse @ forces[:BASE_COORDINATES]))
 
     def takeoff(self, angular_momentum: float) -> tuple[Array, Array]:
         """Positions and velocities (3 + m,) at time zero, in the world."""
         state = self.joints(0.0)
-        state.positions[BASE - 1] = self.record.orientation["start"]
-        state.velocities[:BASE], _ = self.base_velocity(state, angular_momentum)
-        state.velocities[: BASE - 1] += np.asarray(self.record.com["velocity0"])
+        state.positions[BASE_COORDINATES - 1] = self.record.orientation["start"]
+        state.velocities[:BASE_COORDINATES], _ = self.base_velocity(state, angular_momentum)
+        state.velocities[: BASE_COORDINATES - 1] += np.asarray(self.record.com["velocity0"])
         com = self.reduced.axes @ pin.centerOfMass(self._model, self._data, state.positions)
-        state.positions[: BASE - 1] = np.asarray(self.record.com["position0"]) - com
+        state.positions[: BASE_COORDINATES - 1] = np.asarray(self.record.com["position0"]) - com
         return np.asarray(state.positions), np.asarray(state.velocities)
 
     def com_position(self, time: float) -> Array:
@@ -123,7 +123,7 @@ class RecordedMotion:
             for node, weight in zip(nodes, weights, strict=True):
                 state = self.joints(began + half * (1 + node))
                 velocity, per_momentum = self.base_velocity(state, self.record.angular_momentum)
-                orientation += half * weight * velocity[BASE - 1]
+                orientation += half * weight * velocity[BASE_COORDINATES - 1]
                 sensitivity += half * weight * per_momentum
             began = float(time)
             orientations.append(orientation)

@@ -21,7 +21,7 @@ from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import recorded_robot
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
@@ -160,7 +160,9 @@ def replay(
     motion = RecordedMotion(record, reduced)
     takeoff = motion.takeoff(record.angular_momentum * (1.0 + disturbance.h))
     control = None if feedback is None else feedback_of(reduced, takeoff[0], feedback)
-    joint_torques = _JointTorques(motion, disturbance.factors(reduced.model.nv - BASE, disturbance.torque), control)
+    joint_torques = _JointTorques(
+        motion, disturbance.factors(reduced.model.nv - BASE_COORDINATES, disturbance.torque), control
+    )
     times = record.duration * np.arange(1, PANELS + 1) / PANELS
     model = disturbance.disturbed(reduced)
     if engine == "pinocchio":
@@ -171,7 +173,7 @@ def replay(
     growth, sensitivity = _growth(motion, flown[0], times)
     return Replay(
         engine=engine,
-        orientation_error=abs(float(flown[0][-1, BASE - 1]) - float(record.orientation["goal"])),
+        orientation_error=abs(float(flown[0][-1, BASE_COORDINATES - 1]) - float(record.orientation["goal"])),
         position_error=_landing_errors(record, reduced, flown[0][-1]),
         com_error=float(growth.com[-1]),
         momentum_drift=_momentum_drift(model, states),
@@ -205,7 +207,7 @@ class _JointTorques:
         if self.feedback is not None:
             target = self.motion.joints(time)
             torques = torques + self.feedback.torques(
-                (target.positions - positions)[BASE:], (target.velocities - velocities)[BASE:]
+                (target.positions - positions)[BASE_COORDINATES:], (target.velocities - velocities)[BASE_COORDINATES:]
             )
         return np.asarray(self.factors * torques)
 
@@ -238,10 +240,10 @@ def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth,
     orientation, sensitivity = motion.orientation(times)
     joints, com = [], []
     for time, positions in zip(times, flown, strict=True):
-        joints.append(np.abs(motion.joints(float(time)).positions - positions)[BASE:].max())
+        joints.append(np.abs(motion.joints(float(time)).positions - positions)[BASE_COORDINATES:].max())
         place = reduced.axes @ pin.centerOfMass(reduced.model, data, positions)
         com.append(np.linalg.norm(place - motion.com_position(float(time))))
-    off = np.abs(flown[:, BASE - 1] - orientation)
+    off = np.abs(flown[:, BASE_COORDINATES - 1] - orientation)
     return Growth(read_only(times), read_only(off), read_only(joints), read_only(com)), sensitivity
 
 
@@ -258,7 +260,7 @@ def _momentum_drift(model: Any, states: Any) -> float:
     momenta = []
     for positions, velocities in states:
         angular = pin.computeCentroidalMomentum(model, data, positions, velocities).angular
-        momenta.append(angular @ data.oMi[BASE].rotation @ _base_axis(model))
+        momenta.append(angular @ data.oMi[BASE_COORDINATES].rotation @ _base_axis(model))
     return float(np.abs(np.array(momenta) - momenta[0]).max())
 
 
@@ -266,4 +268,4 @@ def _base_axis(model: Any) -> Array:
     """The normal (3,), which the base turns about."""
     data = model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
-    return np.asarray(pin.getJointJacobian(model, data, BASE, pin.LOCAL)[3:, BASE - 1])
+    return np.asarray(pin.getJointJacobian(model, data, BASE_COORDINATES, pin.LOCAL)[3:, BASE_COORDINATES - 1])

@@ -107,13 +107,6 @@ def _placed(plan: Plan, times: Array, com: ComplexArray, orientation: Array, pos
     )
 
 
-def clearance_ceiling(plan: Plan, distances: Array) -> float:
-    """Return where an axis of distances, m, ends: what is far away is cut off, since the picture is of the passage."""
-    most = float(distances[np.isfinite(distances)].max(initial=0.0))
-    near = max(robot_size(plan) / 2, *(4 * obstacle.margin for obstacle in plan.problem.obstacles))
-    return min(1.05 * most, near) or 1.0
-
-
 def stadium(start: complex, end: complex, radius: float) -> Array:
     """Outline (points, 2) of all points within ``radius`` of a segment, m."""
     along = np.angle(end - start) if end != start else 0.0

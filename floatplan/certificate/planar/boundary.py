@@ -8,16 +8,16 @@ from typing import Any
 import flint
 import numpy as np
 
-from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import PRECISION, Balls
+from floatplan.certificate.findings import SAME, near
 from floatplan.certificate.planar.flight import FlightModel
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.shapes import turned
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.verdicts import Finding, Kind
+from floatplan.plans.verdicts import Finding, Kind, Subject
 from floatplan.tolerances import BOUNDARY, ORIENTATION, PLACE
 
-ENDS: tuple[Kind, ...] = ("start", "goal")
+ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")
 
 
@@ -28,7 +28,7 @@ def boundary_findings(record: PlanRecord) -> list[Finding]:
         states = _joint_states(record, instant)
         for quantity, values, tolerance in zip(QUANTITIES, states, BOUNDARY, strict=True):
             wanted = _listed(record, record.problem[end], end, quantity)
-            found.append(say.near(end, (quantity,), values, wanted, tolerance, instant))
+            found.append(near(end, (quantity,), values, wanted, tolerance, instant))
     return found
 
 
@@ -63,10 +63,10 @@ def orientation_findings(record: PlanRecord, flight: FlightModel) -> tuple[list[
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
     found = [
-        say.near("goal", ("orientation",), last, [goal], ORIENTATION, record.duration),
-        _same("orientation.start", recorded["start"], start, 0.0),
-        _same("orientation.goal", recorded["goal"], goal, record.duration),
-        say.near("recorded", ("orientation.end",), last, [recorded["end"]], ORIENTATION, record.duration),
+        near("goal", ("orientation",), last, [goal], ORIENTATION, record.duration),
+        _same("stated", ("orientation", "start"), recorded["start"], start, 0.0),
+        _same("stated", ("orientation", "goal"), recorded["goal"], goal, record.duration),
+        near("recorded", ("orientation.end",), last, [recorded["end"]], ORIENTATION, record.duration),
     ]
     return found, last
 
@@ -78,13 +78,13 @@ def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightModel)
     place = _frame_place(robot, record, flight, takeoff["frame"], last=False)
     landed = _frame_place(robot, record, flight, landing["frame"], last=True)
     found = [
-        say.near("takeoff", ("position",), place, takeoff["position"], PLACE, 0.0),
-        say.near("landing", ("height",), landed[1:], [landing["height"]], PLACE, duration),
-        _same("com.gravity", com["gravity"], asked["gravity"], None),
-        _same("com.velocity0", com["velocity0"][0], asked["horizontal_velocity"], 0.0),
+        near("takeoff", ("position",), place, takeoff["position"], PLACE, 0.0),
+        near("landing", ("height",), landed[1:], [landing["height"]], PLACE, duration),
+        _same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
+        _same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
     if not isinstance(asked["angular_momentum"], str):
-        found.append(_same("angular_momentum", record.angular_momentum, asked["angular_momentum"], None))
+        found.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
     return found
 
 
@@ -113,7 +113,7 @@ def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, fr
         return Balls.from_arb([values[0], robot.sigma * values[1]], (2,))
 
 
-def _same(key: str, number: float, other: float, instant: float | None) -> Finding:
+def _same(kind: Kind, subject: Subject, number: float, other: float, instant: float | None) -> Finding:
     """Two numbers of the file that should be one."""
     scale = max(1.0, abs(number), abs(other))
-    return say.near("stated", (key,), Balls.exact([number]), [other], say.SAME * scale, instant)
+    return near(kind, subject, Balls.exact([number]), [other], SAME * scale, instant)

@@ -11,10 +11,10 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate import findings as say
 from floatplan.certificate.bernstein import bernstein, magnitude
 from floatplan.certificate.branch_and_bound import Forms, Goal, Items, Minimum, smallest
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor, stack
+from floatplan.certificate.findings import RECORDED_PEAK, at_most
 from floatplan.certificate.planar.flight import FlightModel
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.errors import InputError
@@ -154,7 +154,7 @@ def limit_findings(found: list[Quantity], flight: FlightModel) -> tuple[list[Fin
     items = Items.whole_cells([bernstein(models)], np.arange(len(flight.cells)))
     peaks = smallest(items, groups, _below, _at_point, goal, flight.cells)
     said = [
-        say.at_most(q.kind, q.subject, -peak.bound, -peak.attained, q.limit, tolerance, peak.instant)
+        at_most(q.kind, q.subject, -peak.bound, -peak.attained, q.limit, tolerance, peak.instant)
         for q, peak, tolerance in zip(found, peaks, tolerances.tolist(), strict=True)
         if q.limit != math.inf
     ]
@@ -165,11 +165,11 @@ def recorded_peaks(name: str, recorded: Array, peaks: list[Minimum]) -> Finding:
     """Whether the peaks that the file claims are those enclosed."""
     upper = np.array([-peak.bound for peak in peaks])
     lower = np.array([-peak.attained for peak in peaks])
-    scale = say.RECORDED_PEAK * np.maximum(upper, 1e-3)
+    scale = RECORDED_PEAK * np.maximum(upper, 1e-3)
     largest = np.maximum(np.abs(recorded - upper), np.abs(recorded - lower)) / scale
     smallest_ = np.maximum(0.0, np.maximum(recorded - upper, lower - recorded)) / scale
-    factor = say.RECORDED_PEAK
-    return say.at_most(
+    factor = RECORDED_PEAK
+    return at_most(
         "recorded", (name,), float(largest.max()) * factor, float(smallest_.max()) * factor, 0.0, factor, None
     )
 

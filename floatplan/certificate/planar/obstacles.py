@@ -11,10 +11,10 @@ import flint
 import numpy as np
 
 from floatplan.arrays import IntArray
-from floatplan.certificate import findings as say
 from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
 from floatplan.certificate.cells import ORDER, path
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
+from floatplan.certificate.findings import at_least
 from floatplan.certificate.planar.boundary import com_polynomials
 from floatplan.certificate.planar.clearance import (
     PlanePoints,
@@ -50,7 +50,7 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Sky:
+class Surroundings:
     """The flight, the placed shapes and the mirror sign: what every obstacle is compared with."""
 
     record: PlanRecord
@@ -85,31 +85,40 @@ class Sky:
             return path([x * normal[0] + y * normal[1]], self.flight.cells)
 
 
-def obstacle_finding(sky: Sky, index: int, obstacle: Mapping[str, Any]) -> tuple[Finding, Minimum]:
+def obstacle_finding(surroundings: Surroundings, index: int, obstacle: Mapping[str, Any]) -> tuple[Finding, Minimum]:
     """Clearance of all links to one obstacle while it exists."""
     for key in ("radius", "margin"):
         if not 0.0 <= float(obstacle.get(key) or 0.0) < math.inf:
             raise ValueError(f"obstacles[{index}].{key} is negative")
-    separation = SEPARATIONS[obstacle["kind"]](sky, obstacle, obstacle.get("velocity") or (0.0, 0.0))
+    separation = SEPARATIONS[obstacle["kind"]](surroundings, obstacle, obstacle.get("velocity") or (0.0, 0.0))
     window = obstacle.get("window")
     margin = float(obstacle.get("margin") or 0.0)
-    return _finding(sky, "obstacle", (index, obstacle["kind"]), separation, _existing(sky, window), margin)
+    return _finding(
+        surroundings, "obstacle", (index, obstacle["kind"]), separation, _existing(surroundings, window), margin
+    )
 
 
-def ground_finding(sky: Sky, robot: PlanarRobot) -> Finding:
+def ground_finding(surroundings: Surroundings, robot: PlanarRobot) -> Finding:
     """Height of all links over the horizontal line through the lowest point of the link that takes off, at t = 0."""
     with flint.ctx.workprec(PRECISION):
-        up = (flint.arb(0), flint.arb(sky.sigma))
+        up = (flint.arb(0), flint.arb(surroundings.sigma))
 
     def above(level: float, shapes: PlacedShapes) -> PlanePoints:
-        return heights(shapes, sky.direction(up), sky.height_offset((0.0, level), (0.0, 0.0), up))
+        return heights(shapes, surroundings.direction(up), surroundings.height_offset((0.0, level), (0.0, 0.0), up))
 
-    frame = sky.record.problem["flight"]["takeoff"]["frame"]
-    standing = _standing(sky.shapes, robot.carriers[frame])
-    level = sky.record.problem["flight"]["takeoff"]["position"][1]
+    frame = surroundings.record.problem["flight"]["takeoff"]["frame"]
+    standing = _standing(surroundings.shapes, robot.carriers[frame])
+    level = surroundings.record.problem["flight"]["takeoff"]["position"][1]
     if standing:
-        level = above(0.0, sky.shapes.only(standing)).least_at_start()
-    return _finding(sky, "ground", (), Separation(above(level, sky.shapes)), np.arange(len(sky.flight.cells)), 0.0)[0]
+        level = above(0.0, surroundings.shapes.only(standing)).least_at_start()
+    return _finding(
+        surroundings,
+        "ground",
+        (),
+        Separation(above(level, surroundings.shapes)),
+        np.arange(len(surroundings.flight.cells)),
+        0.0,
+    )[0]
 
 
 def _standing(shapes: PlacedShapes, carriers: Sequence[str]) -> list[int]:
@@ -118,10 +127,10 @@ def _standing(shapes: PlacedShapes, carriers: Sequence[str]) -> list[int]:
     return next((indices for indices in found if indices), [])
 
 
-def self_finding(sky: Sky, pair: Mapping[str, Any]) -> Finding:
+def self_finding(surroundings: Surroundings, pair: Mapping[str, Any]) -> Finding:
     """Clearance between two links."""
     first, second = (
-        sky.shapes.only([i for i, shape in enumerate(sky.shapes.shapes) if shape.link == link])
+        surroundings.shapes.only([i for i, shape in enumerate(surroundings.shapes.shapes) if shape.link == link])
         for link in pair["links"]
     )
     if not first.shapes or not second.shapes:
@@ -133,9 +142,11 @@ def self_finding(sky: Sky, pair: Mapping[str, Any]) -> Finding:
             ends = (_ends_to(first.only([i]), second.only([j])), _ends_to(second.only([j]), first.only([i])))
             sets += ends
             crossings.append(ends)
-    cells = np.arange(len(sky.flight.cells))
+    cells = np.arange(len(surroundings.flight.cells))
     separation = Separation(join_pairs(sets), tuple(crossings))
-    return _finding(sky, "self_clearance", tuple(pair["links"]), separation, cells, float(pair.get("margin") or 0.0))[0]
+    return _finding(
+        surroundings, "self_clearance", tuple(pair["links"]), separation, cells, float(pair.get("margin") or 0.0)
+    )[0]
 
 
 def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
@@ -144,30 +155,30 @@ def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
     return join_pairs([points_to_shapes(points, other, radius) for points in (one.start, one.end)])
 
 
-def _circle(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
-    center = sky.seen(obstacle["center"], velocity)
-    return Separation(points_to_shapes(center, sky.shapes, float(obstacle["radius"])))
+def _circle(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    center = surroundings.seen(obstacle["center"], velocity)
+    return Separation(points_to_shapes(center, surroundings.shapes, float(obstacle["radius"])))
 
 
-def _half_plane(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+def _half_plane(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
     with flint.ctx.workprec(PRECISION):
         x, y = (flint.arb(float(part)) for part in obstacle["normal"])
         length = (x * x + y * y).sqrt()
-        normal = (x / length, sky.sigma * y / length)
-    offset = sky.height_offset(obstacle["point"], velocity, normal)
-    return Separation(heights(sky.shapes, sky.direction(normal), offset))
+        normal = (x / length, surroundings.sigma * y / length)
+    offset = surroundings.height_offset(obstacle["point"], velocity, normal)
+    return Separation(heights(surroundings.shapes, surroundings.direction(normal), offset))
 
 
-def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
-    radius, count = float(obstacle["radius"]), len(sky.shapes.shapes)
+def _bar(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+    radius, count = float(obstacle["radius"]), len(surroundings.shapes.shapes)
     with flint.ctx.workprec(PRECISION):
         first, last = ([flint.arb(float(part)) for part in obstacle[end]] for end in ("start", "end"))
-        along = (last[0] - first[0], sky.sigma * (last[1] - first[1]))
+        along = (last[0] - first[0], surroundings.sigma * (last[1] - first[1]))
         length = (along[0] * along[0] + along[1] * along[1]).sqrt()
         unit = (along[0] / length, along[1] / length) if length > 0 else (flint.arb(1), flint.arb(0))
-    start, end = (sky.seen(obstacle[name], velocity) for name in ("start", "end"))
-    of_start, of_end = (points_to_shapes(point, sky.shapes, radius) for point in (start, end))
-    of_shapes = shapes_to_segment(sky.shapes, start, sky.direction(unit), length, radius)
+    start, end = (surroundings.seen(obstacle[name], velocity) for name in ("start", "end"))
+    of_start, of_end = (points_to_shapes(point, surroundings.shapes, radius) for point in (start, end))
+    of_shapes = shapes_to_segment(surroundings.shapes, start, surroundings.direction(unit), length, radius)
     crossings = tuple(
         (join_pairs([only_pairs(of_start, [i]), only_pairs(of_end, [i])]), only_pairs(of_shapes, [i, count + i]))
         for i in range(count)
@@ -175,16 +186,16 @@ def _bar(sky: Sky, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
     return Separation(join_pairs([of_start, of_end, of_shapes]), crossings)
 
 
-SEPARATIONS: dict[str, Callable[[Sky, Mapping[str, Any], Any], Separation]] = {
+SEPARATIONS: dict[str, Callable[[Surroundings, Mapping[str, Any], Any], Separation]] = {
     "circle": _circle,
     "half-plane": _half_plane,
     "capsule": _bar,
 }
 
 
-def _existing(sky: Sky, window: Any) -> IntArray:
+def _existing(surroundings: Surroundings, window: Any) -> IntArray:
     """Cells in which an obstacle exists: cells end where windows do, and a window of one instant is one."""
-    cells = sky.flight.cells
+    cells = surroundings.flight.cells
     if window is None:
         return np.arange(len(cells))
     first, last = float(window[0]), float(window[1])
@@ -194,20 +205,20 @@ def _existing(sky: Sky, window: Any) -> IntArray:
 
 
 def _finding(
-    sky: Sky, kind: Kind, subject: Subject, separation: Separation, cells: IntArray, margin: float
+    surroundings: Surroundings, kind: Kind, subject: Subject, separation: Separation, cells: IntArray, margin: float
 ) -> tuple[Finding, Minimum]:
     pairs = separation.pairs
     members = len(pairs.radius.mid)
     goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
     groups = np.zeros(members, dtype=np.int64)
-    least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, sky.flight.cells)[0]
-    finding = say.at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
+    least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, surroundings.flight.cells)[0]
+    finding = at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
     if finding.verdict != "proved" or len(cells) == 0:
         return finding, least
     verdict = _uncrossed(separation, int(cells[0]), least)
     if verdict == "proved":
         return finding, least
-    crossing = Minimum(-math.inf, 0.0, float(sky.flight.cells.low[cells[0]]), 0)
+    crossing = Minimum(-math.inf, 0.0, float(surroundings.flight.cells.low[cells[0]]), 0)
     return Finding(kind, subject, verdict, 0.0, crossing.instant, margin, margin), crossing
 
 

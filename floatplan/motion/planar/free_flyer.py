@@ -23,7 +23,7 @@ import pinocchio as pin
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
 from floatplan.motion.planar.full_motion import FullMotion
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 
 FREE_FLYER = 6  # velocities of the free flyer; its configuration has one number more

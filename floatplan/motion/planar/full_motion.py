@@ -10,7 +10,7 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.motion.flight_state import FlightState
 from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from floatplan.robot.parts import Coupling
 from floatplan.robot.planar.choice import Choice
 from floatplan.robot.urdf.tree import Origin, UrdfJoint, UrdfLink, UrdfTree
 
-BASE = 3  # coordinates of the planar free-flyer: horizontal, vertical, orientation
+BASE_COORDINATES = 3
 ATTRIBUTE = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 )

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 
 POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
 LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
@@ -31,9 +31,9 @@ def check_model(model: Any, reference: Array, selection: Array, joints: tuple[st
     InputError
         If the robot has no mass, or a planned joint moves none.
     """
-    moving = np.zeros((model.nv, BASE + len(joints)))
-    moving[:BASE, :BASE] = np.eye(BASE)
-    moving[:, BASE:] = selection
+    moving = np.zeros((model.nv, BASE_COORDINATES + len(joints)))
+    moving[:BASE_COORDINATES, :BASE_COORDINATES] = np.eye(BASE_COORDINATES)
+    moving[:, BASE_COORDINATES:] = selection
     data = model.createData()
     for positions in sample_postures(limits, POSTURES, Random(0)):
         upper = np.triu(pin.crba(model, data, reference + selection @ positions))
@@ -66,8 +66,8 @@ def _check_mass_matrix(mass_matrix: Array, joints: tuple[str, ...]) -> None:
         values, vectors = np.linalg.eigh(scale[:, None] * mass_matrix * scale)
         if values[0] > LEAST_EIGENVALUE:
             return
-        culprit = int(np.argmax(abs(vectors[BASE:, 0])))
+        culprit = int(np.argmax(abs(vectors[BASE_COORDINATES:, 0])))
     else:
-        culprit = int(np.argmin(diagonal[BASE:]))
+        culprit = int(np.argmin(diagonal[BASE_COORDINATES:]))
     reason = "moves no inertia of its own: the mass matrix is singular"
     raise InputError(reason, element=f'joint "{joints[culprit]}"', advice="give the links beyond it mass, or lock it")

@@ -19,7 +19,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.motors import available_torques, motor_colours, shown_motors
-from floatplan.view.postures import clearance_ceiling
+from floatplan.view.postures import robot_size
 from floatplan.view.style import (
     ALARM,
     COLUMN,
@@ -163,13 +163,14 @@ def clearance(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     figure, (axes,) = _time_figure(flown.plan, 1)
     obstacles = flown.plan.problem.obstacles
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
-    drawn: list[list[Array]] = []
+    least, most = np.full(len(obstacles), np.inf), 0.0
     for each, style, strength in _layers(flown, other):
-        drawn.append([each.plan.clearances(each.times, [obstacle]) for obstacle in obstacles])
-        for distances, colour in zip(drawn[-1], colours, strict=True):
+        for index, (obstacle, colour) in enumerate(zip(obstacles, colours, strict=True)):
+            distances = each.plan.clearances(each.times, [obstacle])
             axes.plot(each.times, distances, color=faded(colour, strength), **style)
-    distances = np.concatenate(drawn, axis=1)
-    least, top = distances.min(axis=1), clearance_ceiling(flown.plan, distances)
+            least[index] = min(least[index], distances.min())
+            most = distances.max(where=np.isfinite(distances), initial=most)
+    top = clearance_ceiling(flown.plan, most)
     bottom = min(1.1 * least.min(), -0.06 * top)
     axes.set(ylim=(bottom, top), ylabel="clearance (m)")
     axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
@@ -181,6 +182,12 @@ def clearance(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     proved = _draw_proved_clearances(axes, flown, colours)
     legend_above(figure, [*entries, (margin_mark, "margin"), *proved, *_plan_marks(flown, other)])
     return figure
+
+
+def clearance_ceiling(plan: Plan, largest: float) -> float:
+    """Return the upper end of a clearance axis, m: what is far away is cut off."""
+    margins = (4 * obstacle.margin for obstacle in plan.problem.obstacles)
+    return min(1.05 * largest, max([robot_size(plan) / 2, *margins])) or 1.0
 
 
 def obstacle_names(obstacles: tuple[Obstacle, ...]) -> list[str]:

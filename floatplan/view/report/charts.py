@@ -10,9 +10,8 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.tables import LimitRow
-from floatplan.view.figures.curves import NEAR, base_limit, drawn_limits, obstacle_names
+from floatplan.view.figures.curves import NEAR, base_limit, clearance_ceiling, drawn_limits, obstacle_names
 from floatplan.view.motors import available_torques, motor_colours, shown_motors
-from floatplan.view.postures import clearance_ceiling
 from floatplan.view.report.data import hex_colour, rounded, sample_grid
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, palette
 
@@ -70,11 +69,12 @@ def _momentum(plan: Plan) -> dict[str, Any]:
 
 
 def _clearance(plan: Plan, columns: Mapping[str, Array]) -> dict[str, Any]:
-    """Distances from each obstacle, and the margins."""
+    """What is far away is cut off: the chart is of the passage."""
     obstacles = plan.problem.obstacles
     keys = [f"clearance.{index}" for index in range(len(obstacles))]
     values = np.array([columns[key] for key in keys])
-    least, top = float(values.min(initial=0.0)), clearance_ceiling(plan, values)
+    most, least = values.max(where=np.isfinite(values), initial=0.0), values.min(initial=0.0)
+    top = clearance_ceiling(plan, most)
     colours = [OBSTACLES[index % len(OBSTACLES)] for index in range(len(obstacles))]
     series = [
         {"name": name, "colour": colour, "key": key}

@@ -15,7 +15,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
-from floatplan.robot.planar.model import BASE
+from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.meshes import find_mesh
 from floatplan.view.postures import posture_at
@@ -92,7 +92,7 @@ def mesh_robot(server: Any, plan: Plan, model: Any) -> Mover:
 def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
     """Return the position of every joint that moves, by name: planned, coupled and locked; rad or m."""
     full = robot.reference + robot.selection @ positions
-    return dict(zip(list(robot.model.names)[BASE + 1 :], full[BASE:].tolist(), strict=True))
+    return dict(zip(list(robot.model.names)[BASE_COORDINATES + 1 :], full[BASE_COORDINATES:].tolist(), strict=True))
 
 
 def capsule_robot(server: Any, plan: Plan) -> Mover:
