@@ -218,7 +218,7 @@ class Attempts:
         used = solution.evaluation.detail
         level = max(used.flown.level_needed(QUADRATURE_ERROR), self._level)
         motion = used
-        if self.model.flight.node_counts[level] > used.sampling.nodes:
+        if used.model is not self.model or self.model.flight.node_counts[level] > used.sampling.nodes:
             motion = trajectory(self.model, variables, self.model.nodes(level, variables.polynomials.width), solution.x)
         missed = max(map(abs, motion.residual[0].tolist()))
         if motion.flown.unresolved > UNRESOLVED:

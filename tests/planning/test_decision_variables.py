@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
+from floatplan.motion.planar.flight import momentum_set
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
 from floatplan.planning.transcription.variables import DecisionVariables
 
@@ -17,7 +18,8 @@ BOUNDS = (-2.0, 1.0)  # kg m^2/s
 def variables_of(problem: fp.Problem, degree: int | tuple[int, ...] = 7) -> DecisionVariables:
     problem = replace(problem, motion=fp.Motion(degree=degree))
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    return decision_variables(problem, sine_polynomials(problem, problem.degrees, branches), BOUNDS)
+    momentum = momentum_set(problem, BOUNDS)
+    return decision_variables(problem, sine_polynomials(problem, problem.degrees, branches), momentum)
 
 
 def with_free_momentum(problem: fp.Problem) -> fp.Problem:
@@ -43,16 +45,16 @@ def test_a_given_momentum_is_no_variable(problem):
     variables = variables_of(given)
     assert variables.size == variables.coefficients == 4
     for x in np.random.default_rng(2).normal(size=(3, variables.size)):
-        assert variables.angular_momentum(x) == -1.0
+        assert variables.angular_momentum(x).tolist() == [-1.0]
 
 
 def test_a_free_momentum_spans_its_bounds(problem):
     variables = variables_of(with_free_momentum(problem))
     x = variables.plain_motion()
     assert variables.size == variables.coefficients + 1
-    assert variables.angular_momentum(x) == pytest.approx(sum(BOUNDS) / 2)
+    assert variables.angular_momentum(x) == pytest.approx([sum(BOUNDS) / 2])
     for side, bound in zip((-1.0, 1.0), BOUNDS, strict=True):
-        assert variables.angular_momentum(np.append(x[:-1], side)) == pytest.approx(bound)
+        assert variables.angular_momentum(np.append(x[:-1], side)) == pytest.approx([bound])
 
 
 def test_the_plain_motion_has_no_free_part(problem):
@@ -76,12 +78,12 @@ def test_gradients_are_those_of_the_map(problem, degree, free):
     rng = np.random.default_rng(4)
     variables = variables_of(with_free_momentum(problem) if free else problem, degree)
     by_z = rng.normal(size=(3, *variables.polynomials.no_free_part.shape))
-    by_momentum = rng.normal(size=3)
+    by_momentum = rng.normal(size=(3, 1))
     x, step = rng.normal(size=(2, variables.size))
 
     def value(x):
         momentum = variables.angular_momentum(x)
-        return np.tensordot(by_z, variables.free_coefficients(x), 2) + by_momentum * momentum
+        return np.tensordot(by_z, variables.free_coefficients(x), 2) + by_momentum @ momentum
 
     gradient = variables.gradient(by_z, by_momentum)
     assert gradient.shape == (3, variables.size)

@@ -51,7 +51,8 @@ def flip() -> fp.Problem:
 @pytest.mark.parametrize(("torque", "known"), [(2.05, 6.7), (2.4, 3.88)])
 def test_limits_that_depend_on_h_hold_at_the_ends(flip: fp.Problem, torque: float, known: float) -> None:
     """Known are objectives with given h; with h free it was once infeasible, or 6.66."""
-    plan = fp.plan(replace(flip, limits=fp.Limits(velocity="urdf", torque={"FL_thigh_joint": torque})))
+    generalized = [torque if joint == "FL_thigh_joint" else np.inf for joint in flip.robot.joints]
+    plan = fp.plan(replace(flip, limits=fp.Limits(velocity="urdf", torque=generalized)))
     assert plan.ok, plan.explanation
     assert plan.objective_value < known
     index = plan.robot.joints.index("FL_thigh_joint")

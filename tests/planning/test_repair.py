@@ -178,7 +178,8 @@ class TestClosingTheGap:
         tighter = tightened(problem, {("orientation_rate", ()): 0.2}, 0.0).limits
         assert isinstance(tighter, MoreLimits)
         assert tighter.orientation_rate == pytest.approx(30.0 - 0.3, abs=1e-12)
-        kept = replace(tighter, velocity=limits.velocity, torque=limits.torque, motor=limits.motor)
+        of_joints = {key: getattr(limits, key) for key in problem.joint_limits}
+        kept = replace(tighter, **of_joints, torque=limits.torque, motor=limits.motor)
         assert replace(kept, orientation_rate=30.0) == limits
 
 
