@@ -72,8 +72,8 @@ class Evaluation(Generic[Detail]):
 
 def total_violation(equality: Array, inequality: Array) -> float:
     """Sum of what equalities (e,) and inequalities (k,) lack."""
-    lacking: float = sum(map(abs, equality.tolist()))
-    return lacking - float(np.minimum(inequality, 0).sum()) if inequality.size else lacking
+    violation: float = sum(map(abs, equality.tolist()))
+    return violation - float(np.minimum(inequality, 0).sum()) if inequality.size else violation
 
 
 AnyEvaluation: TypeAlias = Evaluation[Any]  # whose detail does not matter

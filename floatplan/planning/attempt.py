@@ -55,13 +55,13 @@ UNRESOLVED = 1e-6  # what the nodes may miss of a motion, relative to its size: 
 class Outcome:
     """Where an attempt ended.
 
-    ``lacking`` is the largest violation of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
+    ``violation`` is the largest one of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
     names what is minimised; ``work`` is what the attempt took, the drawing of its start included.
     """
 
     variables: DecisionVariables
     solution: Solution[Trajectory]
-    lacking: float
+    violation: float
     worst: Worst
     number: int
     degrees: tuple[int, ...]
@@ -71,7 +71,7 @@ class Outcome:
     @property
     def holds(self) -> bool:
         """Whether (14) and every constraint hold."""
-        return self.lacking <= 0
+        return self.violation <= 0
 
     @property
     def is_optimal(self) -> bool:
@@ -79,7 +79,7 @@ class Outcome:
         return self.holds and self.solution.status == "optimal"
 
     @property
-    def came_easily(self) -> bool:
+    def converged_quickly(self) -> bool:
         """Whether it is optimal, and took so few iterations that other starts promise little."""
         return self.is_optimal and self.solution.iterations <= EASY_ITERATIONS
 
@@ -92,13 +92,13 @@ class Outcome:
     @property
     def rank(self) -> tuple[float, float]:
         """Sorts outcomes: what holds before what does not, then by objective."""
-        return (self.lacking, self.objective_value)
+        return (self.violation, self.objective_value)
 
 
 def best(outcomes: Sequence[Outcome]) -> Outcome:
-    """Return the outcome of the lowest rank, the first of equals; only what lacks equally little is evaluated."""
-    least = min(outcome.lacking for outcome in outcomes)
-    nearest = [outcome for outcome in outcomes if outcome.lacking == least]
+    """Return the outcome of the lowest rank, the first of equals; objectives are evaluated only of equal violations."""
+    least = min(outcome.violation for outcome in outcomes)
+    nearest = [outcome for outcome in outcomes if outcome.violation == least]
     return min(nearest, key=lambda outcome: outcome.objective_value) if len(nearest) > 1 else nearest[0]
 
 
@@ -225,7 +225,9 @@ class Attempts:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, level, solution.x)
         kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
-        lacking = max(missed if missed > ORIENTATION else 0.0, float(-worst.value[worst.value < kept].min(initial=0.0)))
-        if lacking <= 0 and solution.status == "infeasible":
+        violation = max(
+            missed if missed > ORIENTATION else 0.0, float(-worst.value[worst.value < kept].min(initial=0.0))
+        )
+        if violation <= 0 and solution.status == "infeasible":
             solution = replace(solution, status="feasible")  # kept, though not as well inside as the search aims
-        return Outcome(variables, solution, lacking, worst, number, degrees, self.problem.motion.objective)
+        return Outcome(variables, solution, violation, worst, number, degrees, self.problem.motion.objective)

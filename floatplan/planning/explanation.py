@@ -15,7 +15,7 @@ from floatplan.planning.transcription.trajectory import sample_also, trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tolerances import ORIENTATION
 
-HARDLY = 1e-3  # of a row's scale: what lacks no more is nearly a plan
+NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
 def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
@@ -45,9 +45,9 @@ def explain(
 
 
 def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
-    """What would make a plan of a nearest motion that lacks next to nothing: more freedom is no answer to that."""
+    """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that."""
     best, missed = found.best, _missed_turn(prepared, found)
-    if not best.lacking < HARDLY:
+    if not best.violation < NEARLY:
         return []
     wishes = [f"the goal's orientation {missed:+.6g} rad further"] if missed else []
     for number, block in enumerate(prepared.constraints):
@@ -99,8 +99,8 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
             if exists[end] and values[end, row] < -block.tolerance:
                 amount = -values[end, row] * block.scale[row]
                 sentences.append(
-                    f"At {verb} the {name} itself is impossible: {block.labels[row]} lacks {amount:.4g} {block.unit}"
-                    f" ({block.cause_at(name)})."
+                    f"At {verb} the {name} itself is impossible: {block.labels[row]} is violated by"
+                    f" {amount:.4g} {block.unit} ({block.cause_at(name)})."
                 )
     return sentences
 
@@ -111,8 +111,9 @@ def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[st
     if isinstance(asked, str) or low <= asked <= high:
         return []
     return [
-        f"The asked angular momentum {asked:.6g} kg m^2/s lies outside the interval (9), [{low:.6g}, {high:.6g}]:"
-        f" that takes a joint, or the base, that turns back on its way; its midpoint (10) is {(low + high) / 2:.6g}."
+        f"The angular momentum {asked:.6g} kg m^2/s lies outside the interval for monotonic joints,"
+        f" [{low:.6g}, {high:.6g}]: that takes a joint, or the base, that turns back on its way;"
+        f" the interval's midpoint is {(low + high) / 2:.6g}."
     ]
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
-from floatplan.planning.starts import MOMENTUM_SHARES, Start
+from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
 from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
 
@@ -34,7 +34,7 @@ RAISED = 2  # [-] nearest motions of one degree that are starts at the next
 DEGREE_STEP = 2  # [-]
 HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
 SAME = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
-STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_SHARES)  # [-] where h is free, unless the best solutions agree before
+STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
 AGREEING = 3  # [-] best solutions that are the same motion, where h is free: then it is taken for the best there is
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
 WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
@@ -153,7 +153,7 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
     constrained = bool(prepared.constraints)
     if constrained and prepared.plain_start.variables.momentum.free:
         return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or _agree([outcomes[index] for index in solved])
-    if outcomes[0].came_easily or len(solved) >= WANTED_AFTER_FAILURE:
+    if outcomes[0].converged_quickly or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
         any(outcome.is_optimal for outcome in outcomes) or len(outcomes) - solved[0] > STARTS_AFTER_THE_FIRST

@@ -28,7 +28,16 @@ BATCH_LEVEL = 2  # of grids
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 SECANT_STEPS = 4
 STARTS_PER_BATCH = 2
-MOMENTUM_SHARES = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h, from its middle: plain starts
+MOMENTUM_FRACTIONS = (
+    -1.0,
+    1.0,
+    -0.5,
+    0.5,
+    -0.25,
+    0.25,
+    -0.75,
+    0.75,
+)  # of the reach of h, from its middle: plain starts
 APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
 
@@ -63,9 +72,9 @@ def starts(
     if momentum.free and constraints:
         coefficients = start.x[: start.variables.coefficients]
         for axis in np.eye(momentum.free):
-            for share in MOMENTUM_SHARES:
+            for fraction in MOMENTUM_FRACTIONS:
                 yield next(drawn)
-                yield replace(start, x=np.concatenate((coefficients, share * axis)))
+                yield replace(start, x=np.concatenate((coefficients, fraction * axis)))
     yield from drawn
 
 
@@ -141,8 +150,8 @@ def _crossings(
     low, high = drawn[a].copy(), drawn[b].copy()
     low_residual, high_residual = residual[a].copy(), residual[b].copy()
     for _ in range(SECANT_STEPS):
-        share = np.clip(low_residual / (low_residual - high_residual), 0.05, 0.95)
-        middle = low + share[:, None] * (high - low)
+        fraction = np.clip(low_residual / (low_residual - high_residual), 0.05, 0.95)
+        middle = low + fraction[:, None] * (high - low)
         together = trajectories(model, variables, BATCH_LEVEL, middle)
         middle_residual = together.residual[:, 0]
         above = middle_residual > 0
@@ -167,8 +176,8 @@ def _violations(together: Trajectory, constraints: tuple[Constraint, ...], motio
     """Sum over rows and nodes of squared violations (S,) of a batch."""
     total = np.zeros(motions)
     for block in constraints:
-        lacking = np.minimum(block.values(together), 0) * applies(block, together.s)[:, None]
-        total += (lacking**2).reshape(motions, -1).sum(axis=1)
+        violated = np.minimum(block.values(together), 0) * applies(block, together.s)[:, None]
+        total += (violated**2).reshape(motions, -1).sum(axis=1)
     return total
 
 

@@ -168,7 +168,7 @@ def _record(content: dict[str, Any]) -> PlanRecord:
             raise InputError("is missing", element=name)
     unknown = sorted(set(content) - known)
     if unknown:
-        raise InputError("is no key of a plan file", element=unknown[0])
+        raise InputError("must not be there: a plan file has no such key", element=unknown[0])
     values = dict(content)
     values["robot"] = _robot_record(content["robot"])
     n = len(values["robot"].joints)
@@ -207,7 +207,7 @@ def _robot_record(content: Any) -> RobotRecord:
     for name in ("urdf", "sha256", "plane"):
         _text(table[name], f"robot.{name}")
     if not isinstance(record.joints, list) or not all(isinstance(name, str) for name in record.joints):
-        raise InputError("is no list of names", element="robot.joints")
+        raise InputError("must be a list of names", element="robot.joints")
     for name, value in _table(record.locked, "robot.locked").items():
         _number(value, f"robot.locked.{name}")
     for name, coupling in _table(record.coupled, "robot.coupled").items():
@@ -236,7 +236,7 @@ def as_written(record: PlanRecord) -> PlanRecord:
 
 def _check_verdict(content: Mapping[str, Any]) -> None:
     if content["status"] not in STATUSES:
-        raise InputError(f"{content['status']!r} is none of {', '.join(STATUSES)}", element="status")
+        raise InputError(f"must be {' or '.join(map(repr, STATUSES))}, not {content['status']!r}", element="status")
     if not isinstance(content["ok"], bool):
         raise InputError(f"{content['ok']!r} is neither true nor false", element="ok")
     _text(content["explanation"], "explanation")
@@ -254,7 +254,7 @@ def _check_tables(content: Mapping[str, Any]) -> None:
             _numbers(table[key], f"{name}.{key}", (2,) if key in ("position0", "velocity0") else ())
         unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
         if unknown:
-            raise InputError("is no key of a plan file", element=f"{name}.{unknown[0]}")
+            raise InputError("must not be there: a plan file has no such key", element=f"{name}.{unknown[0]}")
     _text(content["objective"].get("name"), "objective.name")
     for name in ("certificate", "replay"):
         if content.get(name) is not None:
@@ -266,7 +266,7 @@ def _check_tables(content: Mapping[str, Any]) -> None:
 
 def _table(value: Any, element: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise InputError("is no table", element=element)
+        raise InputError("must be a table", element=element)
     return value
 
 
@@ -277,7 +277,7 @@ def _rows(value: Any, element: str) -> None:
 
 def _text(value: Any, element: str) -> None:
     if not isinstance(value, str):
-        raise InputError("is no text", element=element)
+        raise InputError("must be a text", element=element)
 
 
 def _number(value: Any, element: str) -> float:

@@ -130,4 +130,4 @@ def test_a_goal_beyond_it_is_impossible(free):
     goal = replace(free.problem.goal, accelerations=[5.0, 0.0])
     plan = fp.plan(limited(replace(free.problem, goal=goal), 4.0))
     assert not plan.ok
-    assert "At landing the goal itself is impossible: acceleration of q1 lacks 1 rad/s^2" in plan.explanation
+    assert "At landing the goal itself is impossible: acceleration of q1 is violated by 1 rad/s^2" in plan.explanation

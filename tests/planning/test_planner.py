@@ -267,7 +267,10 @@ def impossible(example_a, handstand, planned):
             limited(motor={"q1": fp.Motor(0.1 * float(peaks.torque[0]), 0.01)}),
             "speed-dependent torque of q1 is violated",
         ),
-        "h far outside (9)": (change(handstand, angular_momentum=40.0), "lies outside the interval (9)"),
+        "h far outside (9)": (
+            change(handstand, angular_momentum=40.0),
+            "lies outside the interval for monotonic joints",
+        ),
         "degree 5": (change(example_a, motion=fp.Motion(5)), "Degree 5 leaves nothing free to steer with"),
     }
 

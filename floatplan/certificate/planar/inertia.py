@@ -221,7 +221,7 @@ def _check_roles(urdf: Urdf, record: RobotRecord) -> None:
             raise InputError(f'joint "{name}" is prismatic and can only be locked', element="robot")
     for name, coupling in record.coupled.items():
         if not isinstance(coupling, Mapping) or coupling.get("leader") not in record.joints:
-            raise InputError("its leader is no planned joint", element=f"robot.coupled.{name}")
+            raise InputError("its leader must be a planned joint", element=f"robot.coupled.{name}")
 
 
 def _axes(plane: str) -> tuple[int, int]:
@@ -363,8 +363,8 @@ def _weights(bodies: list[_Body]) -> list[list[Any]]:
         raise InputError("has no mass")
     center = [body.moment / total for body in bodies]
     for body, row in zip(bodies, origins, strict=True):
-        share = body.mass / total
-        center = [entry + share * weight for entry, weight in zip(center, row, strict=True)]
+        fraction = body.mass / total
+        center = [entry + fraction * weight for entry, weight in zip(center, row, strict=True)]
     return [[weight - entry for weight, entry in zip(row, center, strict=True)] for row in origins]
 
 
@@ -372,7 +372,7 @@ def _inertia(bodies: list[_Body], weights: list[list[Any]]) -> ComplexBalls:
     """``C_ij = sum_parts m conj(w_i) w_j + delta_ij I_i``, over the parts (links) of all bodies.
 
     A part's weights are those of its body's origin, w, plus its place p in that body's own entry; so with a body's mass
-    m, first moment s and second moment k about its origin, its share is
+    m, first moment s and second moment k about its origin, its fraction is
     ``m conj(w_i) w_j + conj(s) w_j [i = b] + s conj(w_i) [j = b] + k [i = j = b]``.
     """
     count = len(bodies)

@@ -139,7 +139,7 @@ def _own_limits(robot: PlanarRobot, limits: Mapping[str, Any]) -> list[float]:
 
 def _motor(robot: PlanarRobot, name: str, key: str) -> int:
     if name not in robot.motors:
-        raise InputError("is no motor of the robot", element=f"problem.limits.{key}.{name}")
+        raise InputError("must be the name of one of the robot's motors", element=f"problem.limits.{key}.{name}")
     return robot.motors.index(name)
 
 

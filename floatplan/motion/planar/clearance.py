@@ -47,12 +47,12 @@ class Segments:
             self.turn,
         )
 
-    def gradient(self, direction: ComplexArray, share: Array) -> Array:
-        """Derivative (K, S, m) by the bodies' angles of the points at ``share`` (K, S) along the segments.
+    def gradient(self, direction: ComplexArray, fraction: Array) -> Array:
+        """Derivative (K, S, m) by the bodies' angles of the points at ``fraction`` (K, S) along the segments.
 
         Component along the unit vectors ``direction`` (K, S).
         """
-        weights = (1 - share)[..., None] * self.start_weights + share[..., None] * self.end_weights
+        weights = (1 - fraction)[..., None] * self.start_weights + fraction[..., None] * self.end_weights
         swing = (1j * self.turn) * self.rotations[:, None, :] * weights
         return np.asarray((direction.conj()[..., None] * swing).real)
 
@@ -86,20 +86,20 @@ class LinkShapes:
 class Distances:
     """Distances ``values`` (K, r) m between parts of the robot and something else, and where they change.
 
-    ``direction`` (K, r) are unit vectors out of the other thing, ``share`` (K, r) the nearest points along
+    ``direction`` (K, r) are unit vectors out of the other thing, ``fraction`` (K, r) the nearest points along
     ``segments``; ``other`` is where the other thing moves with the robot too.
     """
 
     values: Array
     segments: Segments
     direction: ComplexArray
-    share: Array
+    fraction: Array
     other: tuple[Segments, Array] | None = None
 
     @property
     def by_angle(self) -> Array:
         """Derivatives (K, r, m) by the bodies' angles, m."""
-        gradient = self.segments.gradient(self.direction, self.share)
+        gradient = self.segments.gradient(self.direction, self.fraction)
         return gradient - self.other[0].gradient(self.direction, self.other[1]) if self.other else gradient
 
 
@@ -116,8 +116,8 @@ def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
 
 def _circle_to_links(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:
     center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
-    distance, direction, share = _point_to_segment(center, segments.start, segments.end)
-    return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
+    distance, direction, fraction = _point_to_segment(center, segments.start, segments.end)
+    return Distances(distance - segments.radius - obstacle.radius, segments, direction, fraction)
 
 
 def _circle_to_points(obstacle: Circle, points: ComplexArray) -> Array:
@@ -129,10 +129,10 @@ def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: Complex
     origin = complex(*obstacle.point) + shift
     count = segments.start.shape[1]
     both = segments.of(np.tile(np.arange(count), 2))
-    share = np.broadcast_to(np.repeat([0.0, 1.0], count), both.start.shape)
+    fraction = np.broadcast_to(np.repeat([0.0, 1.0], count), both.start.shape)
     ends = np.concatenate((segments.start, segments.end), axis=1)
     distance = (np.conj(normal) * (ends - origin[:, None])).real - both.radius
-    return Distances(distance, both, np.full(both.start.shape, normal), share)
+    return Distances(distance, both, np.full(both.start.shape, normal), fraction)
 
 
 def _half_plane_to_points(obstacle: HalfPlane, points: ComplexArray) -> Array:
@@ -144,15 +144,15 @@ def _bar_to_links(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Dis
     shape = segments.start.shape
     bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
     bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
-    distance, direction, share, _ = _between(segments.start, segments.end, bar_start, bar_end)
-    return Distances(distance - segments.radius - obstacle.radius, segments, direction, share)
+    distance, direction, fraction, _ = _between(segments.start, segments.end, bar_start, bar_end)
+    return Distances(distance - segments.radius - obstacle.radius, segments, direction, fraction)
 
 
 def _bar_to_points(obstacle: Bar, points: ComplexArray) -> Array:
     along = complex(*obstacle.end) - complex(*obstacle.start)
     offset = points - complex(*obstacle.start)
-    share = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
-    return np.asarray(np.abs(offset - share * along) - obstacle.radius)
+    fraction = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
+    return np.asarray(np.abs(offset - fraction * along) - obstacle.radius)
 
 
 @dataclass(frozen=True)
@@ -179,24 +179,24 @@ def pair_distances(first: Segments, second: Segments) -> Distances:
     """Distances between the capsules of two links, every pair a row."""
     pairs = np.indices((first.start.shape[1], second.start.shape[1]))
     own, other = first.of(pairs[0].ravel()), second.of(pairs[1].ravel())
-    distance, direction, share, other_share = _between(own.start, own.end, other.start, other.end)
-    return Distances(distance - own.radius - other.radius, own, direction, share, (other, other_share))
+    distance, direction, fraction, other_share = _between(own.start, own.end, other.start, other.end)
+    return Distances(distance - own.radius - other.radius, own, direction, fraction, (other, other_share))
 
 
 def _point_to_segment(point: ComplexArray, start: ComplexArray, end: ComplexArray) -> tuple[Array, ComplexArray, Array]:
     along = end - start
     back = along.conj()
     length2 = np.maximum((along * back).real, 1e-300)
-    share = np.minimum(np.maximum((back * (point - start)).real / length2, 0), 1)
-    offset = start + share * along - point
+    fraction = np.minimum(np.maximum((back * (point - start)).real / length2, 0), 1)
+    offset = start + fraction * along - point
     distance = np.abs(offset)
     touching = distance < 1e-12
     if not touching.any():
-        return np.asarray(distance), np.asarray(offset / distance), np.asarray(share)
+        return np.asarray(distance), np.asarray(offset / distance), np.asarray(fraction)
     sideways = 1j * along / np.sqrt(length2)
     direction = np.where(touching, np.where(np.abs(sideways) > 0.5, sideways, 1j), offset)
     unit: ComplexArray = np.asarray(direction / np.where(touching, 1.0, distance), dtype=np.complex128)
-    return np.asarray(distance), unit, np.asarray(share)
+    return np.asarray(distance), unit, np.asarray(fraction)
 
 
 def _between(
@@ -216,11 +216,11 @@ def _between(
     shares = np.stack((zero, one, to_start[2], to_end[2]))
     other_shares = np.stack((from_start[2], from_end[2], zero, one))
     nearest = np.argmin(distances, axis=0)[None]
-    distance, direction, share, other_share = (
+    distance, direction, fraction, other_share = (
         np.take_along_axis(values, nearest, axis=0)[0] for values in (distances, directions, shares, other_shares)
     )
     sign = np.where(_cross(start, end, other_start, other_end), -1.0, 1.0)
-    return sign * distance, sign * direction, share, other_share
+    return sign * distance, sign * direction, fraction, other_share
 
 
 def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> BoolArray:
