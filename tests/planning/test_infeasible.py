@@ -162,7 +162,9 @@ CASES = {
         provable=False,
     ),
     "momentum far outside": Case(
-        lambda: with_momentum(problem_of(B), 40.0), r"40 kg m\^2/s lies outside the interval for monotonic joints", provable=False
+        lambda: with_momentum(problem_of(B), 40.0),
+        r"40 kg m\^2/s lies outside the interval for monotonic joints",
+        provable=False,
     ),
     "momentum the other way": Case(
         lambda: with_momentum(problem_of("somersault"), -9.0),
