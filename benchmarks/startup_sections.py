@@ -16,7 +16,7 @@ from pathlib import Path
 from measuring import PROBLEMS, Counts, example, heading, in_turns, table
 
 import floatplan as fp
-from floatplan.certificate.certificate import certify
+from floatplan.certificate.certificate import certify_record
 
 
 def startup(counts: Counts) -> None:
@@ -70,6 +70,6 @@ def _certificates(counts: Counts) -> None:
         for name, bar in (("A", 50), ("B, obstacle", 100)):
             plan = fp.plan(example(name))
             record, urdf = plan.record, plan.robot.path or Path(folder)
-            timed = in_turns({"certify": partial(certify, record, urdf)}, counts.slow_turns)
+            timed = in_turns({"certify": partial(certify_record, record, urdf)}, counts.slow_turns)
             rows.append([name, timed.results["certify"].verdict, timed.median_ms("certify"), bar])
     table(["certificate", "verdict", "ms", "bar ms"], rows)

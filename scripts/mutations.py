@@ -23,7 +23,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("tests/helper
 from proof_judge import Judge  # noqa: E402
 from proof_mutations import base_plans, mutate  # noqa: E402
 
-from floatplan.certificate.certificate import certify  # noqa: E402
+from floatplan.certificate.certificate import certify_record  # noqa: E402
 from floatplan.plans.record import PlanRecord  # noqa: E402
 
 BATCH = 50
@@ -44,7 +44,7 @@ def batch(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, st
     with tempfile.TemporaryDirectory() as folder:
         for index in range(size):
             case = mutate(rng, bases[index % len(bases)], Path(folder))
-            truth, said = judge(case.robot, case.record), certify(case.record).verdict
+            truth, said = judge(case.robot, case.record), certify_record(case.record).verdict
             counts[case.kind, truth, said] += 1
             if (truth, said) in WRONG:
                 print(f"batch {number}, mutation {index}: {case.kind} is {truth} and was {said}", flush=True)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.certificate.certificate import certify
+from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.certify import shapes_of
 from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
@@ -88,10 +88,10 @@ def test_go2_turns_once_backwards_within_its_real_limits(plans):
 def test_plans_are_proved_with_the_robot_s_capsules(plans):
     plan = plans("a1")
     shapes = shapes_of(plan.robot)
-    assert certify(plan.record, shapes=shapes).verdict == "proved"
+    assert certify_record(plan.record, shapes=shapes).verdict == "proved"
     bar = {**plan.record.problem["obstacles"][1], "center": [0.65, 0.5]}
     moved = replace(plan.record, problem={**plan.record.problem, "obstacles": [bar]})
-    assert certify(moved, shapes=shapes).verdict == "refuted"
+    assert certify_record(moved, shapes=shapes).verdict == "refuted"
 
 
 def test_commands_find_the_robot_by_its_address(floatplan, plans):

@@ -1,6 +1,6 @@
 """The certificate: is the plan true, for every instant?
 
-:func:`certify` reads a plan record and its URDF, and nothing else. See ``docs/certificate.md`` for the statement.
+:func:`certify_record` reads a plan record and its URDF, nothing else. See ``docs/certificate.md`` for the statement.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from floatplan.certificate.planar.limits import limit_findings, quantities, rang
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.certificate.planar.refine import fly
 from floatplan.certificate.planar.shapes import LinkShape, Shape, given_shapes, place_shapes, urdf_shapes
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.planar.urdf import recorded_urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.schema import checked
@@ -35,7 +35,7 @@ BUDGET = 4096  # cells of time
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
 
-def certify(
+def certify_record(
     record: PlanRecord,
     urdf: str | Path | None = None,
     *,
@@ -72,7 +72,7 @@ def prove(
     unknown_meshes: Sequence[str] = (),
     budget: int = BUDGET,
 ) -> Certificate:
-    """Do what :func:`certify` does with a record that is ``checked``; the same parameters and errors.
+    """Do what :func:`certify_record` does with a record that is ``checked``; the same parameters and errors.
 
     ``unknown_meshes`` are files that the shapes are around and whose hashes the record lacks: they leave clearances
     undecided.
@@ -80,7 +80,7 @@ def prove(
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
         path = urdf_path(record.robot.urdf if urdf is None else urdf)
-        robot = planar_robot(read_urdf(path, record.robot.sha256), record.robot)
+        robot = planar_robot(recorded_urdf(path, record.robot.sha256), record.robot)
         try:
             with np.errstate(all="ignore"):
                 return _prove(robot, record, shapes, unknown_meshes, budget, began)

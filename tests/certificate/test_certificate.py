@@ -11,7 +11,7 @@ import pytest
 from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan, unlimited
 
 from floatplan.arrays import read_only
-from floatplan.certificate.certificate import certify
+from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.certify import shapes_of
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
@@ -51,7 +51,7 @@ def finding(certificate, label):
 
 
 def test_example_a_is_proved(plan_a):
-    certificate = certify(unlimited(plan_a))
+    certificate = certify_record(unlimited(plan_a))
     assert certificate.verdict == "proved"
     low, high = certificate.orientation_end
     assert low <= plan_a.orientation["end"] + 1e-12
@@ -62,7 +62,7 @@ def test_example_a_is_proved(plan_a):
 
 
 def test_to_dict_holds_the_documented_keys(plan_b):
-    values = certify(plan_b).to_dict()
+    values = certify_record(plan_b).to_dict()
     assert set(values) == {
         "verdict",
         "orientation_end",
@@ -79,14 +79,14 @@ def test_to_dict_holds_the_documented_keys(plan_b):
 
 
 def test_contact_with_the_ground_at_both_ends_is_proved(plan_b):
-    certificate = certify(plan_b)
+    certificate = certify_record(plan_b)
     assert certificate.verdict == "proved"
     assert -1e-10 < finding(certificate, "obstacles[0]").bound <= 1e-12
 
 
 def test_sinking_into_the_ground_is_refuted(plan_b):
     lifted = with_obstacles(plan_b, GROUND | {"point": [0.0, 1e-6]})
-    certificate = certify(lifted)
+    certificate = certify_record(lifted)
     assert certificate.verdict == "refuted"
     found = finding(certificate, "obstacles[0]")
     assert found.bound == pytest.approx(-1e-6, rel=1e-3)
@@ -114,7 +114,7 @@ def test_bounds_are_true_and_sharp(name, seed, size):
     ]
     coefficients = draw_coefficients(rng, len(robot.joints), 1.2, size)
     record = make_plan(robot, coefficients, duration=1.2, obstacles=obstacles, instants=20001, slack=1.01)
-    certificate = certify(record)
+    certificate = certify_record(record)
     assert [item.label for item in certificate.findings if item.verdict != "proved"] == []
     dense = reference.evaluate(robot, record, np.linspace(0.0, 1.2, 20001))
     for index, obstacle in enumerate(obstacles):
@@ -130,9 +130,9 @@ def test_bounds_are_true_and_sharp(name, seed, size):
 
 @pytest.mark.parametrize("quantity", ["torque", "velocity"])
 def test_limits_active_to_a_millionth_are_decided(plan_a, quantity):
-    peak = getattr(certify(plan_a), f"{quantity}_peak")
-    assert certify(with_limits(plan_a, **{quantity: (peak * (1 + 1e-7)).tolist()})).verdict == "proved"
-    refuted = certify(with_limits(plan_a, **{quantity: (peak * (1 - 3e-6)).tolist()}))
+    peak = getattr(certify_record(plan_a), f"{quantity}_peak")
+    assert certify_record(with_limits(plan_a, **{quantity: (peak * (1 + 1e-7)).tolist()})).verdict == "proved"
+    refuted = certify_record(with_limits(plan_a, **{quantity: (peak * (1 - 3e-6)).tolist()}))
     assert refuted.verdict == "refuted"
     for joint, value in zip(plan_a.robot.joints, peak, strict=True):
         found = finding(refuted, f"{quantity} {joint}")
@@ -146,8 +146,11 @@ def test_limits_active_to_a_millionth_are_decided(plan_a, quantity):
 
 def test_orientation_rate_limit(plan_a):
     rate = plan_a.problem["limits"]["orientation_rate"] / 1.05
-    assert certify(with_limits(plan_a, orientation_rate=rate * 1.0001)).verdict == "proved"
-    assert finding(certify(with_limits(plan_a, orientation_rate=rate * 0.999)), "orientation_rate").verdict == "refuted"
+    assert certify_record(with_limits(plan_a, orientation_rate=rate * 1.0001)).verdict == "proved"
+    assert (
+        finding(certify_record(with_limits(plan_a, orientation_rate=rate * 0.999)), "orientation_rate").verdict
+        == "refuted"
+    )
 
 
 def test_motor_limit(plan_a):
@@ -157,8 +160,8 @@ def test_motor_limit(plan_a):
     def motor(factor):
         return {"q2": {"stall": float(stall[1] * factor), "slope": 0.3}}
 
-    assert certify(with_limits(plan_a, motor=motor(1.0001))).verdict == "proved"
-    assert finding(certify(with_limits(plan_a, motor=motor(0.9999))), "motor q2").verdict == "refuted"
+    assert certify_record(with_limits(plan_a, motor=motor(1.0001))).verdict == "proved"
+    assert finding(certify_record(with_limits(plan_a, motor=motor(0.9999))), "motor q2").verdict == "refuted"
 
 
 def test_ranges_that_the_amplitude_exceeds_are_judged_by_the_motion(plan_a):
@@ -166,16 +169,18 @@ def test_ranges_that_the_amplitude_exceeds_are_judged_by_the_motion(plan_a):
     low, high = dense.positions.min(0), dense.positions.max(0)
     wide = [[float(a - 1e-5), float(b + 1e-5)] for a, b in zip(low, high, strict=True)]
     narrow = [wide[0], [wide[1][0], float(high[1] - 1e-6)]]
-    assert certify(with_limits(plan_a, position=wide)).verdict == "proved"
-    refuted = certify(with_limits(plan_a, position=narrow))
+    assert certify_record(with_limits(plan_a, position=wide)).verdict == "proved"
+    refuted = certify_record(with_limits(plan_a, position=narrow))
     assert finding(refuted, "position q1").verdict == "proved"
     assert finding(refuted, "position q2").verdict == "refuted"
 
 
 def test_margins_are_decided_to_a_hundredth_of_a_millimetre(plan_b):
-    clear = plan_b.clearance_min if plan_b.clearance_min > 1e-6 else finding(certify(plan_b), "obstacles[1]").bound
-    assert certify(with_obstacles(plan_b, CIRCLE | {"margin": clear - 1e-5})).verdict == "proved"
-    refuted = finding(certify(with_obstacles(plan_b, CIRCLE | {"margin": clear + 1e-5})), "obstacles[0]")
+    clear = (
+        plan_b.clearance_min if plan_b.clearance_min > 1e-6 else finding(certify_record(plan_b), "obstacles[1]").bound
+    )
+    assert certify_record(with_obstacles(plan_b, CIRCLE | {"margin": clear - 1e-5})).verdict == "proved"
+    refuted = finding(certify_record(with_obstacles(plan_b, CIRCLE | {"margin": clear + 1e-5})), "obstacles[0]")
     assert refuted.verdict == "refuted"
     assert 0.0 < refuted.instant < plan_b.duration
 
@@ -185,17 +190,17 @@ def test_an_obstacle_counts_only_in_its_window(plan_b):
     robot = Robot.from_urdf(plan_b.robot.urdf)
     dense = reference.evaluate(robot, plan_b, np.linspace(0.0, plan_b.duration, 8001))
     inside = dense.times[reference.clearance(robot, plan_b, dense, hit) < 0.0]
-    assert certify(with_obstacles(plan_b, hit)).verdict == "refuted"
+    assert certify_record(with_obstacles(plan_b, hit)).verdict == "refuted"
     before, after = float(inside.min()), float(inside.max())
     for window in ([0.0, before - 1e-3], [after + 1e-3, plan_b.duration], [after + 1e-3, 9.0]):
-        assert certify(with_obstacles(plan_b, hit | {"window": window})).verdict == "proved"
-    assert certify(with_obstacles(plan_b, hit | {"window": [-1.0, 0.0]})).verdict != "refuted"
+        assert certify_record(with_obstacles(plan_b, hit | {"window": window})).verdict == "proved"
+    assert certify_record(with_obstacles(plan_b, hit | {"window": [-1.0, 0.0]})).verdict != "refuted"
     for window in (
         [0.0, before + 1e-3],
         [after - 1e-3, plan_b.duration],
         [0.5 * (before + after) - 1e-9, 0.5 * (before + after)],
     ):
-        assert certify(with_obstacles(plan_b, hit | {"window": window})).verdict == "refuted"
+        assert certify_record(with_obstacles(plan_b, hit | {"window": window})).verdict == "refuted"
 
 
 def test_a_moving_obstacle_is_met_where_it_is(plan_b):
@@ -204,17 +209,17 @@ def test_a_moving_obstacle_is_met_where_it_is(plan_b):
     dense = reference.evaluate(robot, plan_b, np.linspace(0.0, plan_b.duration, 2001))
     body = reference.com(plan_b, dense.times)[1000]
     chaser = CIRCLE | {"center": [body.real + 2.1, body.imag], "velocity": [-3.0, 0.0]}
-    assert certify(with_obstacles(plan_b, chaser)).verdict == "refuted"
-    assert certify(with_obstacles(plan_b, chaser | {"velocity": [5.0, 0.0]})).verdict == "proved"
+    assert certify_record(with_obstacles(plan_b, chaser)).verdict == "refuted"
+    assert certify_record(with_obstacles(plan_b, chaser | {"velocity": [5.0, 0.0]})).verdict == "proved"
 
 
 def test_bars(plan_b):
     bar = {"kind": "capsule", "start": [3.4, 0.0], "end": [3.4, 4.0], "radius": 0.05, "margin": 0.0}
     clear = with_obstacles(plan_b, bar)
-    certificate = certify(clear)
+    certificate = certify_record(clear)
     assert certificate.verdict == "proved"
     assert certificate.clearance_min == pytest.approx(clear.clearance_min, abs=2e-5)
-    assert certify(with_obstacles(plan_b, bar | {"start": [1.0, 0.0], "end": [1.0, 4.0]})).verdict == "refuted"
+    assert certify_record(with_obstacles(plan_b, bar | {"start": [1.0, 0.0], "end": [1.0, 4.0]})).verdict == "refuted"
 
 
 @pytest.mark.parametrize("window", [None, [0.0, 0.2]])
@@ -225,12 +230,12 @@ def test_a_thin_bar_across_a_link_from_the_start_is_refuted(plan_b, window):
     start, end = hip - 0.3 * across, hip + 0.3 * across
     bar = {"kind": "capsule", "start": [start.real, start.imag], "end": [end.real, end.imag], "radius": 0.0}
     bar |= {"velocity": list(plan_b.com["velocity0"]), "window": window}
-    assert finding(certify(with_obstacles(plan_b, bar)), "obstacles[0]").verdict == "refuted"
+    assert finding(certify_record(with_obstacles(plan_b, bar)), "obstacles[0]").verdict == "refuted"
 
 
 def test_a_thin_bar_that_links_sweep_over_is_not_proved(plan_b):
     bar = {"kind": "capsule", "start": [1.0, 0.0], "end": [1.0, 4.0], "radius": 0.0, "margin": 0.0}
-    assert certify(with_obstacles(plan_b, bar)).verdict != "proved"
+    assert certify_record(with_obstacles(plan_b, bar)).verdict != "proved"
 
 
 def test_self_clearance():
@@ -244,19 +249,19 @@ def test_self_clearance():
     assert nearest > 0.01
     for margin, verdict in ((nearest - 1e-5, "proved"), (nearest + 1e-5, "refuted")):
         problem = record.problem | {"self_clearance": [{"links": links, "margin": float(margin)}]}
-        certificate = certify(replace(record, problem=problem))
+        certificate = certify_record(replace(record, problem=problem))
         assert finding(certificate, "self_clearance").verdict == verdict
         assert certificate.clearance_min is None
 
 
 def test_given_shapes_replace_the_segments(plan_b):
-    bare = certify(with_obstacles(plan_b, CIRCLE))
+    bare = certify_record(with_obstacles(plan_b, CIRCLE))
     shapes = [
         ("body0", (0, 0, 0), (0.4, 0, 0), 0.001),
         ("body1", (0, 0), (0.4, 0), 0.001),
         ("body2", (0, 0), (0.3, 0), 0.001),
     ]
-    clothed = certify(with_obstacles(plan_b, CIRCLE), shapes=shapes)
+    clothed = certify_record(with_obstacles(plan_b, CIRCLE), shapes=shapes)
     assert clothed.clearance_min == pytest.approx(bare.clearance_min - 0.001, abs=1e-6)
 
 
@@ -268,8 +273,11 @@ def test_a_robot_with_collision_elements_needs_shapes(plan_b, tmp_path):
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     record = replace(plan_b, robot=replace(plan_b.robot, sha256=sha256))
     with pytest.raises(InputError, match="collision"):
-        certify(record, path)
-    assert certify(replace(unlimited(record), problem=record.problem | {"obstacles": []}), path).clearance_min is None
+        certify_record(record, path)
+    assert (
+        certify_record(replace(unlimited(record), problem=record.problem | {"obstacles": []}), path).clearance_min
+        is None
+    )
 
 
 def test_capsules_of_a_quadruped():
@@ -298,7 +306,7 @@ def test_capsules_of_a_quadruped():
         obstacles=obstacles,
         instants=8001,
     )
-    certificate = certify(record, shapes=shapes_of(robot))
+    certificate = certify_record(record, shapes=shapes_of(robot))
     assert [item for item in certificate.findings if item.verdict == "undecided"] == []
     dense = reference.evaluate(robot, record, np.linspace(0.0, 0.8, 8001))
     for index, obstacle in enumerate(obstacles):
@@ -340,20 +348,20 @@ def tampered(record, where):
     ],
 )
 def test_tampered_plans_are_refuted(plan_b, where):
-    assert certify(tampered(plan_b, where)).verdict == "refuted"
+    assert certify_record(tampered(plan_b, where)).verdict == "refuted"
 
 
 def test_a_spent_budget_leaves_the_proof_undecided():
     robot = Robot.from_urdf(URDF / "gymnast.urdf")
     record = make_plan(robot, draw_coefficients(np.random.default_rng(1), 2, 1.1, 1.5), obstacles=[CIRCLE])
-    certificate = certify(record, budget=24)
+    certificate = certify_record(record, budget=24)
     assert certificate.verdict == "undecided"
     assert certificate.subintervals == 24
     undecided = [item for item in certificate.findings if item.verdict == "undecided"]
     assert undecided
     assert all("gap" in item.to_dict() for item in undecided)
     json.dumps(certificate.to_dict(), allow_nan=False)
-    assert certify(record).verdict == "proved"
+    assert certify_record(record).verdict == "proved"
 
 
 @pytest.mark.parametrize("key", ["limits", "goal", "flight"])
@@ -362,13 +370,13 @@ def test_an_incomplete_problem_is_bad_input(plan_a, key):
     if key == "flight":
         problem["flight"] = {"duration": plan_a.duration}
     with pytest.raises(InputError):
-        certify(replace(plan_a, problem=problem))
+        certify_record(replace(plan_a, problem=problem))
 
 
 @pytest.mark.parametrize("limits", [{"torque": [float("nan"), 1.0]}, {"velocity": [1.0]}, {"position": [[0, 1]]}])
 def test_limits_that_are_none_are_bad_input(plan_a, limits):
     with pytest.raises(InputError):
-        certify(with_limits(plan_a, **limits))
+        certify_record(with_limits(plan_a, **limits))
 
 
 @pytest.mark.parametrize(
@@ -378,29 +386,29 @@ def test_limits_that_are_none_are_bad_input(plan_a, limits):
 def test_obstacles_that_are_none_are_bad_input(plan_b, change):
     problem = plan_b.problem | {"obstacles": [CIRCLE | change]}
     with pytest.raises(InputError):
-        certify(replace(plan_b, problem=problem))
+        certify_record(replace(plan_b, problem=problem))
 
 
 def test_what_is_not_a_number_proves_nothing(plan_b):
     nan = float("nan")
     problem = plan_b.problem | {"obstacles": [CIRCLE | {"margin": nan}]}
     with pytest.raises(InputError):
-        certify(replace(plan_b, problem=problem))
+        certify_record(replace(plan_b, problem=problem))
     problem = plan_b.problem | {"obstacles": [CIRCLE | {"center": [nan, 3.0]}]}
     with pytest.raises(InputError, match="finite"):
-        certify(replace(plan_b, problem=problem))
+        certify_record(replace(plan_b, problem=problem))
     for change in ({"angular_momentum": nan}, {"coefficients": read_only(plan_b.coefficients * nan)}):
         with pytest.raises(InputError, match="finite"):
-            certify(replace(plan_b, **change))
+            certify_record(replace(plan_b, **change))
 
 
 def test_another_urdf_is_refused(plan_a, tmp_path):
     path = tmp_path / "other.urdf"
     path.write_text(Path(plan_a.robot.urdf).read_text() + "\n")
     with pytest.raises(InputError, match="SHA-256"):
-        certify(plan_a, path)
+        certify_record(plan_a, path)
     with pytest.raises(InputError, match="cannot be read"):
-        certify(plan_a, tmp_path / "none.urdf")
+        certify_record(plan_a, tmp_path / "none.urdf")
 
 
 @pytest.mark.parametrize(
@@ -419,7 +427,7 @@ def test_what_is_no_urdf_is_refused(plan_a, tmp_path, text):
     path.write_text(text)
     robot = replace(plan_a.robot, sha256=hashlib.sha256(text.encode()).hexdigest())
     with pytest.raises(InputError):
-        certify(replace(plan_a, robot=robot), path)
+        certify_record(replace(plan_a, robot=robot), path)
 
 
 @pytest.mark.parametrize(
@@ -435,4 +443,4 @@ def test_what_is_no_urdf_is_refused(plan_a, tmp_path, text):
 )
 def test_a_record_that_does_not_fit_the_robot_is_refused(plan_a, change):
     with pytest.raises(InputError):
-        certify(replace(plan_a, robot=replace(plan_a.robot, **change)))
+        certify_record(replace(plan_a, robot=replace(plan_a.robot, **change)))

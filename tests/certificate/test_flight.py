@@ -15,12 +15,12 @@ from floatplan.certificate.cells import Cells
 from floatplan.certificate.planar.flight import assemble, joint_models
 from floatplan.certificate.planar.inertia import planar_robot
 from floatplan.certificate.planar.refine import fly
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.planar.urdf import recorded_urdf
 from floatplan.robot.robot import Coupling, Robot
 
 
 def proof_robot(record):
-    return planar_robot(read_urdf(Path(record.robot.urdf), record.robot.sha256), record.robot)
+    return planar_robot(recorded_urdf(Path(record.robot.urdf), record.robot.sha256), record.robot)
 
 
 def branched_urdf(rng, links, axis, tilt):

@@ -9,7 +9,7 @@ import pytest
 from proof_plans import URDF, draw_coefficients, example_b, make_plan
 
 from floatplan.arrays import read_only
-from floatplan.certificate.certificate import certify
+from floatplan.certificate.certificate import certify_record
 from floatplan.errors import InputError
 from floatplan.robot.robot import Coupling, Robot
 
@@ -20,7 +20,7 @@ CIRCLE = {"kind": "circle", "center": [1.485, 3.342], "radius": 0.2, "margin": 0
 @pytest.fixture(scope="module")
 def honest():
     record = example_b(obstacles=[GROUND, CIRCLE], grounded=True)
-    assert certify(record).proved
+    assert certify_record(record).proved
     return record
 
 
@@ -118,43 +118,43 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUTED)
 def test_is_refuted(honest, name):
-    assert certify(REFUTED[name](honest)).verdict == "refuted"
+    assert certify_record(REFUTED[name](honest)).verdict == "refuted"
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_is_refused(honest, name):
     with pytest.raises(InputError):
-        certify(REFUSED[name](honest))
+        certify_record(REFUSED[name](honest))
 
 
 @pytest.mark.parametrize("window", [None, [0.0, 1.4], [0.0, 9.0]])
 def test_a_window_that_spans_the_flight_is_none(honest, window):
     hit = CIRCLE | {"center": [1.35, 3.0], "window": window}
-    assert certify(replace(honest, problem=honest.problem | {"obstacles": [hit]})).verdict == "refuted"
+    assert certify_record(replace(honest, problem=honest.problem | {"obstacles": [hit]})).verdict == "refuted"
 
 
 def test_a_window_after_the_flight_needs_no_claim(honest):
     hit = CIRCLE | {"center": [1.35, 3.0], "window": [2.0, 3.0]}
     record = replace(honest, problem=honest.problem | {"obstacles": [hit]})
-    assert certify(replace(record, clearance_min=None)).proved
-    assert certify(record).verdict == "refuted"
+    assert certify_record(replace(record, clearance_min=None)).proved
+    assert certify_record(record).verdict == "refuted"
 
 
 @pytest.mark.parametrize("value", ["2.50001", "2.49999"])
 def test_another_mass_with_its_hash(honest, tmp_path, value):
-    assert certify(with_urdf(honest, tmp_path, 'mass value="2.5"', f'mass value="{value}"')).verdict == "refuted"
+    assert certify_record(with_urdf(honest, tmp_path, 'mass value="2.5"', f'mass value="{value}"')).verdict == "refuted"
 
 
 def test_another_length_with_its_hash(honest, tmp_path):
     text = Path(honest.robot.urdf).read_text()
     origin = text.split("<joint", 1)[1].split('xyz="', 1)[1].split('"', 1)[0]
     moved = " ".join(repr(float(part) * 1.00001) for part in origin.split())
-    assert certify(with_urdf(honest, tmp_path, f'xyz="{origin}"', f'xyz="{moved}"')).verdict == "refuted"
+    assert certify_record(with_urdf(honest, tmp_path, f'xyz="{origin}"', f'xyz="{moved}"')).verdict == "refuted"
 
 
 def test_numbers_that_only_python_reads_are_refused(honest, tmp_path):
     with pytest.raises(InputError, match="finite number"):
-        certify(with_urdf(honest, tmp_path, 'mass value="2.5"', 'mass value="0_2.5"'))
+        certify_record(with_urdf(honest, tmp_path, 'mass value="2.5"', 'mass value="0_2.5"'))
 
 
 @pytest.fixture(scope="module")
@@ -165,27 +165,27 @@ def coupled():
         locked={f"q{k}": 0.1 * k for k in (3, 4, 6, 7, 8, 9)},
     )
     record = make_plan(robot, draw_coefficients(np.random.default_rng(8), len(robot.joints), 0.9, 0.3), duration=0.9)
-    assert certify(record).proved
+    assert certify_record(record).proved
     return record
 
 
 @pytest.mark.parametrize("change", [{"ratio": -0.70001}, {"offset": 0.20001}, {"ratio": 0.7}, {"leader": "q2"}])
 def test_another_coupling_is_refuted(coupled, change):
     table = {"q5": {**coupled.robot.coupled["q5"], **change}}
-    assert certify(with_robot(coupled, coupled=table)).verdict == "refuted"
+    assert certify_record(with_robot(coupled, coupled=table)).verdict == "refuted"
 
 
 def test_a_coupling_with_a_misspelt_key_is_refused(coupled):
     table = {"q5": {"leader": "q1", "factor": -0.7, "offset": 0.2}}
     with pytest.raises(InputError, match="factor"):
-        certify(with_robot(coupled, coupled=table))
+        certify_record(with_robot(coupled, coupled=table))
 
 
 def test_another_locked_position_is_refuted(coupled):
     locked = {**coupled.robot.locked, "q6": 0.60001}
-    assert certify(with_robot(coupled, locked=locked)).verdict == "refuted"
+    assert certify_record(with_robot(coupled, locked=locked)).verdict == "refuted"
 
 
 def test_a_polynomial_without_coefficients_is_still(honest):
     still = changed(replace(honest, coefficients=read_only(np.zeros((2, 1)))), "motion", degree=0)
-    assert certify(still).verdict == "refuted"
+    assert certify_record(still).verdict == "refuted"

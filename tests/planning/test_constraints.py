@@ -23,10 +23,10 @@ from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import objectives as objectives_module
 from floatplan.planning.transcription.constraints import (
+    LinkClearance,
     MagnitudeLimit,
     MotorLimit,
     ObstacleClearance,
-    SelfClearance,
     applies,
     constraints,
     window_ends,
@@ -54,7 +54,7 @@ CONSTRAINTS = {
     "circle": ObstacleClearance(CIRCLE, "circle", LINKS),
     "half-plane": ObstacleClearance(GROUND, "ground", LINKS),
     "bar": ObstacleClearance(BAR, "bar", LINKS, window=BAR.window),
-    "self": SelfClearance((0,), (2, 3), ("shank", "arms"), 0.05),
+    "self": LinkClearance((0,), (2, 3), ("shank", "arms"), 0.05),
     "torque": MagnitudeLimit(
         QUANTITIES["motor_torques"], ("torque of q1", "generalized torque of q3"), GROUPS, LIMITS, "N m"
     ),
@@ -277,7 +277,7 @@ class TestConstraints:
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         made = constraints(asked, flight_model(asked))
-        kinds = [ObstacleClearance, ObstacleClearance, SelfClearance, MagnitudeLimit, MagnitudeLimit, MotorLimit]
+        kinds = [ObstacleClearance, ObstacleClearance, LinkClearance, MagnitudeLimit, MagnitudeLimit, MotorLimit]
         assert [type(block) for block in made] == [*kinds, MagnitudeLimit]
         assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
         assert constraints(problem, flight_model(problem)) == ()
@@ -285,7 +285,7 @@ class TestConstraints:
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named
 
     def test_a_link_of_several_capsules_has_a_row_for_each_pair(self):
-        block = SelfClearance((0, 1), (2, 3, 4), ("a", "b"), 0.0)
+        block = LinkClearance((0, 1), (2, 3, 4), ("a", "b"), 0.0)
         assert len(block.labels) == len(block.scale) == 6
 
 

@@ -7,10 +7,10 @@ import pytest
 from proof_plans import draw_coefficients, make_plan
 from robot_samples import joint, robot_text
 
-from floatplan.certificate.certificate import certify
+from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.planar.inertia import planar_robot
 from floatplan.certificate.planar.shapes import urdf_shapes
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.planar.urdf import recorded_urdf
 from floatplan.plans.plan import rebuild
 from floatplan.robot.robot import Robot
 
@@ -45,7 +45,7 @@ def test_a_link_ends_where_the_urdf_puts_its_childrens_joints(tmp_path, position
     planned = [(s.link, s.start + anchors[s.body], s.end + anchors[s.body]) for s in robot.shapes]
     assert places(planned) == places(wanted)
     record = make_plan(robot, draw_coefficients(np.random.default_rng(2), 1, 0.7), duration=0.7)
-    proved = planar_robot(read_urdf(robot.path, robot.sha256), record.robot)
+    proved = planar_robot(recorded_urdf(robot.path, robot.sha256), record.robot)
     seen = [
         (shape.link, *(complex(proved.origins[end.body] + end.local) for end in (shape.start, shape.end)))
         for shape in urdf_shapes(proved)
@@ -61,9 +61,11 @@ def test_an_obstacle_beside_a_slide_is_judged_by_the_same_segments(tmp_path):
     base = make_plan(robot, coefficients, duration=0.2, angular_momentum=0.0, orientation=0.0, velocity=(0.0, 0.0))
     hit = {"kind": "circle", "center": [0.3 + SLIDE[0] / 2, SLIDE[1] / 2], "radius": 0.01, "window": [0.0, 0.02]}
     record = replace(base, problem=base.problem | {"obstacles": [hit]}, clearance_min=0.0)
-    assert certify(record).verdict == "refuted"
+    assert certify_record(record).verdict == "refuted"
     beside = hit | {"center": [0.3 + SLIDE[0], 0.0]}
-    clearance = certify(replace(base, problem=base.problem | {"obstacles": [beside]}, clearance_min=0.0)).clearance_min
+    clearance = certify_record(
+        replace(base, problem=base.problem | {"obstacles": [beside]}, clearance_min=0.0)
+    ).clearance_min
     record = replace(base, problem=base.problem | {"obstacles": [beside]}, clearance_min=clearance)
-    assert certify(record).proved
+    assert certify_record(record).proved
     assert rebuild(record).peaks.clearance == pytest.approx(clearance, abs=1e-5)

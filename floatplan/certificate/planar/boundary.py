@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.findings import SAME, near
-from floatplan.certificate.planar.flight import FlightModel
+from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.shapes import turned
 from floatplan.plans.record import PlanRecord
@@ -56,7 +56,7 @@ def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: 
     return values
 
 
-def orientation_findings(record: PlanRecord, flight: FlightModel) -> tuple[list[Finding], Balls]:
+def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:
     """The orientation at the end, and what the file says of it."""
     last = flight.orientation.at_end(1.0)[-1]
     goal = float(record.problem["goal"]["orientation"])
@@ -71,7 +71,7 @@ def orientation_findings(record: PlanRecord, flight: FlightModel) -> tuple[list[
     return found, last
 
 
-def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightModel) -> list[Finding]:
+def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure) -> list[Finding]:
     """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height."""
     asked, com, duration = record.problem["flight"], record.com, record.duration
     takeoff, landing = asked["takeoff"], asked["landing"]
@@ -95,7 +95,7 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
     return flint.arb_poly([x, dx]), flint.arb_poly([sigma * y, sigma * dy, -sigma * half_gravity])
 
 
-def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, frame: str, *, last: bool) -> Balls:
+def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool) -> Balls:
     """Place (2,) of a frame at the beginning or the end, horizontal and vertical."""
     if frame not in robot.frames:
         raise ValueError(f'the robot has no frame "{frame}"')

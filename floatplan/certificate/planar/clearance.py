@@ -20,7 +20,7 @@ from floatplan.certificate.bernstein import bernstein, lower, upper
 from floatplan.certificate.branch_and_bound import Forms, Items
 from floatplan.certificate.cells import ORDER
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
-from floatplan.certificate.planar.flight import FlightModel
+from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.shapes import PlacedShapes
 from floatplan.certificate.vectors import Vectors, join_vectors
 
@@ -145,7 +145,7 @@ class PlanePoints:
         return np.asarray(values[0].mid + up(values[0].rad + 2.0 * ROUND * np.abs(values[0].mid)))
 
 
-def to_base_frame(flight: FlightModel, vectors: Vectors) -> Vectors:
+def to_base_frame(flight: FlightEnclosure, vectors: Vectors) -> Vectors:
     """Turn vectors (K, cells, items) of the world back by the orientation."""
     return vectors.turned_back(Vectors(flight.cos, flight.sin))
 

@@ -44,7 +44,7 @@ class Joints:
 
 
 @dataclass(frozen=True, eq=False)
-class FlightModel:
+class FlightEnclosure:
     """The flight on all cells in the order of time; ``orientation`` has one item."""
 
     cells: Cells
@@ -120,7 +120,7 @@ def _derivative(c: Array, e: Array, times: int, inverse: Balls) -> Taylor:
     return model
 
 
-def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightModel:
+def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosure:
     """Integrate the orientation over the cells, which follow each other without gaps from t = 0."""
     increments = integral(joints.rate).times(cells.half[:, None])
     steps = increments.at_end(1.0)
@@ -130,7 +130,7 @@ def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightModel:
     starts = Taylor.constant(Balls(ends[:-1, None], radii[:, None]), ORDER)
     orientation = increments + starts
     cos, sin = cos_sin(orientation)
-    return FlightModel(cells, joints, orientation, cos, sin)
+    return FlightEnclosure(cells, joints, orientation, cos, sin)
 
 
 def merge(parts: list[tuple[Cells, Joints]]) -> tuple[Cells, Joints]:

@@ -15,7 +15,7 @@ from floatplan.certificate.bernstein import bernstein, magnitude
 from floatplan.certificate.branch_and_bound import Forms, Goal, Items, Minimum, smallest
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor, stack
 from floatplan.certificate.findings import RECORDED_PEAK, at_most
-from floatplan.certificate.planar.flight import FlightModel
+from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
@@ -61,7 +61,7 @@ class Quantities:
     motors: list[int]
 
 
-def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, beyond_range: list[int]) -> Quantities:
+def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, beyond_range: list[int]) -> Quantities:
     """All limited quantities, and those whose peaks the record claims."""
     joints, limits, names = flight.joints, record.problem["limits"], record.robot.joints
     found: list[Quantity] = []
@@ -90,7 +90,7 @@ def quantities(robot: PlanarRobot, record: PlanRecord, flight: FlightModel, beyo
     return Quantities(found, velocities, torques, motors)
 
 
-def _of_joints(row: LimitRow, record: PlanRecord, flight: FlightModel) -> list[Quantity]:
+def _of_joints(row: LimitRow, record: PlanRecord, flight: FlightEnclosure) -> list[Quantity]:
     """The joints' quantities of a row that are limited, or all where the record claims their peaks."""
     limits = record.problem["limits"].get(row.key) or [None] * len(record.robot.joints)
     models: Taylor = getattr(flight.joints, row.quantity)
@@ -101,7 +101,7 @@ def _of_joints(row: LimitRow, record: PlanRecord, flight: FlightModel) -> list[Q
     return of_joints if row.always else [quantity for quantity in of_joints if quantity.limit != math.inf]
 
 
-def _motor_curve(robot: PlanarRobot, flight: FlightModel, name: str, motor: Mapping[str, Any]) -> Quantity:
+def _motor_curve(robot: PlanarRobot, flight: FlightEnclosure, name: str, motor: Mapping[str, Any]) -> Quantity:
     """``|torque| + slope |velocity|`` of a motor, as the larger of two magnitudes."""
     joints, i = flight.joints, _motor(robot, name, "motor")
     leader = int(np.argmax(np.abs(robot.motor_ratios[i])))
@@ -111,7 +111,7 @@ def _motor_curve(robot: PlanarRobot, flight: FlightModel, name: str, motor: Mapp
     return Quantity("motor", (name,), stack([torque + drop, torque - drop]), float(motor["stall"]))
 
 
-def _beyond_range(record: PlanRecord, flight: FlightModel, joint: int) -> Quantity:
+def _beyond_range(record: PlanRecord, flight: FlightEnclosure, joint: int) -> Quantity:
     """Distance of a joint from the middle of its range, where its sine polynomial alone does not keep it inside."""
     low, high = _ranges(record)[joint]
     with flint.ctx.workprec(PRECISION):
@@ -143,7 +143,7 @@ def _motor(robot: PlanarRobot, name: str, key: str) -> int:
     return robot.motors.index(name)
 
 
-def limit_findings(found: list[Quantity], flight: FlightModel) -> tuple[list[Finding], list[Minimum]]:
+def limit_findings(found: list[Quantity], flight: FlightEnclosure) -> tuple[list[Finding], list[Minimum]]:
     """Findings on the limited quantities, and the peaks of all."""
     groups = np.concatenate([np.full(q.models.e.shape[1], index) for index, q in enumerate(found)])
     models = stack([q.models for q in found])

@@ -27,7 +27,7 @@ from floatplan.certificate.planar.clearance import (
     shapes_to_segment,
     to_base_frame,
 )
-from floatplan.certificate.planar.flight import FlightModel
+from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.shapes import PlacedShapes
 from floatplan.certificate.vectors import Vectors
@@ -54,7 +54,7 @@ class Surroundings:
     """The flight, the placed shapes and the mirror sign: what every obstacle is compared with."""
 
     record: PlanRecord
-    flight: FlightModel
+    flight: FlightEnclosure
     shapes: PlacedShapes
     sigma: float
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.cells import Cells
-from floatplan.certificate.planar.flight import FlightModel, Joints, assemble, joint_models, merge
+from floatplan.certificate.planar.flight import FlightEnclosure, Joints, assemble, joint_models, merge
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
@@ -23,7 +23,7 @@ ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
 TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
 
-def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, float]], budget: int) -> FlightModel:
+def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, float]], budget: int) -> FlightEnclosure:
     """Enclose the whole flight on cells that end where the windows, which lie within it, do.
 
     Cells are halved until their share of the orientation's radius and their torques' radii are as small as sought, or

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import flint
 
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
-from floatplan.certificate.planar.flight import FlightModel
+from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import ComplexBalls, PlanarRobot, Point
 from floatplan.certificate.vectors import Vectors
 
@@ -74,7 +74,7 @@ def turned(weights: ComplexBalls, cos: Taylor, sin: Taylor) -> Vectors:
     )
 
 
-def place_shapes(robot: PlanarRobot, flight: FlightModel, shapes: tuple[Shape, ...]) -> PlacedShapes:
+def place_shapes(robot: PlanarRobot, flight: FlightEnclosure, shapes: tuple[Shape, ...]) -> PlacedShapes:
     """Where the shapes are at all times."""
     cos, sin = flight.joints.cos, flight.joints.sin
     start = turned(robot.point_weights([shape.start for shape in shapes]), cos, sin)

@@ -55,7 +55,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Mimic:
+class Follower:
     """The joint that the file makes a joint follow: ``position = multiplier * leader's position + offset``."""
 
     leader: str
@@ -73,7 +73,7 @@ class Joint:
     child: str
     origin: Placement
     axis: Vector
-    mimic: Mimic | None
+    mimic: Follower | None
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class _PlainTree(ElementTree.TreeBuilder):
         raise InputError("declares a document type (<!DOCTYPE>), where entities could hide")
 
 
-def read_urdf(path: Path, sha256: str) -> Urdf:
+def recorded_urdf(path: Path, sha256: str) -> Urdf:
     """Read a URDF file.
 
     Raises
@@ -201,12 +201,12 @@ def _joint(element: ElementTree.Element) -> Joint:
     return Joint(name, kind, *ends, _origin(element), direction, _mimic(element))
 
 
-def _mimic(element: ElementTree.Element) -> Mimic | None:
+def _mimic(element: ElementTree.Element) -> Follower | None:
     mimic = element.find("mimic")
     if mimic is None:
         return None
     multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
-    return Mimic(_text(mimic, "joint"), multiplier, offset)
+    return Follower(_text(mimic, "joint"), multiplier, offset)
 
 
 def _origin(element: ElementTree.Element) -> Placement:

@@ -117,7 +117,7 @@ class ObstacleClearance:
 
 
 @dataclass(frozen=True, eq=False)
-class SelfClearance:
+class LinkClearance:
     """Distance between the shapes of two links, less a margin. Holds: for all t, by exchange of instants."""
 
     first: tuple[int, ...]
@@ -297,7 +297,7 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
         first, second = (
             tuple(index for index, link in enumerate(model.flight.links) if link == name) for name in pair.links
         )
-        blocks.append(SelfClearance(first, second, pair.links, pair.margin))
+        blocks.append(LinkClearance(first, second, pair.links, pair.margin))
     return (*blocks, *_torque_limits(problem), *_joint_limits(problem), *_motor_limits(problem), *_base_limits(problem))
 
 
