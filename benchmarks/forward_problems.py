@@ -99,7 +99,7 @@ def _look(model: FlightModel, variables: DecisionVariables, x: np.ndarray) -> Tr
 
 
 def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:
-    segments = motion.segments
+    segments = motion.flown.shapes
     along = segments.end - segments.start
     share = np.clip((along.conj() * (point - segments.start)).real / np.maximum(np.abs(along) ** 2, 1e-300), 0, 1)
     return np.abs(segments.start + share * along - point)
@@ -135,11 +135,11 @@ def _placed(plan: fp.Plan, times: np.ndarray) -> np.ndarray:
 def _limits_just_above(drawn: Drawn, difficulty: int) -> fp.Limits:
     """Limits 3 % above the drawn motion's peaks."""
     motion = drawn.motion
-    peaks = [np.abs(values).max(axis=0) for values in (motion.torques, motion.motion.velocities, motion.rate)]
+    peaks = [np.abs(values).max(axis=0) for values in (motion.torques, motion.motion.velocities, motion.flown.rate)]
     return fp.Limits(
         torque=HEADROOM * peaks[0],
         velocity=HEADROOM * peaks[1] if difficulty > 0 else "none",
-        orientation_rate=float(HEADROOM * peaks[2]) if difficulty > 1 else None,
+        orientation_rate=float(HEADROOM * peaks[2][0]) if difficulty > 1 else None,
     )
 
 

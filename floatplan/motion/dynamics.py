@@ -15,7 +15,8 @@ the other: their arrays have S K rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from functools import cached_property
+from typing import NamedTuple, Protocol, TypeVar
 
 from floatplan.arrays import Array
 from floatplan.motion.sine_polynomial import JointMotion
@@ -23,8 +24,7 @@ from floatplan.motion.sine_polynomial import JointMotion
 Shapes = TypeVar("Shapes", covariant=True)  # where a robot's shapes are, as its distances want it
 
 
-@dataclass(frozen=True, eq=False)
-class Partials:
+class Partials(NamedTuple):
     """Derivatives of r quantities at K instants by the robot's state there.
 
     ``by_position, by_velocity, by_acceleration`` (K, r, n); ``by_attitude, by_momentum`` (K, r, e), by zeta and by h.
@@ -48,7 +48,7 @@ class MomentumSet:
     centre: Array
     axes: Array
 
-    @property
+    @cached_property
     def free(self) -> int:
         """Number H."""
         return int(self.axes.shape[1])
@@ -96,15 +96,12 @@ class Flown(Protocol[Shapes]):
         """By how much the attitude at landing misses the goal (S, e), rad."""
 
     @property
-    def carried(self) -> Array | None:
-        """What drifts at the nodes become by landing (N, e, e), in the residual; None where they stay what they are.
-
-        The change of the residual is ``duration * sum_j weights[j] carried[j] @ g[j]``.
-        """
+    def drift(self) -> Partials:
+        """Of g at the nodes, K = N, r = e: by positions, velocities and h."""
 
     @property
-    def drift(self) -> Partials:
-        """Of g at the nodes, K = N, r = e."""
+    def residual_partials(self) -> Partials:
+        """Of the residual, by the same: its change is ``duration * sum_j weights[j]`` of theirs, as g is carried on."""
 
     def transport(self, drift: Array) -> Array:
         """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make."""

@@ -64,28 +64,34 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     ``r_k L_k(s)``. L_k is small, and vanishes with two derivatives at both ends where its degree allows it: (13) does
     not suffer from the rounding of large terms, and p hardly does.
     """
-    factors = [_fixed(value) for value in combination]
+    factors = [_fixed_of_double(value) for value in combination]
     rest = [
         sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in _fixed_columns(len(combination) - CONDITIONS)
     ]
     written = [0.0] * len(rest)
     for k in range(len(rest) - 1, -1, -1):
-        unit, parts, lost = *_unit(duration, k), _lost(k)
-        written[k] = (rest[k] * parts) / unit
+        unit, halvings = _unit(duration, k)
+        written[k] = (rest[k] << halvings) / unit
         value, divisor = written[k].as_integer_ratio()
-        rounding = rest[k] - value * unit // (divisor * parts)
-        rest[:k] = [lower - (rounding * weight >> FIXED_POINT) for lower, weight in zip(rest, lost, strict=False)]
+        rounding = rest[k] - (value * unit >> divisor.bit_length() - 1 + halvings)
+        rest[:k] = [lower - (rounding * weight >> FIXED_POINT) for lower, weight in zip(rest, _lost(k), strict=False)]
     return written
 
 
 @lru_cache(maxsize=1024)
 def _unit(duration: float, k: int) -> tuple[int, int]:
-    """Two whole numbers whose ratio is ``duration^k`` in fixed point."""
+    """A whole number, and how often it must be halved to be ``duration^k`` in fixed point."""
     numerator, denominator = duration.as_integer_ratio()
-    return numerator**k << FIXED_POINT, denominator**k
+    return numerator**k << FIXED_POINT, k * (denominator.bit_length() - 1)
 
 
-def _fixed(value: float | Fraction) -> int:
+def _fixed_of_double(value: float) -> int:
+    """In fixed point; a double's denominator is a power of two."""
+    numerator, denominator = value.as_integer_ratio()
+    return numerator << FIXED_POINT >> denominator.bit_length() - 1
+
+
+def _fixed(value: Fraction) -> int:
     numerator, denominator = value.as_integer_ratio()
     return (numerator << FIXED_POINT) // denominator
 
@@ -119,7 +125,8 @@ def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:
     for b in coefficients.tolist():
         ratios = [value.as_integer_ratio() for value in b]
         powers = [
-            value * unit // (divisor * parts) for (value, divisor), (unit, parts) in zip(ratios, units, strict=True)
+            value * unit >> divisor.bit_length() - 1 + halvings
+            for (value, divisor), (unit, halvings) in zip(ratios, units, strict=True)
         ]
         joints.append([sum(map(operator.mul, row, powers)) / (1 << 2 * FIXED_POINT) for row in rows])
     return np.array(joints).T.copy()

@@ -69,7 +69,7 @@ def basis(free: int) -> Basis:
     return Basis(read_only(columns.astype(np.float64)), read_only(chebyshev_of_powers(columns)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class JointMotion:
     """Joint motion at N instants and how it changes with p; the terms of the accelerations are computed on first use.
 
@@ -205,9 +205,7 @@ def powers_map(width: int, duration: float) -> Array:
 
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:
     """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
-    return np.asarray(
-        np.pi * branch + np.where(branch % 2 == 0, 1, -1) * np.arcsin(np.minimum(np.maximum(sine, -1), 1))
-    )
+    return np.asarray(np.pi * branch + (1 - 2 * (branch % 2)) * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))
 
 
 def boundary_arguments(
@@ -222,7 +220,7 @@ def boundary_arguments(
     on_edge = 1 - np.abs(sine) < EDGE
     sine = np.where(on_edge, np.sign(sine), sine)
     p = arcsine_argument(sine, branch)
-    cosine = np.sqrt(np.maximum((1 - sine) * (1 + sine), 0)) * np.where(branch % 2 == 0, 1, -1)
+    cosine = np.sqrt(np.maximum((1 - sine) * (1 + sine), 0)) * (1 - 2 * (branch % 2))
     if not on_edge.any():
         rate = velocities / (amplitude * cosine)
         return p, rate, (accelerations / amplitude + sine * rate**2) / cosine

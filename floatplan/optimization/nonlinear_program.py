@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -17,8 +17,7 @@ from floatplan.arrays import Array
 Detail = TypeVar("Detail")
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
+class Derivatives(NamedTuple):
     """Of a program at a point: ``gradient`` (m,), ``equality_jacobian`` (e, m), ``inequality_jacobian`` (k, m)."""
 
     gradient: Array
@@ -26,7 +25,7 @@ class Derivatives:
     inequality_jacobian: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class Evaluation(Generic[Detail]):
     """A program at a point of m variables; the derivatives are computed when asked for.
 

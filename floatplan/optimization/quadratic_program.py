@@ -6,9 +6,8 @@ minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,8 +46,7 @@ def _reproducible_proxqp() -> Any:
 proxqp = _reproducible_proxqp()
 
 
-@dataclass(frozen=True, eq=False)
-class Multipliers:
+class Multipliers(NamedTuple):
     """Lagrange multipliers ``equality`` (e,) and ``inequality`` (k,) >= 0 of a program."""
 
     equality: Array
@@ -70,8 +68,7 @@ class Multipliers:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
+class Step(NamedTuple):
     """Solution of a QP; ``violation_left`` is that of the linearised constraints after it, 0 unless it is elastic.
 
     ``lagrangian_gradient`` (m,) is taken before the step, for programs without inequalities.

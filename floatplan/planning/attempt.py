@@ -143,7 +143,7 @@ class Attempts:
         plain = self.plain_start
         counts = self.model.flight.node_counts
         dense = self.model.nodes(-2, plain.variables.polynomials.width)
-        segments = trajectory(self.model, plain.variables, dense, plain.x).segments
+        segments = trajectory(self.model, plain.variables, dense, plain.x).flown.shapes
         travel = max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (segments.start, segments.end))
         step = max(min(sizes, default=np.inf), SMALLEST_STEP)
         wanted = travel / step
@@ -224,10 +224,10 @@ class Attempts:
         if motion.flown.unresolved > UNRESOLVED:
             missed = np.inf
         worst = local_minima(self.model, variables, self.constraints, level, solution.x)
-        kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
-        violation = max(
-            missed if missed > ORIENTATION else 0.0, float(-worst.value[worst.value < kept].min(initial=0.0))
-        )
+        violation = missed if missed > ORIENTATION else 0.0
+        if self.constraints:
+            kept = -np.array([block.tolerance for block in self.constraints])[worst.block]
+            violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
         if violation <= 0 and solution.status == "infeasible":
             solution = replace(solution, status="feasible")  # kept, though not as well inside as the search aims
         return Outcome(variables, solution, violation, worst, number, degrees, self.problem.motion.objective)

@@ -136,7 +136,17 @@ class Turned:
         return DURATION * np.einsum("kn,nec->kec", self.grid.integrals, rates)
 
     @property
-    def carried(self):
+    def residual_partials(self):
+        drift = self.drift
+        return Partials(
+            by_position=self._carried @ drift.by_position,
+            by_velocity=self._carried @ drift.by_velocity,
+            by_momentum=self._carried @ drift.by_momentum,
+        )
+
+    @property
+    def _carried(self):
+        """What drifts at the nodes become by landing (N, 3, 3), in the residual."""
         count, weights = self.grid.nodes, self.grid.weights
         response, growth = self._response
         ends = np.kron(weights, np.eye(3)) @ (np.eye(3 * count) + growth @ response)

@@ -20,7 +20,7 @@ from floatplan.motion.planar.momentum import centroidal_coupling, momentum_mappi
 from floatplan.robot.planar.tree import PlanarTree
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class BaseRate:
     """theta0' of (4) at N instants, and its derivatives by joint velocities and h; by joint positions when asked for.
 

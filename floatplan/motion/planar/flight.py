@@ -36,7 +36,7 @@ class GaussGrid:
     s: Array
     integrals: Array
 
-    @property
+    @cached_property
     def nodes(self) -> int:
         """Number N of nodes."""
         return len(self.quadrature.nodes)
@@ -97,7 +97,7 @@ class PlanarFlight:
         return PlanarFlown(self, grid, joints, angular_momentum)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class PlanarFlown:
     """The base's motion in the plane."""
 
@@ -146,11 +146,6 @@ class PlanarFlown:
         return (turned - self.flight.change)[:, None]
 
     @property
-    def carried(self) -> None:
-        """A turn in the plane stays what it is."""
-        return
-
-    @property
     def drift(self) -> Partials:
         """Of theta0' at the nodes."""
         rate, nodes = self.base_rate, self.grid.nodes
@@ -159,6 +154,11 @@ class PlanarFlown:
             by_velocity=rate.by_velocity[:nodes, None, :],
             by_momentum=rate.by_momentum[:nodes, None, None],
         )
+
+    @property
+    def residual_partials(self) -> Partials:
+        """The drift's own: a turn in the plane stays what it is."""
+        return self.drift
 
     def transport(self, drift: Array) -> Array:
         """Integrals (K, 1, c) of drifts (N, 1, c)."""

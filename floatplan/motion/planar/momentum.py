@@ -11,8 +11,7 @@ many by the rotation of each.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,8 +21,7 @@ from floatplan.robot.planar.tree import PlanarTree
 FEW_BODIES = 4  # of more, the rotations are faster than the cosines
 
 
-@dataclass(frozen=True, eq=False)
-class MomentumMap:
+class MomentumMap(NamedTuple):
     """D at N instants.
 
     ``rows`` (N, n+1) kg m^2: D_0, ..., D_n. ``momentum_by_position`` gives dh/dq (N, n) for theta0' (N,), q' (N, n).

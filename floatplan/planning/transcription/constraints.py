@@ -6,6 +6,7 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
@@ -68,8 +69,52 @@ class Constraint(Protocol):
         """Why a row can be violated at the "start" or the "goal" already, for a person."""
 
 
+class Clearance(ABC):
+    """Distances between surfaces, less a margin; they are measured once per trajectory."""
+
+    unit = "m"
+    tolerance = CLEARANCE / LENGTH_SCALE
+    settled_at_ends = True
+
+    @property
+    @abstractmethod
+    def labels(self) -> tuple[str, ...]:
+        """Name (r,) of each row, for a person."""
+
+    @property
+    @abstractmethod
+    def least(self) -> float:
+        """Least distance wanted, m."""
+
+    @abstractmethod
+    def measure(self, trajectory: Trajectory) -> Distances:
+        """Distances (K, r), m, with their derivatives."""
+
+    @property
+    def scale(self) -> Array:
+        """Metres per unit."""
+        return np.full(len(self.labels), LENGTH_SCALE)
+
+    def values(self, trajectory: Trajectory) -> Array:
+        """Distances less the margin (K, r)."""
+        return (self._distances(trajectory).values - self.least) / LENGTH_SCALE
+
+    def jacobian(self, trajectory: Trajectory) -> Array:
+        """Derivatives (K, r, size)."""
+        return trajectory.shape_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
+
+    def relaxed(self, row: int, amount: str) -> str:
+        """A smaller clearance."""
+        return f"the {self.labels[row]} {amount} smaller"
+
+    def _distances(self, trajectory: Trajectory) -> Distances:
+        if self not in trajectory.distances:
+            trajectory.distances[self] = self.measure(trajectory)
+        return trajectory.distances[self]
+
+
 @dataclass(frozen=True, eq=False)
-class ObstacleClearance:
+class ObstacleClearance(Clearance):
     """Distance of every link to an obstacle, less its margin, (19)-(23).
 
     Holds: for all t in the obstacle's window, by exchange of instants.
@@ -79,9 +124,6 @@ class ObstacleClearance:
     name: str
     links: tuple[str, ...]
     window: Window = ALWAYS
-    unit: str = "m"
-    tolerance: float = CLEARANCE / LENGTH_SCALE
-    settled_at_ends: bool = True
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -90,34 +132,21 @@ class ObstacleClearance:
         return tuple(f"clearance of {link} to {self.name}" for link in self.links * ends)
 
     @property
-    def scale(self) -> Array:
-        """Metres per unit."""
-        return np.full(len(self.labels), LENGTH_SCALE)
+    def least(self) -> float:
+        """The obstacle's margin."""
+        return self.obstacle.margin
 
-    def values(self, trajectory: Trajectory) -> Array:
-        """Distances less the margin (K, r)."""
-        return (self._distances(trajectory).values - self.obstacle.margin) / LENGTH_SCALE
-
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        return trajectory.angle_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
-
-    def relaxed(self, row: int, amount: str) -> str:
-        """A smaller clearance."""
-        return f"the {self.labels[row]} {amount} smaller"
+    def measure(self, trajectory: Trajectory) -> Distances:
+        """Distances to the obstacle."""
+        return obstacle_distances(trajectory.flown.shapes, self.obstacle, trajectory.times)
 
     def cause_at(self, end: str) -> str:
         """The posture touches the obstacle."""
         return f"the obstacle covers the {end} posture"
 
-    def _distances(self, trajectory: Trajectory) -> Distances:
-        if self not in trajectory.distances:
-            trajectory.distances[self] = obstacle_distances(trajectory.segments, self.obstacle, trajectory.times)
-        return trajectory.distances[self]
-
 
 @dataclass(frozen=True, eq=False)
-class LinkClearance:
+class LinkClearance(Clearance):
     """Distance between the shapes of two links, less a margin. Holds: for all t, by exchange of instants."""
 
     first: tuple[int, ...]
@@ -125,9 +154,6 @@ class LinkClearance:
     names: tuple[str, str]
     margin: float
     window: Window = ALWAYS
-    unit: str = "m"
-    tolerance: float = CLEARANCE / LENGTH_SCALE
-    settled_at_ends: bool = True
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -135,32 +161,18 @@ class LinkClearance:
         return (f"clearance of {self.names[0]} to {self.names[1]}",) * (len(self.first) * len(self.second))
 
     @property
-    def scale(self) -> Array:
-        """Metres per unit."""
-        return np.full(len(self.labels), LENGTH_SCALE)
+    def least(self) -> float:
+        """The margin."""
+        return self.margin
 
-    def values(self, trajectory: Trajectory) -> Array:
-        """Distances less the margin (K, r)."""
-        return (self._distances(trajectory).values - self.margin) / LENGTH_SCALE
-
-    def jacobian(self, trajectory: Trajectory) -> Array:
-        """Derivatives (K, r, size)."""
-        return trajectory.angle_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
-
-    def relaxed(self, row: int, amount: str) -> str:
-        """A smaller clearance."""
-        return f"the {self.labels[row]} {amount} smaller"
+    def measure(self, trajectory: Trajectory) -> Distances:
+        """Distances between the capsules of the one and of the other."""
+        shapes = trajectory.flown.shapes
+        return pair_distances(shapes.of(np.array(self.first)), shapes.of(np.array(self.second)))
 
     def cause_at(self, end: str) -> str:
         """The posture brings the links together."""
         return f"it follows from the {end}'s positions"
-
-    def _distances(self, trajectory: Trajectory) -> Distances:
-        if self not in trajectory.distances:
-            segments = trajectory.segments
-            first, second = segments.of(np.array(self.first)), segments.of(np.array(self.second))
-            trajectory.distances[self] = pair_distances(first, second)
-        return trajectory.distances[self]
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,34 +316,37 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
 def _torque_limits(problem: Problem) -> Iterator[Constraint]:
     """Limits of the motors' own torques; and of generalised ones, where the motors' own do not imply them."""
     robot, row = problem.robot, LIMIT_TABLE["torque"]
-    own = np.isfinite(problem.motor_torque_limits)
-    names = tuple(f"torque of {motor}" for motor in robot.motors)
-    yield from _magnitudes(row, names, np.eye(len(own)), problem.motor_torque_limits)
-    implied = ((robot.motor_ratios == 0) | own[:, None]).all(axis=0)
-    names = tuple(f"generalized torque of {joint}" for joint in robot.joints)
-    yield from _magnitudes(row, names, robot.motor_ratios.T, np.where(implied, np.inf, problem.torque_limits))
+    yield from _magnitudes(row, "torque", robot.motors, problem.motor_torque_limits)
+    generalized = problem.torque_limits
+    if np.isfinite(generalized).any():
+        own = np.isfinite(problem.motor_torque_limits)
+        implied = ((robot.motor_ratios == 0) | own[:, None]).all(axis=0)
+        limits = np.where(implied, np.inf, generalized)
+        yield from _magnitudes(row, "generalized torque", robot.joints, limits, robot.motor_ratios.T)
 
 
 def _joint_limits(problem: Problem) -> Iterator[Constraint]:
     """Limits of the planned joints' motion."""
-    joints = problem.robot.joints
     for row in JOINT_LIMITS:
-        names = tuple(f"{row.key} of {joint}" for joint in joints)
-        yield from _magnitudes(row, names, np.eye(len(joints)), problem.joint_limits[row.key])
+        yield from _magnitudes(row, row.key, problem.robot.joints, problem.joint_limits[row.key])
 
 
 def _base_limits(problem: Problem) -> Iterator[Constraint]:
     rate = problem.limits.orientation_rate
     if rate is not None:
-        yield from _magnitudes(LIMIT_TABLE["orientation_rate"], ("orientation rate",), np.eye(1), np.array([rate]))
+        limits, row = np.array([rate]), LIMIT_TABLE["orientation_rate"]
+        yield MagnitudeLimit(QUANTITIES[row.quantity], ("orientation rate",), np.eye(1), limits, row.unit)
 
 
-def _magnitudes(row: LimitRow, names: Sequence[str], combinations: Array, limits: Array) -> Iterator[Constraint]:
-    """The combinations (r, m) of a quantity that have a finite limit (r,), as one block where there are any."""
+def _magnitudes(
+    row: LimitRow, what: str, subjects: Sequence[str], limits: Array, combinations: Array | None = None
+) -> Iterator[Constraint]:
+    """The subjects' own quantities, or combinations (r, m) of them, that have a finite limit (r,), as one block."""
     limited = np.flatnonzero(np.isfinite(limits))
     if limited.size:
-        chosen = tuple(names[i] for i in limited.tolist())
-        yield MagnitudeLimit(QUANTITIES[row.quantity], chosen, combinations[limited], limits[limited], row.unit)
+        names = tuple(f"{what} of {subjects[i]}" for i in limited.tolist())
+        rows = np.eye(len(limits)) if combinations is None else combinations
+        yield MagnitudeLimit(QUANTITIES[row.quantity], names, rows[limited], limits[limited], row.unit)
 
 
 def _motor_limits(problem: Problem) -> Iterator[Constraint]:

@@ -34,8 +34,8 @@ def steerable(s: Array) -> BoolArray:
 
 def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
     """Return a sampling at nodes, at the ends of the constraints' windows as they are, and at ``extra`` instants."""
-    instants = np.union1d(extra, window_ends(constraints))
-    return sample_also(nodes, width, instants) if instants.size else nodes
+    ends = window_ends(constraints)
+    return sample_also(nodes, width, np.union1d(extra, ends)) if extra.size or ends else nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +141,9 @@ def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntAr
     low, high = problem.position_limits.T
     centre, amplitude = (low + high) / 2, (high - low) / 2
     duration = problem.flight.duration
-    ends = (problem.initial, problem.final)
-    p, rate, curvature = boundary_arguments(
-        np.array([end.positions for end in ends]),
-        np.array([end.velocities for end in ends]),
-        np.array([end.accelerations for end in ends]),
-        centre,
-        amplitude,
-        branches,
-    )
+    ends = [(end.positions, end.velocities, end.accelerations) for end in (problem.initial, problem.final)]
+    positions, velocities, accelerations = np.array(ends).swapaxes(0, 1)
+    p, rate, curvature = boundary_arguments(positions, velocities, accelerations, centre, amplitude, branches)
     boundary = np.array([p, duration * rate, duration**2 * curvature]).T.reshape(len(centre), CONDITIONS)
     return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
 

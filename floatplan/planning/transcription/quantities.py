@@ -35,5 +35,5 @@ QUANTITIES: dict[str, Quantity] = {
     "accelerations": Quantity(lambda it: it.motion.accelerations, _acceleration_jacobian, settled_at_ends=True),
     "torques": Quantity(lambda it: it.torques, lambda it: it.torque_jacobian),
     "motor_torques": Quantity(lambda it: it.motor_torques, lambda it: it.motor_torque_jacobian),
-    "orientation_rate": Quantity(lambda it: it.rate[:, None], lambda it: it.base_rate_jacobian[:, None, :]),
+    "orientation_rate": Quantity(lambda it: it.flown.rate, lambda it: it.base_rate_jacobian),
 }

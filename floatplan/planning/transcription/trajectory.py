@@ -30,12 +30,12 @@ class Sampling:
         """Instants (K,) in [0, 1]: first the N nodes, then any others."""
         return self.grid.s
 
-    @property
+    @cached_property
     def nodes(self) -> int:
         """Number N of nodes."""
         return self.grid.nodes
 
-    @property
+    @cached_property
     def weights(self) -> Array:
         """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
         return self.grid.weights
@@ -84,7 +84,7 @@ def flight_model(problem: Problem) -> FlightModel:
     return FlightModel(planar_flight(problem))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
 class Trajectory:
     """Motions sampled, for one x or several: everything that constraints and objectives ask, computed when asked.
 
@@ -102,11 +102,6 @@ class Trajectory:
     def flown(self) -> Flown[Segments]:
         """How the base turns."""
         return self.model.flight.fly(self.sampling.grid, self.motion, self.angular_momentum)
-
-    @property
-    def rate(self) -> Array:
-        """theta0' (S K,) rad/s, of flights in a plane."""
-        return self.flown.rate[:, 0]
 
     @property
     def residual(self) -> Array:
@@ -128,11 +123,6 @@ class Trajectory:
     def times(self) -> Array:
         """Instants (S K,) s."""
         return self.duration * self.s
-
-    @property
-    def segments(self) -> Segments:
-        """The links' capsules where they are."""
-        return self.flown.shapes
 
     @cached_property
     def distances(self) -> dict[object, Distances]:
@@ -169,12 +159,12 @@ class Trajectory:
 
     @cached_property
     def base_rate_jacobian(self) -> Array:
-        """Derivatives (K, size) of theta0' by x, of flights in a plane."""
-        return self.jacobian(self.flown.rate_partials)[:, 0, :]
+        """Derivatives (K, e, size) of the base's angular velocity by x."""
+        return self.jacobian(self.flown.rate_partials)
 
-    def angle_jacobian(self, by_angle: Array) -> Array:
-        """Derivatives (K, r, size) by x of quantities with derivatives ``by_angle`` (K, r, m) by the bodies' angles."""
-        return self.jacobian(self.flown.shape_partials(by_angle))
+    def shape_jacobian(self, by_body: Array) -> Array:
+        """Derivatives (K, r, size) by x of quantities with derivatives ``by_body`` (K, r, m) by the bodies' turns."""
+        return self.jacobian(self.flown.shape_partials(by_body))
 
     def at_goal(self) -> Trajectory:
         """Return the same motion, with the attitudes asked for at takeoff and landing in the place of its own."""
@@ -185,13 +175,11 @@ class Trajectory:
     @cached_property
     def residual_jacobian(self) -> Array:
         """Derivatives (e, size) of the residual by x."""
-        carried, drift, motion, sampling = self.flown.carried, self.flown.drift, self.motion, self.sampling
-        by_position, by_velocity, by_momentum = drift.by_position, drift.by_velocity, drift.by_momentum
-        assert by_position is not None, "the drift is by joint positions,"
+        partials, motion, sampling = self.flown.residual_partials, self.motion, self.sampling
+        by_position, by_velocity, by_momentum = partials.by_position, partials.by_velocity, partials.by_momentum
+        assert by_position is not None, "the residual is by joint positions,"
         assert by_velocity is not None, "joint velocities"
         assert by_momentum is not None, "and h"
-        if carried is not None:
-            by_position, by_velocity, by_momentum = carried @ by_position, carried @ by_velocity, carried @ by_momentum
         nodes = sampling.nodes
         by_p = by_position * motion.position_by_p[:nodes, None, :]
         by_p += by_velocity * motion.velocity_by_p[:nodes, None, :]

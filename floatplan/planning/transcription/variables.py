@@ -32,12 +32,12 @@ class DecisionVariables:
     scaling: Array
     momentum: MomentumSet
 
-    @property
+    @cached_property
     def coefficients(self) -> int:
         """Number m of free coefficients."""
         return len(self.offset)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of variables."""
         return self.coefficients + self.momentum.free
