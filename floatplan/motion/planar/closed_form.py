@@ -89,6 +89,7 @@ class Dynamics:
         self._tree = tree
         self._turn = tree.turn
         self._turns = np.array(tree.turns)
+        self._ones = np.ones(self._turns.shape[1])  # a product with it is faster than a sum over few columns
         self._inertia = np.array(tree.inertia)
         self._coupling = centroidal_coupling(tree)
         self._momentum_mapping = momentum_mapping(tree)
@@ -114,7 +115,7 @@ class Dynamics:
         by_momentum = 1 / momentum_map.rows[:, 0]
         per_momentum = -by_momentum[:, None]
         by_velocity = momentum_map.rows[:, 1:] * per_momentum
-        rate = angular_momentum * by_momentum + (by_velocity * velocities).sum(axis=1)
+        rate = angular_momentum * by_momentum + (by_velocity * velocities) @ self._ones
         return BaseRate(
             rate,
             by_velocity,

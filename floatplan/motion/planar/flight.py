@@ -77,7 +77,7 @@ class PlanarFlight:
     tangent: int = 1
     node_counts: tuple[int, ...] = NODE_COUNTS
 
-    @property
+    @cached_property
     def bodies(self) -> int:
         """Number of bodies."""
         return len(self.tree.mass)

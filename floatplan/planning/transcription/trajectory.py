@@ -181,14 +181,14 @@ class Trajectory:
         assert by_velocity is not None, "joint velocities"
         assert by_momentum is not None, "and h"
         nodes = sampling.nodes
-        by_p = by_position * motion.position_by_p[:nodes, None, :]
-        by_p += by_velocity * motion.velocity_by_p[:nodes, None, :]
-        by_rate = by_velocity * motion.velocity_by_rate[:nodes, None, :]
+        by_p = by_position * motion.position_by_p[:nodes, None]
+        by_p += by_velocity * motion.velocity_by_p[:nodes, None]
+        by_rate = by_velocity * motion.velocity_by_rate[:nodes, None]
         value, derivative = sampling.weighted
         by_z = by_p.reshape(nodes, -1).T @ value
         by_z += by_rate.reshape(nodes, -1).T @ derivative
         by_h = np.tensordot(sampling.weights, by_momentum, 1) if self.variables.momentum.free else None
-        return self.duration * self.variables.gradient(by_z.reshape(*by_position.shape[1:], value.shape[1]), by_h)
+        return self.duration * self.variables.flat_gradient(by_z.reshape(by_position.shape[1], -1), by_h)
 
     @cached_property
     def attitude_jacobian(self) -> Array:

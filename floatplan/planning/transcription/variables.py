@@ -81,11 +81,16 @@ class DecisionVariables:
     def gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
         """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros."""
         *shape, joints, width = by_z.shape
-        flat = by_z.reshape(math.prod(shape), joints * width)  # one product of matrices is faster than many
-        by_x = (flat if flat.shape[1] == len(self.offset) else flat[:, self.polynomials.free_indices]) @ self.scaling
-        if self.momentum.free:
-            by_y = np.zeros((len(by_x), self.momentum.free))
-            if by_momentum is not None:
-                by_y = by_momentum.reshape(len(by_x), -1) @ self.momentum.axes
-            by_x = np.concatenate((by_x, by_y), axis=1)
-        return np.asarray(by_x.reshape(*shape, self.size))
+        rows = math.prod(shape)  # one product of matrices is faster than many
+        flat = self.flat_gradient(
+            by_z.reshape(rows, joints * width), None if by_momentum is None else by_momentum.reshape(rows, -1)
+        )
+        return flat.reshape(*shape, self.size)
+
+    def flat_gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
+        """Derivatives (r, size) by x, from those by z (r, n width) and by h (r, e), None for zeros."""
+        by_x = (by_z if by_z.shape[1] == len(self.offset) else by_z[:, self.polynomials.free_indices]) @ self.scaling
+        if not self.momentum.free:
+            return by_x
+        zeros = np.zeros((len(by_x), self.momentum.free))
+        return np.concatenate((by_x, zeros if by_momentum is None else by_momentum @ self.momentum.axes), axis=1)
