@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, NamedTuple
 
 import numpy as np
 
@@ -52,8 +52,7 @@ class Solution(Generic[Detail]):
     hessian: HessianApproximation | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Accepted(Generic[Detail]):
+class _Accepted(NamedTuple, Generic[Detail]):
     """A point that the line search accepted: x moved by ``change``."""
 
     x: Array

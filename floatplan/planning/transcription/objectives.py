@@ -14,7 +14,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.sine_polynomial import powers_map
+from floatplan.motion.sine_polynomial import SinePolynomials, powers_map
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import Trajectory, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
@@ -114,21 +114,20 @@ def _time_weights(trajectory: Trajectory) -> Array:
     return trajectory.duration * trajectory.sampling.weights
 
 
-def whitened_variables(variables: DecisionVariables) -> tuple[Array, Array]:
+def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
     """Offset (m,) and scaling (m, m) for which (17) is ``constant + unit^2 |x|^2``.
 
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square).
     """
-    polynomials = variables.polynomials
     width, duration = polynomials.width, polynomials.duration
     factors = [_factors(width, free, duration) for free in polynomials.free]
     unit = 1 / max(factor.longest for factor in factors)
     offsets = [
         factor.offset_by_boundary @ boundary for factor, boundary in zip(factors, polynomials.boundary, strict=True)
     ]
-    scaling = np.zeros((variables.coefficients, variables.coefficients))
-    start = 0
+    size = sum(polynomials.free)
+    scaling, start = np.zeros((size, size)), 0
     for factor in factors:
         stop = start + len(factor.inverse)
         scaling[start:stop, start:stop] = unit * factor.inverse

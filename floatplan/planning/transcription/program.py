@@ -151,10 +151,9 @@ def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntAr
 def decision_variables(problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet) -> DecisionVariables:
     """Variables scaled for the problem's objective."""
     size = sum(polynomials.free)
-    variables = DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
-    if problem.motion.objective != "coefficients" or not size:
-        return variables
-    return DecisionVariables(polynomials, *whitened_variables(variables), momentum)
+    if problem.motion.objective == "coefficients" and size:
+        return DecisionVariables(polynomials, *whitened_variables(polynomials), momentum)
+    return DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
