@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Capsule
+
+Number = TypeVar("Number", np.float64, np.complex128)
 
 IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
 
@@ -206,21 +209,22 @@ def _between(
 
     Apart, the least distance is at one of the four ends. Where they cross it is minus the shortest way out by an end.
     """
-    from_start = _point_to_segment(start, other_start, other_end)
-    from_end = _point_to_segment(end, other_start, other_end)
-    to_start = _point_to_segment(other_start, start, end)
-    to_end = _point_to_segment(other_end, start, end)
-    zero, one = np.zeros(start.shape), np.ones(start.shape)
-    distances = np.stack((from_start[0], from_end[0], to_start[0], to_end[0]))
-    directions = np.stack((-from_start[1], -from_end[1], to_start[1], to_end[1]))
-    shares = np.stack((zero, one, to_start[2], to_end[2]))
-    other_shares = np.stack((from_start[2], from_end[2], zero, one))
-    nearest = np.argmin(distances, axis=0)[None]
-    distance, direction, fraction, other_share = (
-        np.take_along_axis(values, nearest, axis=0)[0] for values in (distances, directions, shares, other_shares)
-    )
+    distance, direction, other_share = _point_to_segment(np.stack((start, end)), other_start, other_end)
+    back, back_direction, share = _point_to_segment(np.stack((other_start, other_end)), start, end)
+    at_ends = np.broadcast_to(np.reshape([0.0, 1.0], (2, *(1,) * start.ndim)), share.shape)
+    distances = np.concatenate((distance, back))
+    nearest, everywhere = distances.reshape(4, -1).argmin(axis=0), np.arange(start.size)
+
+    def at_nearest(values: NDArray[Number]) -> NDArray[Number]:
+        return np.asarray(values.reshape(4, -1)[nearest, everywhere].reshape(start.shape))
+
     sign = np.where(_cross(start, end, other_start, other_end), -1.0, 1.0)
-    return sign * distance, sign * direction, fraction, other_share
+    return (
+        sign * at_nearest(distances),
+        sign * at_nearest(np.concatenate((-direction, back_direction))),
+        at_nearest(np.concatenate((at_ends, share))),
+        at_nearest(np.concatenate((other_share, at_ends))),
+    )
 
 
 def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> BoolArray:
