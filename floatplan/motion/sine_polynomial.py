@@ -167,7 +167,14 @@ class SinePolynomials:
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
-        return self.motion_of_coefficients(np.concatenate((self.boundary, z), axis=1).T, values)
+        coefficients = self._plain_coefficients.copy()
+        coefficients[:, CONDITIONS:] = z
+        return self.motion_of_coefficients(coefficients.T, values)
+
+    @cached_property
+    def _plain_coefficients(self) -> Array:
+        """All coefficients (n, 6+width) of the motion with no free part."""
+        return np.concatenate((self.boundary, self.no_free_part), axis=1)
 
     def motion_of_coefficients(self, coefficients: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values.
