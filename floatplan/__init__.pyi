@@ -5,7 +5,7 @@ from floatplan.errors import InputError as InputError
 from floatplan.motion.flight_state import FlightState as FlightState
 from floatplan.planning.planner import plan as plan
 from floatplan.plans.plan import Plan as Plan
-from floatplan.plans.plan import load_plan as load_plan
+from floatplan.plans.plan_file import load_plan as load_plan
 from floatplan.plans.verdicts import Certificate as Certificate
 from floatplan.problem.file import load_problem as load_problem
 from floatplan.problem.file import save_problem as save_problem

@@ -13,7 +13,7 @@ from floatplan.arrays import Array, IntArray, read_only
 FINENESS = 8  # points of the search grid per node
 NEWTON_STEPS = 4
 GRID = 257  # instants of the first look for the least value of a function that is not smooth
-REFINEMENTS = 4  # times that the look at each candidate narrows, 8-fold each
+CLOSER_LOOKS = 4  # times that the look at each candidate narrows, 8-fold each
 LOWEST = 8  # candidates
 
 
@@ -54,8 +54,7 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     coefficients = _coefficient_map(count) @ values
     grid, at_grid = _grid_values(count)
     fine = at_grid @ coefficients
-    padded = np.pad(fine, ((1, 1), (0, 0)), constant_values=np.inf)
-    row, column = np.nonzero((fine <= padded[:-2]) & (fine <= padded[2:]))
+    row, column = lowest_of_neighbours(fine)
     s, found = grid[row], fine[row, column]
     low, high = grid[np.maximum(row - 1, 0)], grid[np.minimum(row + 1, len(grid) - 1)]
     first = np.asarray(chebyshev.chebder(coefficients, scl=2), dtype=np.float64)
@@ -96,19 +95,42 @@ def least_by_grids(values: Callable[[Array], Array], duration: float, instants: 
     """
     grid = np.unique(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
     found = values(grid)
-    reach = duration / (GRID - 1)
-    for _ in range(REFINEMENTS):
-        padded = np.pad(found, 1, constant_values=np.inf)
-        lowest = np.flatnonzero((found <= padded[:-2]) & (found <= padded[2:]) & np.isfinite(found))
-        lowest = lowest[np.argsort(found[lowest])[:LOWEST]]
-        near = grid[lowest][:, None] + reach * np.linspace(-1, 1, 17)
-        grid = np.unique(np.concatenate((grid[lowest], np.clip(near, 0, duration).ravel())))
-        if not grid.size:
-            return np.inf, 0.0
-        found = values(grid)
-        reach /= 8
-    least = int(np.argmin(found))
-    return float(found[least]), float(grid[least])
+    lowest, _ = lowest_of_neighbours(found[:, None])
+    lowest = lowest[np.argsort(found[lowest])[:LOWEST]]
+    column = np.zeros(len(lowest), dtype=np.int64)
+    span = duration / (GRID - 1)
+    when, least = narrowed(lambda t: values(t)[:, None], column, grid[lowest], found[lowest], span, duration)
+    if not lowest.size:
+        return np.inf, 0.0
+    best = int(np.argmin(least))
+    return float(least[best]), float(when[best])
+
+
+def lowest_of_neighbours(values: Array) -> tuple[IntArray, IntArray]:
+    """Rows (L,) and columns (L,) of the finite values (K, r) that no neighbour in their column is below."""
+    padded = np.pad(values, ((1, 1), (0, 0)), constant_values=np.inf)
+    row, column = np.nonzero((values <= padded[:-2]) & (values <= padded[2:]) & np.isfinite(values))
+    return row, column
+
+
+def narrowed(
+    values: Callable[[Array], Array], column: IntArray, where: Array, least: Array, span: float, last: float
+) -> tuple[Array, Array]:
+    """Narrow down local minima ``least`` (L,) at ``where`` (L,), in [0, last], of ``column`` (L,) of a function.
+
+    The function gives (N, r) at (N,); ``span`` is how far the first look goes to both sides, each next one 8 times
+    closer. Returned are where the minima are, and their values.
+    """
+    chosen = np.arange(len(where))
+    for _ in range(CLOSER_LOOKS if len(where) else 0):
+        around = np.clip(where[:, None] + span * np.linspace(-1, 1, 17), 0, last)
+        near = values(around.ravel()).reshape(len(where), 17, -1)[chosen, :, column]
+        best = np.argmin(near, axis=1)
+        better = near[chosen, best] < least
+        where = np.where(better, around[chosen, best], where)
+        least = np.where(better, near[chosen, best], least)
+        span /= 8
+    return where, least
 
 
 def _evaluate(coefficients: Array, column: IntArray, s: Array) -> Array:

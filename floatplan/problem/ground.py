@@ -8,10 +8,10 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.problem.parts import JointState
-from floatplan.robot.robot import Capsule, Frame, Robot
+from floatplan.robot.robot import Frame, LinkCapsule, Robot
 
 
-def contact_shapes(robot: Robot, link: str) -> Sequence[Capsule]:
+def contact_shapes(robot: Robot, link: str) -> Sequence[LinkCapsule]:
     """Return the shapes with which a link stands on the ground: its own, else those of the link that it is fixed to.
 
     None where no link that it is fixed to has any: the link is then the point of its origin.

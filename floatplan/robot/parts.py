@@ -40,7 +40,7 @@ class Coupling:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class LinkCapsule:
     """A link's shape in the plane: all points within ``radius`` of the segment from ``start`` to ``end``.
 
     ``body`` indexes :class:`PlanarTree`; ``start`` and ``end`` are complex places in that body's frame, m.

@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.robot.parts import Capsule, Coupling, Frame, Plane
+from floatplan.robot.parts import Coupling, Frame, LinkCapsule, Plane
 from floatplan.robot.planar.choice import Choice, choose_joints, largest_turn, with_axes_in_plane
 from floatplan.robot.planar.layout import TreeLayout, lay_out, named_frames, planar_tree
 from floatplan.robot.planar.limits import planned_limits
@@ -30,7 +30,7 @@ from floatplan.robot.urdf.read import UrdfText, read_urdf
 from floatplan.robot.urdf.srdf import reference_posture
 from floatplan.robot.urdf.tree import UrdfTree
 
-__all__ = ["Capsule", "Coupling", "Frame", "PlanarTree", "Plane", "Robot"]
+__all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,7 +225,7 @@ class Robot:
         return MappingProxyType(mesh_digests(self.layout.tree, None if self.path is None else self.path.parent))
 
     @cached_property
-    def shapes(self) -> tuple[Capsule, ...]:
+    def shapes(self) -> tuple[LinkCapsule, ...]:
         """The links' shapes in the plane, fitted when first used.
 
         Raises

@@ -10,7 +10,7 @@ import pytest
 import floatplan as fp
 from floatplan.motion.planar.clearance import Distances, LinkShapes, obstacle_distances, pair_distances
 from floatplan.problem.parts import Obstacle
-from floatplan.robot import Capsule
+from floatplan.robot import LinkCapsule
 
 TIMES = np.array([0.0, 0.3, 1.1, 2.0])
 AWAY = 0.5 + 0.2j  # m
@@ -30,7 +30,7 @@ OBSTACLES = {
 
 def shapes_of(robot, radius=0.04):
     """The links' capsules, made thick, ready to be placed."""
-    capsules = [Capsule(shape.link, shape.body, shape.start, shape.end, radius) for shape in robot.shapes]
+    capsules = [LinkCapsule(shape.link, shape.body, shape.start, shape.end, radius) for shape in robot.shapes]
     return LinkShapes(robot.tree, tuple(capsules))
 
 
@@ -124,7 +124,7 @@ class TestOverlap:
 
     @pytest.fixture
     def link(self, gymnast):
-        shapes = LinkShapes(gymnast.tree, (Capsule("link", 0, 0j, 2 + 0j, 0.0),))
+        shapes = LinkShapes(gymnast.tree, (LinkCapsule("link", 0, 0j, 2 + 0j, 0.0),))
         angles = np.zeros((1, 3))
         return shapes.place(-1 - shapes.place(np.zeros(1, dtype=complex), angles).start[:, 0], angles)
 

@@ -17,7 +17,8 @@ from scipy.integrate import simpson
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.plans.plan import Plan, rebuild
+from floatplan.plans.plan import Plan
+from floatplan.plans.plan_file import rebuild
 
 DURATION = 1.3
 TIMES = np.linspace(0, DURATION, 8)

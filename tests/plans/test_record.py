@@ -15,7 +15,7 @@ from proof_plans import example_b
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.files import plain, write_atomically
-from floatplan.plans.plan import rebuild
+from floatplan.plans.plan_file import rebuild
 from floatplan.plans.record import FORMAT, PlanRecord, load_record, record_from_dict
 
 AWKWARD = [0.1 + 0.2, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, np.nextafter(1, 2), -1e-17, 2.0**53 + 2]

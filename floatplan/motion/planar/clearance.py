@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.robot.robot import Capsule
+from floatplan.robot.robot import LinkCapsule
 
 Number = TypeVar("Number", np.float64, np.complex128)
 
@@ -63,7 +63,7 @@ class Segments:
 class LinkShapes:
     """Capsules of a robot, ready to be placed."""
 
-    def __init__(self, tree: PlanarTree, shapes: tuple[Capsule, ...]) -> None:
+    def __init__(self, tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> None:
         self._tree = tree
         self.links = tuple(shape.link for shape in shapes)
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)

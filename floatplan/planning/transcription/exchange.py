@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.motion.extrema import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
@@ -38,7 +39,6 @@ from floatplan.tolerances import ORIENTATION
 
 QUADRATURE_ERROR = 1e-13  # rad, of the attitude at landing, at which the nodes are enough
 FIRST_LOOK = 129  # instants of the first look between the nodes
-CLOSER_LOOKS = 4  # times that the look at each local minimum narrows, 8-fold each
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
 INSIDE_ENOUGH = 0.5  # of what the search aims inside: nothing is nearer to its limit between the nodes
 TIGHT = 10 * BACK_OFF  # of violation: below it there may be no room to be inside
@@ -109,18 +109,17 @@ def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Arr
     """Narrow down the local minima of values (K, r) on a grid, by ever finer grids about each of them."""
     columns = np.cumsum([0, *(rows.shape[1] for rows in first)])
     value = np.concatenate(first, axis=1)
-    padded = np.pad(value, ((1, 1), (0, 0)), constant_values=np.inf)
-    at, column = np.nonzero((value <= padded[:-2]) & (value <= padded[2:]) & (value - _rise(value) < NEAR))
-    s, low, span = grid[at], value[at, column], 1 / (FIRST_LOOK - 1)
-    chosen = np.arange(len(s))
-    for _ in range(CLOSER_LOOKS if len(s) else 0):
-        around = np.clip(s[:, None] + span * np.linspace(-1, 1, 17), 0, 1)
-        rows = np.concatenate(values(around.ravel()), axis=1).reshape(len(s), 17, -1)
-        near = rows[chosen, :, column]
-        best = np.argmin(near, axis=1)
-        better = near[chosen, best] < low
-        s, low = np.where(better, around[chosen, best], s), np.where(better, near[chosen, best], low)
-        span /= 8
+    at, column = lowest_of_neighbours(value)
+    near = (value - _rise(value))[at, column] < NEAR
+    at, column = at[near], column[near]
+    s, low = narrowed(
+        lambda instants: np.concatenate(values(instants), axis=1),
+        column,
+        grid[at],
+        value[at, column],
+        1 / (FIRST_LOOK - 1),
+        1.0,
+    )
     block = np.searchsorted(columns, column, side="right") - 1
     return Worst(block, column - columns[block], s, low)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.parts import Capsule
+from floatplan.robot.parts import LinkCapsule
 from floatplan.robot.planar.layout import TreeLayout
 from floatplan.robot.shapes.cache import mesh_capsules
 from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit_capsules
@@ -25,7 +25,7 @@ from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_col
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
 
-def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]) -> tuple[Capsule, ...]:
+def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]) -> tuple[LinkCapsule, ...]:
     """Return the shapes of all links, in the order of the links in the file.
 
     Parameters
@@ -45,7 +45,7 @@ def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, st
     for joint in layout.tree.joints:
         joints[joint.parent].append(joint)
         joints[joint.child].append(joint)
-    shapes: list[Capsule] = []
+    shapes: list[LinkCapsule] = []
     for link, own in joints.items():
         shapes += _capsules(layout, link, folder, meshes) or _segments(layout, link, own)
     return tuple(shapes)
@@ -112,7 +112,7 @@ def _mesh_names(tree: UrdfTree) -> list[tuple[str, str]]:
     ]
 
 
-def _capsules(layout: TreeLayout, link: str, folder: Path | None, meshes: Mapping[str, str]) -> list[Capsule]:
+def _capsules(layout: TreeLayout, link: str, folder: Path | None, meshes: Mapping[str, str]) -> list[LinkCapsule]:
     fitted: list[PlaneCapsule] = []
     for collision in layout.tree.links[link].collisions:
         outline = read_collision(link, collision, _projection(layout, link), folder)
@@ -121,7 +121,7 @@ def _capsules(layout: TreeLayout, link: str, folder: Path | None, meshes: Mappin
         elif outline is not None:
             fitted += fit_capsules(outline)
     body = layout.body_of[link]
-    return [Capsule(link, body, capsule.start, capsule.end, capsule.radius) for capsule in _outermost(fitted)]
+    return [LinkCapsule(link, body, capsule.start, capsule.end, capsule.radius) for capsule in _outermost(fitted)]
 
 
 def _same_mesh(use: MeshUse, meshes: Mapping[str, str]) -> Mesh:
@@ -148,14 +148,14 @@ def _projection(layout: TreeLayout, link: str) -> Projection:
     return Projection(row, layout.local(layout.body_of[link], placement.translation))
 
 
-def _segments(layout: TreeLayout, link: str, joints: list[UrdfJoint]) -> list[Capsule]:
+def _segments(layout: TreeLayout, link: str, joints: list[UrdfJoint]) -> list[LinkCapsule]:
     """From the link's origin to those of its children's joints, and of its own where it stands away from there."""
     body = layout.body_of[link]
     start = layout.local(body, layout.placements[link].translation)
     ends = dict.fromkeys(layout.local(body, _joint_origin(layout, joint)) for joint in joints)
-    segments = [Capsule(link, body, start, end, 0.0) for end in ends if end != start]
+    segments = [LinkCapsule(link, body, start, end, 0.0) for end in ends if end != start]
     if not segments and layout.tree.links[link].inertial is not None:
-        return [Capsule(link, body, start, start, 0.0)]
+        return [LinkCapsule(link, body, start, start, 0.0)]
     return segments
 
 

@@ -1,0 +1,198 @@
+"""The motion of a plan: a function of time, by which everything else about the plan is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
+from floatplan.motion.flight_state import FlightState
+from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
+from floatplan.motion.planar.free_flyer import free_flyer
+from floatplan.motion.planar.full_motion import FullMotion
+from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
+from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
+from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
+
+RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMotion:
+    """The motion ``q_i(t) = centre_i + amplitude_i sin(sum_k b_ik t^k)`` and what follows from it at any time.
+
+    Attributes
+    ----------
+    problem : Problem
+    centre, amplitude : (n,) rad
+    coefficients : (n, k+1)
+        b of (12), powers of t in seconds.
+    angular_momentum : kg m^2/s
+    ballistics : path of the centre of mass
+    """
+
+    problem: Problem
+    centre: Array
+    amplitude: Array
+    coefficients: Array
+    angular_momentum: float
+    ballistics: Ballistics
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that flies."""
+        return self.problem.robot
+
+    @cached_property
+    def dynamics(self) -> PinocchioDynamics:
+        """The robot's rigid-body dynamics."""
+        return PinocchioDynamics(self.robot)
+
+    @property
+    def duration(self) -> float:
+        """Flight time, s."""
+        return float(self.problem.flight.duration)
+
+    def __call__(self, times: npt.ArrayLike) -> FlightState:
+        """Return the state at times; see :meth:`at`."""
+        return self.at(times)
+
+    def at(self, times: npt.ArrayLike) -> FlightState:
+        """State of the robot at times (N,) or one time, s, within [0, duration].
+
+        Raises
+        ------
+        InputError
+            A time is not a number or lies outside the flight.
+        """
+        try:
+            instants = np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
+        except (TypeError, ValueError):
+            raise InputError("a time is not a number", element="times") from None
+        slack = 1e-12 * self.duration
+        if not ((instants >= -slack) & (instants <= self.duration + slack)).all():
+            raise InputError(f"a time lies outside the flight, [0, {self.duration}] s", element="times")
+        positions, velocities, accelerations = self.joint_motion(instants)
+        momentum_map = self.dynamics.momentum_map(positions)
+        joint_part = np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)
+        rate = (self.angular_momentum - joint_part) / momentum_map[:, 0]
+        orientation = self.orientation(instants)
+        forces = self.dynamics.full_forces(positions, velocities, accelerations, rate)
+        com = self.ballistics.positions(instants)
+        angles = self.robot.tree.absolute_angles(orientation, positions)
+        base = self.robot.tree.rotations(angles) @ self.robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
+        return FlightState(
+            times=read_only(instants),
+            orientation=read_only(orientation),
+            orientation_rate=read_only(rate),
+            positions=read_only(positions),
+            velocities=read_only(velocities),
+            accelerations=read_only(accelerations),
+            torques=read_only(forces @ self.robot.selection),
+            motor_torques=read_only(forces @ self.robot.transmission),
+            com_position=read_only(com),
+            com_velocity=read_only(self.ballistics.velocities(instants)),
+            base_position=read_only(com + np.stack((base.real, base.imag), axis=1)),
+            angular_momentum=read_only(momentum_map[:, 0] * rate + joint_part),
+        )
+
+    def full_motion(self, times: npt.ArrayLike) -> FullMotion:
+        """Motion of every joint that the URDF has, and of the base in space, at times (N,); errors as of :meth:`at`."""
+        return FullMotion(self.dynamics, self.at(times), self.ballistics.gravity)
+
+    def q(self, times: npt.ArrayLike) -> Array:
+        """Configuration (nq,) or (N, nq), m and rad, in the order of the free-flyer model of the file itself.
+
+        That is ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``: place of the root link, quaternion x y z w,
+        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.free_flyer` for the world's
+        axes, for what that model makes of q, v, a and tau, and for joints that floatplan had to turn into the plane.
+
+        Parameters
+        ----------
+        times : number or (N,)
+            s, within the flight.
+
+        Raises
+        ------
+        InputError
+            As of :meth:`at`; or a joint is called ``root_joint``, as Pinocchio calls the free flyer.
+        """
+        return self._in_file(times, free_flyer(self.robot).configurations)
+
+    def v(self, times: npt.ArrayLike) -> Array:
+        """Velocity (nv,) or (N, nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
+        return self._in_file(times, free_flyer(self.robot).velocities)
+
+    def a(self, times: npt.ArrayLike) -> Array:
+        """Acceleration (nv,) or (N, nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
+        return self._in_file(times, free_flyer(self.robot).accelerations)
+
+    def tau(self, times: npt.ArrayLike) -> Array:
+        """Torques (nv,) or (N, nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
+        return self._in_file(times, free_flyer(self.robot).torques)
+
+    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[FullMotion], Array]) -> Array:
+        """A quantity (N, size) at times of any shape, in that shape."""
+        values = quantity(self.full_motion(times))
+        return values.reshape(*np.shape(times), values.shape[1])
+
+    def joint_motion(self, times: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities, accelerations (N, n) at times (N,)."""
+        return self._written.at(times)
+
+    @cached_property
+    def _written(self) -> WrittenMotion:
+        return WrittenMotion.from_powers(self.centre, self.amplitude, self.coefficients, self.duration)
+
+    def orientation(self, times: Array) -> Array:
+        """Orientation (N,) rad at times (N,), by (18)."""
+        quadrature, rates = self._orientation_rates
+        integrals = quadrature.integrals(times / self.duration) @ rates
+        return np.asarray(self.problem.initial.orientation + self.duration * integrals)
+
+    @cached_property
+    def final_orientation(self) -> float:
+        """Orientation at the end of the flight, rad."""
+        quadrature, rates = self._orientation_rates
+        return float(self.problem.initial.orientation + self.duration * (quadrature.weights @ rates))
+
+    @cached_property
+    def _orientation_rates(self) -> tuple[GaussLegendre, Array]:
+        """Quadrature with as many nodes as theta0' needs, and theta0' (N,) at them."""
+        for count in NODE_COUNTS:
+            quadrature = gauss_legendre(count)
+            positions, velocities, _ = self.joint_motion(quadrature.nodes * self.duration)
+            rates = self.dynamics.base_rate(positions, velocities, self.angular_momentum)
+            if quadrature.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
+                break
+        return quadrature, rates
+
+    def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
+        """Least distance (N,) m between any link and any obstacle that exists then; infinite where none does.
+
+        ``obstacles`` are those of the problem where left out.
+        """
+        instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        segments = self.segments(instants)
+        least = np.full(len(instants), np.inf)
+        for obstacle in self.problem.obstacles if obstacles is None else obstacles:
+            distance = obstacle_distances(segments, obstacle, instants).values.min(axis=1)
+            low, high = obstacle.window or (-np.inf, np.inf)
+            least = np.minimum(least, np.where((instants >= low) & (instants <= high), distance, np.inf))
+        return least
+
+    def segments(self, instants: Array) -> Segments:
+        """The links' shapes at instants (N,)."""
+        positions, _, _ = self.joint_motion(instants)
+        angles = self.robot.tree.absolute_angles(self.orientation(instants), positions)
+        com = self.ballistics.positions(instants)
+        return LinkShapes(self.robot.tree, self.robot.shapes).place(com[:, 0] + 1j * com[:, 1], angles)
