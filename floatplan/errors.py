@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+LONGEST_WORD = 80  # characters of something quoted
+HALF = (LONGEST_WORD - 5) // 2  # of them, before and after what is left out
+LONGEST_PART = 400  # characters of a reason, an element or an advice
+LONGEST_PATH = 300  # characters of a file's path
+
+
+def printable(text: str, most: int = LONGEST_PART) -> str:
+    """Text from anywhere as it may be shown: one line without control characters, nothing in it overlong."""
+    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+    shown = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: f"{word[0][:HALF]} ... {word[0][-HALF:]}", shown)
+    return shown if len(shown) <= most else f"{shown[: most - 4]} ..."
 
 
 class FloatplanError(Exception):
@@ -32,12 +45,12 @@ class InputError(FloatplanError, ValueError):
         element: str | None = None,
         advice: str | None = None,
     ) -> None:
-        self.reason = reason
+        self.reason = printable(reason)
         self.source = None if source is None else str(source)
-        self.element = element
-        self.advice = advice
-        place = ": ".join(part for part in (self.source, element) if part)
-        super().__init__(f"{place}: {reason}" if place else reason)
+        self.element = None if element is None else printable(element)
+        self.advice = None if advice is None else printable(advice)
+        place = ": ".join(part for part in (_shown_path(self.source), self.element) if part)
+        super().__init__(f"{place}: {self.reason}" if place else self.reason)
 
     def __str__(self) -> str:
         message = super().__str__()
@@ -47,3 +60,11 @@ class InputError(FloatplanError, ValueError):
         """Return the same error with its file, or the element around it, added."""
         inner = ".".join(part for part in (element, self.element) if part) or None
         return InputError(self.reason, source=source or self.source, element=inner, advice=self.advice)
+
+
+def _shown_path(path: str | None) -> str | None:
+    """A path as it may be shown: its end, where it is long."""
+    if path is None:
+        return None
+    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in path)
+    return shown if len(shown) <= LONGEST_PATH else f"... {shown[-(LONGEST_PATH - 4) :]}"

@@ -23,9 +23,11 @@ from floatplan.problem.parts import (
     SelfClearance,
     Takeoff,
 )
+from floatplan.problem.ranges import RANGES, check_number
 from floatplan.robot.robot import Robot
 from floatplan.tables import OBJECTIVES
 
+LONGEST = 1700  # characters of all that is wrong with a problem
 LOWEST_DEGREE = 5
 HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 MOST_JOINTS = 60
@@ -42,7 +44,18 @@ class ProblemError(InputError):
 
     def __init__(self, errors: Sequence[InputError]) -> None:
         self.errors = tuple(errors)
-        super().__init__("\n".join(str(error) for error in errors))
+        super().__init__("several things are wrong")
+
+    def __str__(self) -> str:
+        """All of them, as far as there is room."""
+        told, room = [], LONGEST
+        for error in map(str, self.errors):
+            room -= len(error) + 1
+            if room < 0:
+                break
+            told.append(error)
+        rest = len(self.errors) - len(told)
+        return "\n".join([*told, *([f"and {rest} more"] if rest else [])])
 
     def within(self, source: str | Path | None = None, element: str | None = None) -> ProblemError:
         """Return the same errors, each with its file, or the element around it, added."""
@@ -62,7 +75,7 @@ def faults(checks: Iterable[Callable[[], None]]) -> list[InputError]:
 
 def joint_state(robot: Robot, posture: Posture, element: str) -> JointState:
     """Return a posture as arrays in joint order."""
-    check_finite(posture.orientation, f"{element}.orientation")
+    check_number(posture.orientation, f"{element}.orientation", "orientation")
     return JointState(
         orientation=float(posture.orientation),
         positions=_joint_values(robot, posture.positions, f"{element}.positions", default=None),
@@ -90,7 +103,7 @@ def _joint_values(robot: Robot, values: JointValues, element: str, default: floa
             f"{len(filled)} values for {len(robot.joints)} joints", element=element, advice=f"joints: {listed(robot)}"
         )
     for joint, value in zip(robot.joints, filled, strict=True):
-        check_finite(value, f"{element}.{joint}")
+        check_number(value, f"{element}.{joint}", element.rpartition(".")[2])
     return read_only(np.array(filled, dtype=np.float64))
 
 
@@ -128,16 +141,14 @@ def check_objective(motion: Motion) -> None:
 
 
 def check_duration(flight: Flight) -> None:
-    """Refuse a duration that is not positive."""
-    check_finite(flight.duration, "flight.duration")
-    if not flight.duration > 0:
-        raise InputError(f"{flight.duration} s is not positive", element="flight.duration")
+    """Refuse a duration that is not positive, or out of its range."""
+    check_number(flight.duration, "flight.duration", "duration")
 
 
 def check_angular_momentum(flight: Flight) -> None:
     """Refuse what is neither a number nor a known word."""
     if not isinstance(flight.angular_momentum, str):
-        check_finite(flight.angular_momentum, "flight.angular_momentum")
+        check_number(flight.angular_momentum, "flight.angular_momentum", "angular_momentum")
     elif flight.angular_momentum not in ("midpoint", "free"):
         raise InputError(
             f"must be a number, 'midpoint' or 'free', not {flight.angular_momentum!r}",
@@ -147,17 +158,15 @@ def check_angular_momentum(flight: Flight) -> None:
 
 def check_ballistics(flight: Flight) -> None:
     """Refuse velocities and gravity that cannot be."""
-    check_finite(flight.horizontal_velocity, "flight.horizontal_velocity")
-    check_finite(flight.gravity, "flight.gravity")
-    if flight.gravity < 0:
-        raise InputError(f"{flight.gravity} m/s^2 is negative; downwards is positive", element="flight.gravity")
+    check_number(flight.horizontal_velocity, "flight.horizontal_velocity", "horizontal_velocity")
+    check_number(flight.gravity, "flight.gravity", "gravity", advice="downwards is positive")
 
 
 def takeoff_of(robot: Robot, flight: Flight) -> Takeoff:
     """Return the takeoff with its default filled in."""
     takeoff = flight.takeoff or Takeoff(robot.tree.names[0])
     _check_frame(robot, takeoff.frame, "flight.takeoff.frame")
-    check_finite(takeoff.position, "flight.takeoff.position")
+    check_number(takeoff.position, "flight.takeoff.position", "position")
     return takeoff
 
 
@@ -171,7 +180,7 @@ def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, grou
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
         return Landing(landing.frame, height)
     height = 0.0 if landing.height is None else landing.height
-    check_finite(height, "flight.landing.height")
+    check_number(height, "flight.landing.height", "height")
     return Landing(landing.frame, height)
 
 
@@ -182,11 +191,12 @@ def check_obstacle(obstacle: Obstacle, element: str, duration: float) -> None:
         raise InputError(f"must be a {known}, not {obstacle!r}", element=element)
     for each in fields(obstacle):
         if each.name != "window":
-            check_finite(getattr(obstacle, each.name), f"{element}.{each.name}")
+            key = each.name if each.name in RANGES else "place"
+            check_number(getattr(obstacle, each.name), f"{element}.{each.name}", key)
     for name, reason in obstacle.faults():
         raise InputError(reason, element=f"{element}.{name}")
     if obstacle.window is not None:
-        check_finite(obstacle.window, f"{element}.window")
+        check_number(obstacle.window, f"{element}.window", "window")
         start, end = obstacle.window
         if not start < end:
             raise InputError(f"the window ends ({end} s) before it begins ({start} s)", element=f"{element}.window")
@@ -206,9 +216,7 @@ def check_pair(robot: Robot, pair: SelfClearance, element: str) -> None:
             )
     if pair.links[0] == pair.links[1]:
         raise InputError("the two links are the same", element=f"{element}.links")
-    check_finite(pair.margin, f"{element}.margin")
-    if pair.margin < 0:
-        raise InputError(f"{pair.margin} m is negative", element=f"{element}.margin")
+    check_number(pair.margin, f"{element}.margin", "margin")
 
 
 def check_joint_names(robot: Robot, values: Mapping[str, object], element: str) -> None:
@@ -225,16 +233,6 @@ def _check_frame(robot: Robot, name: str, element: str) -> None:
         raise InputError(
             f"the robot has no frame {name!r}", element=element, advice=f"frames: {', '.join(sorted(robot.frames))}"
         )
-
-
-def check_finite(value: object, element: str) -> None:
-    """Refuse what is not a finite number, or not all such."""
-    try:
-        finite = bool(np.isfinite(np.asarray(value, dtype=np.float64)).all())
-    except (TypeError, ValueError):
-        finite = False
-    if not finite:
-        raise InputError(f"{value!r} is not a finite number", element=element)
 
 
 def listed(robot: Robot) -> str:

@@ -11,12 +11,14 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.problem.checks import ProblemError, check_finite, check_joint_names, faults
+from floatplan.problem.checks import ProblemError, check_joint_names, faults
 from floatplan.problem.parts import JointState, JointValues, Limits
+from floatplan.problem.ranges import check_number
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
+NARROWEST = 1e-6  # rad, of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
 TORQUE = LIMIT_TABLE["torque"]
 
@@ -48,10 +50,13 @@ def _interval(interval: Sequence[float], element: str) -> tuple[float, float]:
     if len(interval) != 2:
         raise InputError("a range has two numbers, low and high", element=element)
     low, high = interval
-    check_finite(low, element)
-    check_finite(high, element)
+    check_number(interval, element, "positions")
     if not low < high:
         raise InputError(f"low {low} is not below high {high}", element=element)
+    if high - low < NARROWEST:
+        raise InputError(
+            f"[{low}, {high}] is narrower than {NARROWEST:g} rad", element=element, advice="lock the joint"
+        )
     return float(low), float(high)
 
 
@@ -148,6 +153,8 @@ def _check_positive(values: Array, names: Sequence[str], element: str) -> None:
     for joint, value in zip(names, values, strict=True):
         if not value > 0:
             raise InputError(f"{value} is not a positive number", element=f"{element}.{joint}")
+        if math.isfinite(value):
+            check_number(value, f"{element}.{joint}", "limit")
 
 
 def _leaders(robot: Robot) -> IntArray:
@@ -166,9 +173,7 @@ def motor_values(robot: Robot, limits: Limits, name: str, default: float) -> Arr
     _check_motor_names(robot, limits.motor, "limits.motor")
     for joint, motor in limits.motor.items():
         value = getattr(motor, name)
-        check_finite(value, f"limits.motor.{joint}.{name}")
-        if value < 0 or (name == "stall" and value == 0):
-            raise InputError(f"{value} is not a positive number", element=f"limits.motor.{joint}.{name}")
+        check_number(value, f"limits.motor.{joint}.{name}", "limit" if name == "stall" else name)
     curves = [_of_motor(robot, limits.motor, index, None) for index in range(len(robot.motors))]
     return read_only([default if curve is None else getattr(curve, name) for curve in curves])
 
@@ -179,6 +184,8 @@ def check_orientation_rate(limits: Limits) -> None:
         limits.orientation_rate > 0 and math.isfinite(limits.orientation_rate)
     ):
         raise InputError(f"{limits.orientation_rate} is not a positive number", element="limits.orientation_rate")
+    if limits.orientation_rate is not None:
+        check_number(limits.orientation_rate, "limits.orientation_rate", "limit")
 
 
 def _check_motor_names(robot: Robot, values: Mapping[str, object], element: str) -> None:

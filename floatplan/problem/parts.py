@@ -12,6 +12,8 @@ from floatplan.tables import Objective
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 
+SHORTEST_NORMAL = 1e-9  # as written
+
 
 @dataclass(frozen=True, eq=False)
 class Posture:
@@ -172,10 +174,8 @@ class Obstacle:
         raise NotImplementedError
 
     def faults(self) -> Iterator[tuple[str, str]]:
-        """What cannot be, of numbers that are finite: field and reason."""
-        for name in ("margin", "radius"):
-            if getattr(self, name, 0.0) < 0:
-                yield name, f"{getattr(self, name)} m is negative"
+        """What cannot be, of numbers in their ranges: field and reason."""
+        yield from ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +219,7 @@ class HalfPlane(Obstacle):
     def faults(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle, and a normal that has no direction."""
         yield from super().faults()
-        if not any(self.normal):
+        if math.hypot(*self.normal) < SHORTEST_NORMAL:
             yield "normal", "the normal has length zero"
 
 

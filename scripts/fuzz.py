@@ -1,0 +1,89 @@
+"""Runs floatplan on spoiled files: ``scripts/fuzz N [--first SEED] [--processes] [--jobs J]``.
+
+Each of the N cases is a problem, URDF or plan file spoiled by its seed, met by a command. In process they run in
+batches, so that a crash is seen and costs one case; ``--processes`` starts the command line anew for each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "helpers"))
+
+import fuzz_cases  # noqa: E402
+
+BATCH = 50  # cases in one process
+PATIENCE = 60.0  # s for one case
+
+
+def worker(seeds: range, processes: bool) -> None:
+    """Run cases and print what they break, a line of JSON each; a line before each says which comes next."""
+    run = fuzz_cases.run_process if processes else fuzz_cases.run_here
+    out = sys.stdout
+    for seed in seeds:
+        print(json.dumps({"next": seed}), file=out, flush=True)
+        with tempfile.TemporaryDirectory() as folder:
+            for finding in run(seed, Path(folder)):
+                print(json.dumps({"broken": finding.broken, "text": str(finding)}), file=out, flush=True)
+
+
+def batch(seeds: range, processes: bool) -> Iterator[str]:
+    """What a batch breaks, crashes and hangs of its process included."""
+    while seeds:
+        command = [sys.executable, __file__, "--worker", str(seeds.start), str(seeds.stop)]
+        command += ["--processes"] if processes else []
+        last = seeds.start
+        ended = "a crash"
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            try:
+                output, errors = process.communicate(timeout=PATIENCE + 5 * len(seeds))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                output, errors = process.communicate()
+                ended = "a hang"
+        for line in output.decode("utf-8", "replace").splitlines():
+            content = json.loads(line)
+            last = content.get("next", last)
+            if "text" in content:
+                yield content["text"]
+        if process.returncode == 0:
+            return
+        yield f"seed {last}: {ended} ({process.returncode})\n  {errors.decode('utf-8', 'replace')[-1500:]}"
+        seeds = range(last + 1, seeds.stop)
+
+
+def main() -> None:
+    """Run and report; exit code 1 where anything broke."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cases", type=int, nargs="?", default=300)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--processes", action="store_true")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--worker", type=int, nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        worker(range(*options.worker), options.processes)
+        return
+    fuzz_cases.prepare_plans()
+    last = options.first + options.cases
+    batches = [range(first, min(first + BATCH, last)) for first in range(options.first, last, BATCH)]
+    broken = 0
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for texts in pool.map(lambda seeds: list(batch(seeds, options.processes)), batches):
+            for text in texts:
+                broken += 1
+                print(text, flush=True)
+    print(f"{options.cases} cases, {broken} promises broken")
+    raise SystemExit(1 if broken else 0)
+
+
+if __name__ == "__main__":
+    main()
