@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
 LONGEST_WORD = 80  # characters of something quoted
 HALF = (LONGEST_WORD - 5) // 2  # of them, before and after what is left out
 LONGEST_PART = 400  # characters of a reason, an element or an advice
@@ -16,6 +17,20 @@ def printable(text: str, most: int = LONGEST_PART) -> str:
     shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
     shown = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: f"{word[0][:HALF]} ... {word[0][-HALF:]}", shown)
     return shown if len(shown) <= most else f"{shown[: most - 4]} ..."
+
+
+def check_name(name: str, element: str) -> None:
+    """Refuse a name that cannot be shown on one line: names go to terminals, tables and file names.
+
+    Raises
+    ------
+    InputError
+        It has control characters, or is longer than ``LONGEST_NAME``.
+    """
+    if not name.isprintable():
+        raise InputError(f"the name {name!a} has characters that cannot be shown", element=element)
+    if len(name) > LONGEST_NAME:
+        raise InputError(f"the name {name!r} is longer than {LONGEST_NAME} characters", element=element)
 
 
 class FloatplanError(Exception):

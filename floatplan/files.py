@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
+import socket
+import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,25 +15,63 @@ from typing import Any
 
 from floatplan.errors import InputError
 
+LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
+LARGEST_URDF = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
 
-def read_json(path: Path) -> Any:
-    """Read a JSON file.
+
+def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
+    """Content of a regular file; devices, pipes and directories are not opened for more than a look.
+
+    Parameters
+    ----------
+    largest : bytes
+    kind : what it should be, for messages: "a plan file"
 
     Raises
     ------
     InputError
-        The file is missing, is not JSON, or gives a key twice in one object.
+        The file is missing, not a regular one, too large, or cannot be read.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_single_keys)
-    except InputError as error:
-        raise error.within(source=path) from None
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as stream:
+            state = os.fstat(descriptor)
+            if not stat.S_ISREG(state.st_mode):
+                raise InputError(f"is not a regular file, as {kind} is", source=path)
+            content = stream.read(largest + 1) if state.st_size <= largest else b""
     except FileNotFoundError:
         raise InputError("no such file", source=path) from None
     except IsADirectoryError:
-        raise InputError("is a directory", source=path, advice="name its plan.json") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+        raise InputError(f"is a directory, not {kind}", source=path) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot be read: {reason}", source=path) from None
+    if state.st_size > largest or len(content) > largest:
+        raise InputError(f"is larger than {largest // 1_000_000} MB, as no {kind.partition(' ')[2]} is", source=path)
+    return content
+
+
+def read_text(path: str | Path, largest: int, kind: str) -> str:
+    """Content of a regular text file in UTF-8, with or without a byte-order mark; errors as :func:`read_regular`."""
+    try:
+        return read_regular(path, largest, kind).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("is not a text file in UTF-8", source=path) from None
+
+
+def read_json(path: Path) -> Any:
+    """Read a plan file's JSON.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not JSON, or gives a key twice in one object.
+    """
+    text = read_text(path, LARGEST_PLAN, "a plan file")
+    try:
+        return json.loads(text, object_pairs_hook=_single_keys)
+    except InputError as error:
+        raise error.within(source=path) from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not JSON: {error}", source=path) from None
 
@@ -71,8 +112,11 @@ def plain(value: Any) -> Any:
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
     """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file."""
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise InputError("is not a regular file, and is not replaced", source=path, advice="choose another name")
     path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    _remove_leftovers(path.parent)
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f"{_temporary_of_here()}{os.getpid()}-")
     try:
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content.encode() if isinstance(content, str) else content)
@@ -84,6 +128,29 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
         Path(temporary).unlink(missing_ok=True)
         raise
     return path
+
+
+def _temporary_of_here() -> str:
+    """How the names of this machine's temporary files begin; the process and a random part follow."""
+    return f".floatplan-{re.sub('[^A-Za-z0-9]', '', socket.gethostname())[:40]}-"
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files of processes of this machine that were killed."""
+    for path in folder.glob(f"{_temporary_of_here()}*"):
+        process = path.name.split("-")[-2]
+        if process.isdecimal() and not _is_alive(int(process)):
+            path.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def _single_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

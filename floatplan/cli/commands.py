@@ -249,18 +249,16 @@ def replay(
     json_output: Json = False,
 ) -> None:
     """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed."""
-    from floatplan.plans.record import load_record
-    from floatplan.plans.recorded_robot import recorded_robot
+    from floatplan.plans.plan_file import load_plan
     from floatplan.simulation.replay import check_engine
     from floatplan.simulation.replay import replay as fly
 
     checked = check_engine(engine)
-    record = load_record(plan_file)
-    robot = recorded_robot(record.robot, plan_file, urdf)
-    flown = fly(record, robot, engine=checked, perturb=perturb, feedback=feedback, step=step)
+    plan = load_plan(plan_file, urdf)
+    flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
     facts = flown.to_dict()
     if save:
-        record.with_checks(replay=facts).save(plan_file)
+        plan.record.with_checks(replay=facts).save(plan_file)
     if json_output:
         print_json(facts)
     else:

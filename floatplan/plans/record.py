@@ -17,7 +17,10 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import check_finite, plain, read_json, write_atomically
+from floatplan.tables import check_number
 
+LARGEST = 1e12  # [SI] above every number of a plan file but coefficients; limits that are placeholders are as large
+LARGEST_ANGLE = 1e6  # [rad] of a term of p
 FORMAT = "floatplan.plan/1"
 STATUSES = ("optimal", "feasible", "infeasible")
 TABLES = ("problem", "solver")
@@ -195,7 +198,31 @@ def _record(content: dict[str, Any]) -> PlanRecord:
             _rows(content[name], name)
     _check_verdict(content)
     _check_tables(content)
+    _check_sizes(content, values["coefficients"])
     return PlanRecord(**values)
+
+
+def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
+    """Refuse numbers beyond what any flight has; b_k counts as ``b_k T^k``, which is an angle."""
+    duration = float(content["problem"]["flight"]["duration"])
+    check_number(duration, "problem.flight.duration", "duration")
+    with np.errstate(over="ignore"):
+        angles = np.abs(coefficients) * duration ** np.arange(coefficients.shape[1])
+    if not (angles <= LARGEST_ANGLE).all():
+        raise InputError(f"give terms of more than {LARGEST_ANGLE:g} rad", element="coefficients")
+    others = {name: value for name, value in content.items() if name not in ("coefficients", "certificate", "replay")}
+    _check_size(others, "")
+
+
+def _check_size(value: Any, element: str) -> None:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _check_size(item, f"{element}.{key}".lstrip("."))
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            _check_size(item, f"{element}[{index}]")
+    elif isinstance(value, int | float) and abs(value) > LARGEST:
+        raise InputError(f"{value:g} is larger than anything in a flight, {LARGEST:g}", element=element)
 
 
 def _robot_record(content: Any) -> RobotRecord:

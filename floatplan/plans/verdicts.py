@@ -61,8 +61,8 @@ class Finding:
     @property
     def label(self) -> str:
         """The constraint's name for a person."""
-        template = LABELS.get(self.kind, " ".join((self.kind, *("{}" for _ in self.subject))))
-        return template.format(*self.subject)
+        template = LABELS.get(self.kind)
+        return template.format(*self.subject) if template else " ".join((self.kind, *self.subject))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers; ``gap`` only where undecided."""

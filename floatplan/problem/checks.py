@@ -23,9 +23,8 @@ from floatplan.problem.parts import (
     SelfClearance,
     Takeoff,
 )
-from floatplan.problem.ranges import RANGES, check_number
 from floatplan.robot.robot import Robot
-from floatplan.tables import OBJECTIVES
+from floatplan.tables import OBJECTIVES, RANGES, check_number
 
 LONGEST = 1700  # characters of all that is wrong with a problem
 LOWEST_DEGREE = 5

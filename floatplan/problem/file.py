@@ -17,13 +17,14 @@ from pydantic import BaseModel, ValidationError
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.files import plain, write_atomically
+from floatplan.files import plain, read_text, write_atomically
 from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable
 from floatplan.robot.robot import Robot
 
+LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 DATA_PREFIX = "example-robot-data:"
 
 BY_JOINT = {
@@ -166,21 +167,13 @@ def problem_text(problem: Problem, path: str | Path) -> str:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    text = read_text(path, LARGEST_PROBLEM, "a problem file")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("no such file", source=path) from None
-    except IsADirectoryError:
-        raise InputError("is a directory, not a problem file", source=path) from None
-    except UnicodeDecodeError:
-        raise InputError("is not a text file in UTF-8", source=path) from None
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(text)
+    except ValueError as error:
         raise InputError(f"is not TOML: {error}", source=path) from None
     except RecursionError:
         raise InputError("is not a problem: nested too deeply", source=path) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot be read: {reason}", source=path) from None
 
 
 def _urdf_source(urdf: str, path: Path) -> str | Path:

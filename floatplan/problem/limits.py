@@ -13,9 +13,8 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
 from floatplan.problem.checks import ProblemError, check_joint_names, faults
 from floatplan.problem.parts import JointState, JointValues, Limits
-from floatplan.problem.ranges import check_number
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow, check_number
 
 EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 NARROWEST = 1e-6  # rad, of a joint's range

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, check_name
 from floatplan.problem.checks import (
     ProblemError,
     check_angular_momentum,
@@ -136,6 +136,7 @@ class Problem:
 
     def _checks(self) -> Iterator[Callable[[], None]]:
         yield partial(refuse_leak, self.robot)
+        yield partial(check_name, self.name, "name")
         yield lambda: check_duration(self.flight)
         yield lambda: check_angular_momentum(self.flight)
         yield lambda: check_ballistics(self.flight)

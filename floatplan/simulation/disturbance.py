@@ -14,6 +14,7 @@ from floatplan.errors import InputError
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.reduced_model import ReducedModel
 
+FASTEST = 1e4  # [rad/s] bandwidth of feedback
 LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 
 
@@ -102,6 +103,8 @@ def feedback_of(reduced: ReducedModel, posture: Array, bandwidth: float) -> Feed
     """
     if not 0.0 < bandwidth < math.inf:
         raise InputError(f"{bandwidth} rad/s is not positive", element="feedback", advice="give a positive number")
+    if bandwidth > FASTEST:
+        raise InputError(f"{bandwidth} rad/s is above {FASTEST:g} rad/s, faster than any joint", element="feedback")
     inverse = pin.computeMinverse(reduced.model, reduced.model.createData(), np.asarray(posture))
     inertia = 1.0 / np.diagonal(inverse)[BASE_COORDINATES:]
     return Feedback(read_only(bandwidth**2 * inertia), read_only(2.0 * bandwidth * inertia))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,6 +17,7 @@ from floatplan.robot.planar.model import BASE_COORDINATES
 Torques: TypeAlias = Callable[[float, Array, Array], Array]  # time, positions, velocities (3 + m,) -> (m,)
 
 TIGHT = 1e-12  # [-] per step; open loop, errors grow with the motion: 10-fold in a flight, 1e12-fold with 20 links
+MOST_EVALUATIONS = 40_000  # [-] of the dynamics; flights of real robots take up to 2000
 LOOSE = 1e-8  # [-] where what is flown was disturbed by far more
 
 
@@ -37,12 +39,17 @@ def fly_pinocchio(
     Raises
     ------
     FloatplanError
-        The motion cannot be integrated to its end.
+        The motion cannot be integrated to its end, or not within ``MOST_EVALUATIONS``.
     """
     data = model.createData()
     forces = np.zeros(model.nv)
+    evaluations = count()
 
     def rate(time: float, state: Array) -> Array:
+        if next(evaluations) == MOST_EVALUATIONS or not np.isfinite(state).all():
+            raise FloatplanError(
+                f"the replay was stopped {time:.3g} s after takeoff: motion or feedback is too fast to be integrated"
+            )
         positions, velocities = state[: model.nv], state[model.nv :]
         forces[BASE_COORDINATES:] = torques(time, positions, velocities)
         return np.concatenate((velocities, pin.aba(model, data, positions, velocities, forces)))

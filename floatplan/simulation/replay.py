@@ -32,6 +32,7 @@ Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
+MOST_STEPS = 100_000  # [-] of MuJoCo
 STEP = 5e-4  # [s] of MuJoCo's fixed steps
 
 
@@ -153,6 +154,8 @@ def replay(
     if not 0.0 < step < math.inf:
         raise InputError(f"{step} s is not positive", element="step", advice="give a positive number of seconds")
     record = plan if isinstance(plan, PlanRecord) else plan.record
+    if engine == "mujoco" and record.duration / step > MOST_STEPS:
+        raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
         robot = recorded_robot(record.robot) if isinstance(plan, PlanRecord) else plan.robot
     disturbance = parse_disturbance(perturb) if isinstance(perturb, str) else perturb

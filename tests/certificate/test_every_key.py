@@ -359,7 +359,14 @@ def test_an_obstacle_that_is_there_for_an_instant_is_not_passed_over(honest):
 
 
 @pytest.mark.parametrize("duration", [5e-324, 1e-310, 1e-300, 1e-150, 1e3, 1e100, 1e300])
-def test_a_duration_beyond_all_cells_makes_no_nan(honest, duration):
+def test_a_duration_that_no_flight_has_is_refused(honest, duration):
+    problem = honest.problem | {"flight": honest.problem["flight"] | {"duration": duration}}
+    with pytest.raises(fp.InputError, match=r"is outside|terms of more than"):
+        fp.certify(replace(honest, problem=problem), budget=64)
+
+
+@pytest.mark.parametrize("duration", [1e-3, 3.0])
+def test_another_duration_makes_no_nan(honest, duration):
     problem = honest.problem | {"flight": honest.problem["flight"] | {"duration": duration}}
     certificate = fp.certify(replace(honest, problem=problem), budget=64)
     assert certificate.verdict != "proved"

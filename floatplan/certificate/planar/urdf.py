@@ -18,6 +18,7 @@ import flint
 
 from floatplan.certificate.enclosure import PRECISION
 from floatplan.errors import InputError
+from floatplan.files import LARGEST_URDF, read_regular
 
 Vector: TypeAlias = tuple[Any, Any, Any]
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]
@@ -98,10 +99,7 @@ def recorded_urdf(path: Path, sha256: str) -> Urdf:
     InputError
         The file cannot be read, has another SHA-256, or is not a tree of links and joints with finite numbers.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path) from None
+    content = read_regular(path, LARGEST_URDF, "a URDF file")
     if hashlib.sha256(content).hexdigest() != sha256:
         raise InputError(
             "is not the file that was planned with: its SHA-256 differs",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.robot.shapes.capsules import MOST_SPLITS, Fit, Line, Outline, PlaneCapsule, fit
 from floatplan.robot.shapes.meshes import Mesh
@@ -92,5 +93,5 @@ def _content(fitted: Fit) -> Any:
 
 def _store(entry: Path, fitted: Fit) -> None:
     """Write a cache entry; where the folder cannot be written to, fitting is only repeated the next time."""
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, InputError):
         write_atomically(entry, json.dumps(_content(fitted)))

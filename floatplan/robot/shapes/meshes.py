@@ -15,7 +15,10 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
+from floatplan.files import read_regular
 
+KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives: a small one can hold gigabytes
+LARGEST_MESH = 100_000_000  # [bytes]
 LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
 FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
 
@@ -81,9 +84,9 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
 
 def _content(path: Path, element: str) -> bytes:
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path, element=element) from None
+        return read_regular(path, LARGEST_MESH, "a mesh")
+    except InputError as error:
+        raise error.within(element=element) from None
 
 
 def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
@@ -93,12 +96,12 @@ def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
     """
     import trimesh
 
+    if kind not in KINDS:
+        raise ValueError(f'".{kind}" is not one of {", ".join(KINDS)}')
     loaders = trimesh.exchange.load.mesh_loaders
-    if kind not in loaders:
-        raise ValueError(f'".{kind}" is not one of {", ".join(sorted(loaders))}')
     if kind == "dae" and FAULT_IN_COLLADA.search(content):  # pycollada takes NaN for zero, and -1 for the last corner
         raise ValueError("a number in it is NaN, or a face has a negative corner")
-    options = {"ignore_broken": False} if kind in ("dae", "zae") else {}
+    options = {"ignore_broken": False} if kind == "dae" else {}
     with np.errstate(all="ignore"):
         parsed = loaders[kind](io.BytesIO(content), file_type=kind, **options)
         for part in (parsed, *parsed.get("geometry", {}).values()):

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError
+from floatplan.errors import InputError, check_name
 from floatplan.robot.urdf.inertia import check_inertias
 from floatplan.robot.urdf.tree import Inertial, Mimic, Origin, UrdfJoint, UrdfLink, UrdfTree
 from floatplan.robot.urdf.values import limit, number, only, triple
@@ -21,6 +21,7 @@ LARGEST_TORQUE = 1e4  # [N m] the same
 LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placeholder
 MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+SMALLEST_MASS = 1e-15  # [kg] of a link that has any
 SHORTEST_AXIS = 1e-9  # [-] length as written
 
 
@@ -44,6 +45,7 @@ def check_urdf(root: Element) -> UrdfTree:
     name = (root.get("name") or "").strip()
     if not name:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
+    check_name(name, "<robot>")
     read_links = {link: _read_link(link, element) for link, element in links.items()}
     read_joints = [_read_joint(joint, element) for joint, element in joints.items()]
     base, ordered = _order(read_links, read_joints)
@@ -60,6 +62,7 @@ def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
         name = element.get("name")
         if not name or not name.strip():
             raise InputError("has no name", element=f"<{kind}> number {position}", advice='write name="..."')
+        check_name(name, f"<{kind}> number {position}")
         if name in named:
             raise InputError(f"two {kind}s have this name", element=f'{kind} "{name}"', advice="rename one of them")
         if name == "universe":
@@ -81,6 +84,8 @@ def _read_inertial(place: str, link: Element) -> Inertial | None:
     mass = 0.0 if mass_element is None else number(f"{place}: mass", mass_element, "value", None)
     if mass < 0.0:
         raise InputError(f"is negative: {mass:g} kg", element=f"{place}: mass")
+    if 0.0 < mass < SMALLEST_MASS:
+        raise InputError(f"is smaller than any part's: {mass:g} kg", element=f"{place}: mass", advice="write 0")
     inertia = _read_inertia(f"{place}: inertia", only(place, element, "inertia"))
     return Inertial(origin, mass, inertia) if mass > 0.0 or inertia.any() else None
 

@@ -34,7 +34,7 @@ def urdf_path(source: str | Path) -> Path:
         raise InputError("the package example-robot-data is not installed", source=source, advice=advice)
     name = source.removeprefix(PREFIX)
     path = folder / name
-    if not path.is_file():
+    if Path(name).is_absolute() or ".." in Path(name).parts or not path.is_file():
         raise InputError(f"example-robot-data has no file {name!r}", source=source, advice=_similar(folder, name))
     return path
 

@@ -9,8 +9,7 @@ from typing import NoReturn
 from xml.etree import ElementTree
 
 from floatplan.errors import InputError
-
-LARGEST_FILE = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
+from floatplan.files import LARGEST_URDF, read_regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,19 +38,7 @@ def read_urdf(path: str | Path) -> UrdfText:
         If the file is missing, a directory, unreadable, empty, binary, truncated, not XML, or not a ``<robot>``.
     """
     path = Path(path)
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise InputError("is not a regular file", source=path)
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"is larger than {LARGEST_FILE // 1_000_000} MB", source=path)
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("no such file", source=path) from None
-    except IsADirectoryError:
-        raise InputError("is a directory, not a URDF file", source=path) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot be read: {reason}", source=path) from None
+    content = read_regular(path, LARGEST_URDF, "a URDF file")
     root = _parse(content, path)
     return UrdfText(path, _text(content, root), hashlib.sha256(content).hexdigest(), root)
 
