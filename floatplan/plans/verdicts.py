@@ -62,7 +62,7 @@ class Finding:
     def label(self) -> str:
         """The constraint's name for a person."""
         template = LABELS.get(self.kind)
-        return template.format(*self.subject) if template else " ".join((self.kind, *self.subject))
+        return template.format(*self.subject) if template else " ".join((self.kind, *map(str, self.subject)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers; ``gap`` only where undecided."""

@@ -1,0 +1,52 @@
+"""Spoiled files through every command: 300 cases here, any number by ``scripts/fuzz``."""
+
+from __future__ import annotations
+
+import pytest
+from fuzz_cases import Case, judge, prepare_plans, run_here
+
+CASES, BATCH = 300, 25
+
+
+@pytest.fixture(scope="module", autouse=True)
+def plans(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FLOATPLAN_FUZZ_PLANS", str(tmp_path_factory.mktemp("plans")))
+        prepare_plans()
+        yield
+
+
+@pytest.mark.parametrize("first", range(0, CASES, BATCH))
+def test_every_promise_is_kept(first, tmp_path):
+    broken = []
+    for seed in range(first, first + BATCH):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        broken += run_here(seed, folder)
+    assert not broken, "\n".join(map(str, broken))
+
+
+def test_a_case_is_its_seed(tmp_path):
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        folder.mkdir()
+    first, second = ([word.replace(str(f), "") for word in Case(7).prepare(f)] for f in folders)
+    assert first == second
+
+
+@pytest.mark.parametrize(
+    ("code", "errors", "seconds", "broken"),
+    [
+        (0, "", 0.1, []),
+        (2, "error: wrong", 0.1, []),
+        (3, "", 0.1, ["exit code 3"]),
+        (1, "Traceback (most recent call last)", 0.1, ["traceback"]),
+        (0, "RuntimeWarning: overflow", 0.1, ["warning"]),
+        (2, "x" * 3000, 0.1, ["message of 3000 characters"]),
+        (2, "", 0.1, ["exit code 2 without a message"]),
+        (0, "\x1b[31m", 0.1, ["control characters"]),
+        (0, "", 99.0, ["99.0 s of CPU"]),
+    ],
+)
+def test_a_broken_promise_is_seen(code, errors, seconds, broken):
+    assert [finding.broken for finding in judge(0, ["plan"], code, "", errors, seconds)] == broken
