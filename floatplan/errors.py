@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
@@ -75,6 +77,15 @@ class InputError(FloatplanError, ValueError):
         """Return the same error with its file, or the element around it, added."""
         inner = ".".join(part for part in (element, self.element) if part) or None
         return InputError(self.reason, source=source or self.source, element=inner, advice=self.advice)
+
+
+@contextmanager
+def naming(source: str | Path | None) -> Iterator[None]:
+    """Add the file to errors that name none; ``None`` adds nothing."""
+    try:
+        yield
+    except InputError as error:
+        raise error if error.source else error.within(source=source) from None
 
 
 def _shown_path(path: str | None) -> str | None:

@@ -39,6 +39,8 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
             if not stat.S_ISREG(state.st_mode):
                 raise InputError(f"is not a regular file, as {kind} is", source=path)
             content = stream.read(largest + 1) if state.st_size <= largest else b""
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError("no such file", source=path) from None
     except IsADirectoryError:

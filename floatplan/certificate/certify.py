@@ -12,6 +12,7 @@ from typing import Protocol
 
 from floatplan.certificate.certificate import BUDGET, prove
 from floatplan.certificate.planar.shapes import LinkShape
+from floatplan.errors import naming
 from floatplan.plans.record import PlanRecord, load_record
 from floatplan.plans.recorded_robot import check_meshes, find_urdf, recorded_robot
 from floatplan.plans.schema import checked
@@ -61,14 +62,15 @@ def certify(
         record, file, robot = load_record(plan), plan, None
     else:
         record, file, robot = plan.record, None, plan.robot
-    path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
-    record = checked(record)
-    if not record.asks_clearance:
-        return prove(record, path, budget=budget)
-    robot = robot or recorded_robot(record.robot, file, path)
-    check_meshes(robot, record.robot, file)
-    unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
-    return prove(record, path, shapes=_shapes(robot), unknown_meshes=unknown, budget=budget)
+    with naming(file):
+        path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
+        record = checked(record)
+        if not record.asks_clearance:
+            return prove(record, path, budget=budget)
+        robot = robot or recorded_robot(record.robot, file, path)
+        check_meshes(robot, record.robot, file)
+        unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
+        return prove(record, path, shapes=_shapes(robot), unknown_meshes=unknown, budget=budget)
 
 
 def _shapes(robot: Robot) -> list[LinkShape] | None:

@@ -282,7 +282,7 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
     """Show the progress of the search on stderr: one line that changes in a terminal, elsewhere a line each."""
-    if quiet:
+    if quiet or sys.stderr is None:  # closed
         yield None
         return
     if not sys.stderr.isatty():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 from collections.abc import Callable, Mapping
@@ -9,7 +10,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
-from floatplan.errors import FloatplanError, InputError
+from floatplan.errors import FloatplanError, InputError, printable
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -33,13 +34,26 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except InputError as error:
-            typer.echo(f"error: {error}".replace("\n", "\nerror: "), err=True)
+            _complain(str(error).replace("\n", "\nerror: "))
             raise typer.Exit(BAD_INPUT) from None
         except FloatplanError as error:
-            typer.echo(f"error: {error}", err=True)
+            _complain(str(error))
             raise typer.Exit(FAILED) from None
+        except OSError as error:  # of whatever the system refuses: a full disk, a closed pipe, a name too long
+            place = "" if error.filename is None else f"{printable(str(error.filename))}: "
+            _complain(f"{place}{error.strerror or error}")
+            raise typer.Exit(BAD_INPUT) from None
+        except MemoryError:
+            _complain("there is not enough memory for this")
+            raise typer.Exit(BAD_INPUT) from None
 
     return run
+
+
+def _complain(message: str) -> None:
+    """Print an error on stderr, where there is one that takes it."""
+    with contextlib.suppress(OSError):
+        typer.echo(f"error: {message}", err=True)
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -13,7 +13,9 @@ from floatplan.export.table import write_table
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import save_problem
 from floatplan.problem.problem import Problem
+from floatplan.tables import LIMIT_TABLE
 
+LIMITS = LIMIT_TABLE.values()
 PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
 
@@ -58,7 +60,26 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
         The directory cannot be written to.
     """
     with naming_the_place(directory):
+        _remove_older(directory)
         return [plan.save(directory / PLAN), write_table(plan, directory / TRAJECTORY, rate)]
+
+
+def _remove_older(directory: Path) -> None:
+    """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
+
+    Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
+    """
+    if not (directory / PLAN).is_file():
+        return
+    from floatplan.export.formats import FORMATS
+
+    drawn = {"snapshots", "kinogram", "configuration", "clearance", *(row.title.lower() for row in LIMITS)}
+    made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
+    made += [directory / form.file for form in FORMATS.values()]
+    made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
+    for path in made:
+        if path.is_file():
+            path.unlink()
 
 
 def write_problem(plan: Plan, directory: Path) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from floatplan.arrays import read_only
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.plans.plan import Plan
 from floatplan.plans.record import PlanRecord, load_record
@@ -22,7 +22,8 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
     InputError
         The URDF is missing or has changed, the record's problem does not fit it, or its certificate is none.
     """
-    check_asked(record)
+    with naming(source):
+        check_asked(record)
     robot = recorded_robot(record.robot, source, urdf)
     if record.asks_clearance:
         check_meshes(robot, record.robot, source)

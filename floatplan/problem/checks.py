@@ -27,6 +27,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import OBJECTIVES, RANGES, check_number
 
 LONGEST = 1700  # characters of all that is wrong with a problem
+MOST_OBSTACLES = 200  # and as many pairs of links
 LOWEST_DEGREE = 5
 HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 MOST_JOINTS = 60
@@ -181,6 +182,13 @@ def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, grou
     height = 0.0 if landing.height is None else landing.height
     check_number(height, "flight.landing.height", "height")
     return Landing(landing.frame, height)
+
+
+def check_counts(obstacles: Sequence[Obstacle], pairs: Sequence[SelfClearance]) -> None:
+    """Refuse more of them than a search can look at in its time."""
+    for count, element in ((len(obstacles), "obstacles"), (len(pairs), "self_clearance")):
+        if count > MOST_OBSTACLES:
+            raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
 
 
 def check_obstacle(obstacle: Obstacle, element: str, duration: float) -> None:

@@ -17,6 +17,7 @@ from floatplan.problem.checks import (
     ProblemError,
     check_angular_momentum,
     check_ballistics,
+    check_counts,
     check_duration,
     check_objective,
     check_obstacle,
@@ -137,6 +138,7 @@ class Problem:
     def _checks(self) -> Iterator[Callable[[], None]]:
         yield partial(refuse_leak, self.robot)
         yield partial(check_name, self.name, "name")
+        yield lambda: check_counts(self.obstacles, self.self_clearances)
         yield lambda: check_duration(self.flight)
         yield lambda: check_angular_momentum(self.flight)
         yield lambda: check_ballistics(self.flight)

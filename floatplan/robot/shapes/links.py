@@ -24,6 +24,8 @@ from floatplan.robot.shapes.meshes import Mesh, find_mesh, load_mesh, mesh_diges
 from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_collision
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
+MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
+
 
 def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]) -> tuple[LinkCapsule, ...]:
     """Return the shapes of all links, in the order of the links in the file.
@@ -39,8 +41,12 @@ def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, st
     Raises
     ------
     InputError
-        If the geometry of a collision is wrong, or its file is not a mesh, or not the one that it was.
+        If there are too many collisions, the geometry of one is wrong, or its file is not a mesh, or not the one that
+        it was.
     """
+    count = sum(len(link.collisions) for link in layout.tree.links.values())
+    if count > MOST_COLLISIONS:
+        raise InputError(f"has {count} collision elements, more than {MOST_COLLISIONS}", advice="simplify its geometry")
     joints: dict[str, list[UrdfJoint]] = {name: [] for name in layout.tree.links}
     for joint in layout.tree.joints:
         joints[joint.parent].append(joint)
@@ -136,7 +142,14 @@ def _same_mesh(use: MeshUse, meshes: Mapping[str, str]) -> Mesh:
 def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
     """Capsules less those inside another; of two that are the same, the first stays."""
     different = list(dict.fromkeys(capsules))
-    return [one for one in different if not any(other.holds(one) for other in different if other is not one)]
+    ends = np.array([(one.start, one.end) for one in different]).reshape(-1, 2)
+    radius = np.array([one.radius for one in different])
+    inside = np.zeros(len(different), dtype=bool)
+    for number, other in enumerate(different):
+        held = other.depth(ends.ravel()).reshape(-1, 2).min(axis=1) >= radius
+        held[number] = False
+        inside |= held
+    return [one for one, hidden in zip(different, inside.tolist(), strict=True) if not hidden]
 
 
 def _projection(layout: TreeLayout, link: str) -> Projection:

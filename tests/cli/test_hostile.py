@@ -1,0 +1,178 @@
+"""What the system may refuse, and what files may be: one message, exit code 2, nothing lost, nothing replaced."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import floatplan as fp
+from floatplan.errors import InputError, printable
+from floatplan.files import read_regular, write_atomically
+
+
+@pytest.fixture(scope="module")
+def plan_file(root, tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "plan.json"
+    return fp.plan(fp.load_problem(root / "problems" / "new_configuration.toml"), prove=True).save(path)
+
+
+def process(*arguments, shell="", cwd=None):
+    """The command line as a process, with what a shell does to its streams."""
+    words = " ".join(f"'{word}'" for word in (sys.executable, "-m", "floatplan", *map(str, arguments)))
+    return subprocess.run(["bash", "-c", f"{words} {shell}"], capture_output=True, text=True, cwd=cwd, check=False)
+
+
+class TestReads:
+    @pytest.mark.parametrize("command", ["plan", "info", "bounds", "certify", "replay", "show"])
+    def test_devices_and_pipes_are_refused(self, floatplan, tmp_path, command):
+        pipe = tmp_path / "pipe.toml"
+        os.mkfifo(pipe)
+        for path in (pipe, Path("/dev/zero"), tmp_path):
+            run = floatplan(command, path)
+            assert run.code == 2
+            assert "is not a regular file" in run.stderr or "is a directory" in run.stderr
+
+    def test_a_file_that_is_too_large_is_not_read(self, tmp_path):
+        path = tmp_path / "sparse"
+        with path.open("wb") as stream:
+            stream.truncate(10**12)
+        with pytest.raises(InputError, match="larger than 1 MB"):
+            read_regular(path, 10**6, "a plan file")
+
+    def test_an_archive_is_no_mesh(self, tmp_path, root):
+        path = tmp_path / "robot.urdf"
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        mesh = '<collision><geometry><mesh filename="part.zip"/></geometry></collision></link>'
+        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+        (tmp_path / "part.zip").write_bytes(b"PK")
+        with pytest.raises(InputError, match=r'"\.zip" is not one of'):
+            _ = fp.Robot.from_urdf(path).shapes
+
+    @pytest.mark.parametrize("name", ["../secret.urdf", "/etc/passwd", "a/../../secret.urdf"])
+    def test_example_robots_stay_in_their_folder(self, tmp_path, monkeypatch, name):
+        folder = tmp_path / "robots"
+        (folder / "a").mkdir(parents=True)
+        (tmp_path / "secret.urdf").write_text('<robot name="x"><link name="a"/></robot>', encoding="utf-8")
+        monkeypatch.setenv("EXAMPLE_ROBOT_DATA_MODEL_DIR", str(folder))
+        with pytest.raises(InputError, match="has no file"):
+            fp.Robot.from_urdf(f"example-robot-data:{name}")
+
+
+class TestWrites:
+    def test_what_is_no_regular_file_is_not_replaced(self, floatplan, plan_file, tmp_path):
+        pipe = tmp_path / "pipe"
+        os.mkfifo(pipe)
+        run = floatplan("export", plan_file, "-f", "csv", "-o", pipe)
+        assert (run.code, "is not replaced" in run.stderr) == (2, True)
+        assert pipe.is_fifo()
+
+    def test_temporary_files_of_the_dead_go_and_those_of_the_living_stay(self, tmp_path):
+        dead = subprocess.Popen([sys.executable, "-c", "pass"])
+        dead.wait()
+        write_atomically(tmp_path / "a", "a")
+        (leftover,) = _leftovers(tmp_path, dead.pid)
+        (living,) = _leftovers(tmp_path, os.getpid())
+        write_atomically(tmp_path / "a", "b")
+        assert not leftover.exists()
+        assert living.exists()
+        assert (tmp_path / "a").read_text() == "b"
+
+    def test_what_an_older_run_made_goes(self, floatplan, root, tmp_path):
+        problem = root / "problems" / "new_configuration.toml"
+        assert floatplan("plan", problem, "-o", tmp_path, "--report", "-q").code == 0
+        assert floatplan("export", tmp_path / "plan.json", "-f", "npz", "-q").code == 0
+        (tmp_path / "notes.txt").write_text("mine")
+        older = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+        assert {"report.html", "torques.png", "flight.npz"} <= older | {"flight.npz"}
+        assert floatplan("plan", problem, "-o", tmp_path, "--no-figures", "-q").code == 0
+        assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {
+            "plan.json",
+            "trajectory.csv",
+            "notes.txt",
+        }
+
+    @pytest.mark.parametrize(
+        ("shell", "code"), [(">&- 2>&-", 0), ("2>&- >/dev/null", 0), ("2>/dev/full", 2), ("--json >/dev/full", 2)]
+    )
+    def test_closed_and_full_streams_lose_no_plan(self, root, tmp_path, shell, code):
+        problem = root / "problems" / "new_configuration.toml"
+        run = process("plan", problem, "--no-figures", "-o", tmp_path / "out", shell=shell)
+        assert run.returncode == code
+        assert "Traceback" not in run.stderr
+        assert fp.load_plan(tmp_path / "out" / "plan.json").ok
+
+    @pytest.mark.parametrize("name", ["n" * 300, "a/" + "n" * 300])
+    def test_names_that_are_too_long(self, floatplan, root, tmp_path, name):
+        problem = root / "problems" / "new_configuration.toml"
+        run = floatplan("plan", problem, "--no-figures", "-o", tmp_path / name)
+        assert (run.code, "File name too long" in run.stderr) == (2, True)
+
+
+class TestSizes:
+    def test_counts_are_bounded(self, root):
+        problem = fp.load_problem(root / "problems" / "obstacle.toml")
+        with pytest.raises(InputError, match="201 of them, more than 200"):
+            replace(problem, obstacles=problem.obstacles * 201)
+
+    def test_collisions_are_bounded(self, root, tmp_path):
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+        path = tmp_path / "boxes.urdf"
+        path.write_text(text.replace("</link>", box * 501 + "</link>", 1), encoding="utf-8")
+        with pytest.raises(InputError, match="collision elements, more than 500"):
+            _ = fp.Robot.from_urdf(path).shapes
+
+    def test_a_replay_ends(self, plan_file):
+        plan = fp.load_plan(plan_file)
+        wild = replace(plan, coefficients=plan.coefficients * 1e4)
+        with pytest.raises(fp.FloatplanError, match="too fast to be integrated"):
+            fp.replay(wild)
+
+    def test_steps_and_bandwidths_are_bounded(self, floatplan, plan_file):
+        for arguments in (["--feedback", "1e300"], ["--engine", "mujoco", "--step", "1e-300"]):
+            assert floatplan("replay", plan_file, *arguments).code == 2
+
+
+class TestText:
+    def test_names_cannot_steer_a_terminal(self, root, tmp_path):
+        path = tmp_path / "red.urdf"
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        path.write_text(text.replace('"q1"', '"q1\u202e"'), encoding="utf-8")
+        with pytest.raises(InputError, match="cannot be shown"):
+            fp.Robot.from_urdf(path)
+
+    def test_messages_are_one_line_and_short(self):
+        error = InputError("bad\x1b[31m\nthing " + "x" * 5000, element="e" * 999, advice="a " * 999, source="s" * 9999)
+        assert len(str(error)) < 1500
+        assert str(error).isprintable()
+        assert printable("/a/" + "b" * 200 + "/end").endswith("/end")
+
+    def test_many_faults_fit_one_message(self, root):
+        problem = fp.load_problem(root / "problems" / "obstacle.toml")
+        bad = replace(problem.obstacles[0], radius=-1.0)
+        with pytest.raises(InputError, match=r"and 1\d\d more") as caught:
+            replace(problem, obstacles=(bad,) * 200)
+        assert len(str(caught.value)) < 2000
+
+
+def _leftovers(folder: Path, process_number: int) -> list[Path]:
+    """A temporary file as a process of that number would leave it."""
+    from floatplan.files import _temporary_of_here
+
+    path = folder / f"{_temporary_of_here()}{process_number}-abc"
+    path.write_text("half")
+    return [path]
+
+
+def test_a_table_has_no_formula(root, tmp_path):
+    text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8").replace('"q1"', '"=1+1"')
+    (tmp_path / "g.urdf").write_text(text, encoding="utf-8")
+    robot = fp.Robot.from_urdf(tmp_path / "g.urdf")
+    problem = fp.Problem(robot, fp.Posture(0, [0, 0]), fp.Posture(0.5, [0.1, 0.2]), fp.Flight(duration=1.0))
+    path = fp.plan(problem).export("csv", tmp_path / "t.csv")
+    assert all(cell[0] not in "=+-@" for cell in path.read_text(encoding="utf-8").splitlines()[0].split(","))

@@ -1,0 +1,68 @@
+"""docs/limits.md says what the program does."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from floatplan import errors, files, tables
+from floatplan.export import table
+from floatplan.plans import record
+from floatplan.problem import checks, file, limits
+from floatplan.robot.shapes import links, meshes
+from floatplan.robot.urdf import check, values
+from floatplan.simulation import disturbance, forward, replay
+
+SIZES = {
+    "planned joints": checks.MOST_JOINTS,
+    "joints of a URDF": check.MOST_JOINTS,
+    "polynomial degree": checks.HIGHEST_DEGREE,
+    "obstacles, and pairs of links to keep apart": checks.MOST_OBSTACLES,
+    "collision elements, where shapes matter": links.MOST_COLLISIONS,
+    "rows of a table or an export": table.MOST_ROWS,
+    "steps of a replay in MuJoCo": replay.MOST_STEPS,
+    "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
+    "bandwidth of a replay's feedback": f"{disturbance.FASTEST:.0f} rad/s",
+    "a problem file": f"{file.LARGEST_PROBLEM // 10**6} MB",
+    "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
+    "a mesh": f"{meshes.LARGEST_MESH // 10**6} MB",
+    "characters of a name": errors.LONGEST_NAME,
+}
+
+
+@pytest.fixture(scope="module")
+def page(root):
+    return (root / "docs" / "limits.md").read_text(encoding="utf-8")
+
+
+def rows(page, heading):
+    section = page.split(f"## {heading}\n")[1].split("\n## ")[0]
+    cells = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in row] for row in cells[2:]]
+
+
+def test_ranges(page):
+    written = {key.strip("`"): tuple(rest) for key, *rest in rows(page, "Numbers of problem and plan files")}
+    known = {key: allowed for key, allowed in tables.RANGES.items() if key not in tables.PLACES}
+    assert written == {key: (f"{r.low:g}", f"{r.high:g}", r.unit) for key, r in known.items()}
+
+
+def test_sizes(page):
+    assert dict(rows(page, "Sizes")) == {what: str(most) for what, most in SIZES.items()}
+    assert files.LARGEST_URDF == files.LARGEST_PLAN
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        f"{limits.NARROWEST:g} rad wide",
+        f"at most {record.LARGEST_ANGLE:g} rad",
+        f"above\n{record.LARGEST:g}",
+        f"below {values.LARGEST:g}",
+        f"at least {check.SMALLEST_MASS:g} kg",
+        *(f"`.{kind}`" for kind in meshes.KINDS),
+    ],
+)
+def test_other_numbers(page, number):
+    assert re.search(re.escape(number).replace(r"\ ", r"\s"), page)
