@@ -231,6 +231,7 @@ def _runner(
         yield run_here
         return
     from concurrent.futures import ProcessPoolExecutor  # here, because most plans do without
+    from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
     context = get_context("forkserver")
@@ -239,8 +240,18 @@ def _runner(
     with ProcessPoolExecutor(options.jobs, context, initializer=_prepare, initargs=ready) as pool:
 
         def run_there(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
-            futures = [pool.submit(_attempt, degrees, given, number) for number in range(attempts)]
-            return (outcome for future in futures if (outcome := future.result()))
+            try:
+                futures = [pool.submit(_attempt, degrees, given, number) for number in range(attempts)]
+            except BrokenProcessPool:  # the system has killed a process of it: this one goes on alone
+                yield from run_here(degrees, given, attempts)
+                return
+            for number, future in enumerate(futures):
+                try:
+                    outcome = future.result()
+                except BrokenProcessPool:
+                    outcome = _follow(prepared, given, number, degrees, expired, allowance.left)
+                if outcome:
+                    yield outcome
 
         try:
             yield run_there

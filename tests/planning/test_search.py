@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+import contextlib
+import os
+import signal
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -116,3 +121,22 @@ def test_no_budget_never_expires():
     assert not expiry(None)()
     assert not expiry(MANY)()
     assert expiry(-1.0)()
+
+
+class Killed(ProcessPoolExecutor):
+    """A pool whose processes the system kills."""
+
+    def submit(self, *arguments: Any, **options: Any) -> Any:
+        future = super().submit(*arguments, **options)
+        for process in list(self._processes):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        return future
+
+
+def test_killed_processes_lose_no_answer(hopeless, monkeypatch):
+    alone = run(hopeless, attempts=3, starts=3)
+    monkeypatch.setattr(concurrent.futures, "ProcessPoolExecutor", Killed)
+    shared = run(hopeless, attempts=3, starts=3, jobs=2)
+    assert shared.attempts == alone.attempts == 3
+    assert np.array_equal(shared.best.solution.x, alone.best.solution.x)
