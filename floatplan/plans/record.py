@@ -24,6 +24,7 @@ LARGEST_ANGLE = 1e6  # [rad] of a term of p
 FORMAT = "floatplan.plan/1"
 STATUSES = ("optimal", "feasible", "infeasible")
 TABLES = ("problem", "solver")
+SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers
     "orientation": ("start", "end", "goal"),
     "com": ("position0", "velocity0", "gravity"),
@@ -282,6 +283,9 @@ def _check_tables(content: Mapping[str, Any]) -> None:
         unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
         if unknown:
             raise InputError("must not be there: a plan file has no such key", element=f"{name}.{unknown[0]}")
+    for name in SOLVER:
+        if content["solver"].get(name) is not None:
+            _number(content["solver"][name], f"solver.{name}")
     _text(content["objective"].get("name"), "objective.name")
     for name in ("certificate", "replay"):
         if content.get(name) is not None:
