@@ -1,7 +1,8 @@
-"""Runs floatplan on spoiled files: ``scripts/fuzz N [--first SEED] [--processes] [--jobs J]``.
+"""Runs floatplan on spoiled files: ``scripts/fuzz N [--first SEED] [--processes | --kills] [--jobs J]``.
 
 Each of the N cases is a problem, URDF or plan file spoiled by its seed, met by a command. In process they run in
 batches, so that a crash is seen and costs one case; ``--processes`` starts the command line anew for each.
+``--kills`` kills sound commands at random moments instead, and looks at the files that they leave.
 """
 
 from __future__ import annotations
@@ -24,9 +25,16 @@ BATCH = 50  # cases in one process
 PATIENCE = 60.0  # s for one case
 
 
-def worker(seeds: range, processes: bool) -> None:
+MODES = {
+    "here": fuzz_cases.run_here,
+    "processes": fuzz_cases.run_process,
+    "kills": fuzz_cases.run_killed,
+}
+
+
+def worker(seeds: range, mode: str) -> None:
     """Run cases and print what they break, a line of JSON each; a line before each says which comes next."""
-    run = fuzz_cases.run_process if processes else fuzz_cases.run_here
+    run = MODES[mode]
     out = sys.stdout
     for seed in seeds:
         print(json.dumps({"next": seed}), file=out, flush=True)
@@ -35,11 +43,10 @@ def worker(seeds: range, processes: bool) -> None:
                 print(json.dumps({"broken": finding.broken, "text": str(finding)}), file=out, flush=True)
 
 
-def batch(seeds: range, processes: bool) -> Iterator[str]:
+def batch(seeds: range, mode: str) -> Iterator[str]:
     """What a batch breaks, crashes and hangs of its process included."""
     while seeds:
-        command = [sys.executable, __file__, "--worker", str(seeds.start), str(seeds.stop)]
-        command += ["--processes"] if processes else []
+        command = [sys.executable, __file__, "--worker", str(seeds.start), str(seeds.stop), "--mode", mode]
         last = seeds.start
         ended = "a crash"
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
@@ -65,19 +72,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", type=int, nargs="?", default=300)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--processes", action="store_true")
+    parser.add_argument("--processes", dest="mode", action="store_const", const="processes", default="here")
+    parser.add_argument("--kills", dest="mode", action="store_const", const="kills")
+    parser.add_argument("--mode", choices=MODES, help=argparse.SUPPRESS)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--worker", type=int, nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
-        worker(range(*options.worker), options.processes)
+        worker(range(*options.worker), options.mode)
         return
     fuzz_cases.prepare_plans()
     last = options.first + options.cases
     batches = [range(first, min(first + BATCH, last)) for first in range(options.first, last, BATCH)]
     broken = 0
     with ThreadPoolExecutor(options.jobs) as pool:
-        for texts in pool.map(lambda seeds: list(batch(seeds, options.processes)), batches):
+        for texts in pool.map(lambda seeds: list(batch(seeds, options.mode)), batches):
             for text in texts:
                 broken += 1
                 print(text, flush=True)

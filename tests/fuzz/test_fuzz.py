@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from fuzz_cases import Case, judge, prepare_plans, run_here
+from fuzz_cases import Case, judge, prepare_plans, run_here, run_killed
 
 CASES, BATCH = 300, 25
 
@@ -24,6 +24,11 @@ def test_every_promise_is_kept(first, tmp_path):
         folder.mkdir()
         broken += run_here(seed, folder)
     assert not broken, "\n".join(map(str, broken))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_killed_command_leaves_no_half_of_a_file(seed, tmp_path):
+    assert run_killed(seed, tmp_path) == []
 
 
 def test_a_case_is_its_seed(tmp_path):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import os
 import random
 import re
@@ -24,6 +25,8 @@ from functools import cache
 from pathlib import Path
 
 from fuzz_mutations import ROOT, spoiled
+
+from floatplan.files import write_atomically
 
 LONGEST_MESSAGE = 2000  # characters
 GRACE = 2.0  # s of CPU beyond the budget
@@ -212,3 +215,53 @@ def run_process(seed: int, folder: Path) -> list[Finding]:
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     output, errors = (stream.decode("utf-8", "replace") for stream in (run.stdout, run.stderr))
     return judge(seed, arguments, run.returncode, output, errors, seconds - (limit - limit_of(arguments)))
+
+
+LONGEST_LIFE = 1.3  # s, after which a process is killed at the latest
+
+
+def run_killed(seed: int, folder: Path) -> list[Finding]:
+    """Kill a command at a random moment: no file it leaves is half-written, and the next run cleans up after it."""
+    rng = random.Random(seed)
+    name = rng.choice(PROBLEMS)
+    plan, out = folder / "plan.json", folder / "out"
+    shutil.copy(_plan_of(name), plan)
+    out.mkdir()
+    arguments = rng.choice(
+        (
+            ["plan", str(ROOT / "problems" / f"{name}.toml"), "-o", str(out), "--report"],
+            ["show", str(plan), "-o", str(out)],
+            ["show", str(plan), "-o", str(out), "--png"],
+            ["export", str(plan), "-f", rng.choice(FORMATS), "-o", str(out / "exported")],
+            ["certify", str(plan), "--save"],
+        )
+    )
+    command = [sys.executable, "-m", "floatplan", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment) as process:
+        time.sleep(rng.uniform(0.1, LONGEST_LIFE))
+        process.kill()
+    half = [path for path in folder.rglob("*") if path.is_file() and not _is_left_over(path) and not _is_whole(path)]
+    for place in (folder, out):
+        write_atomically(place / "next", "")
+    left = [path for path in folder.rglob("*") if _is_left_over(path)]
+    return [
+        *(Finding(seed, arguments, "half a file", str(path)) for path in half),
+        *(Finding(seed, arguments, "a temporary file stays", str(path)) for path in left),
+    ]
+
+
+def _is_left_over(path: Path) -> bool:
+    return path.name.startswith(".floatplan-")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file ends as its kind does."""
+    content = path.read_bytes()
+    if path.suffix == ".json":
+        json.loads(content)
+        return True
+    ends = {".html": b"</html>", ".png": b"IEND\xaeB`\x82", ".csv": b"\n"}
+    return bool(content) and content.rstrip(b"\n \t" if path.suffix == ".html" else b"").endswith(
+        ends.get(path.suffix, b"")
+    )
