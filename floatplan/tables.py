@@ -5,6 +5,7 @@ A row names its quantity as :class:`~floatplan.motion.flight_state.FlightState` 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -137,4 +138,8 @@ def check_number(value: object, element: str, key: str, advice: str | None = Non
         fault = "is not positive" if allowed.low > 0 else "is negative"
         raise InputError(f"{value} {allowed.unit} {fault}", element=element, advice=advice)
     if (numbers < allowed.low).any() or (numbers > allowed.high).any():
-        raise InputError(f"{value!r} is outside {allowed}", element=element)
+        degrees = ""
+        if allowed.unit.startswith("rad"):
+            turned = allowed.unit.replace("rad", "degrees", 1)
+            degrees = f" ({math.degrees(allowed.low):.4g} to {math.degrees(allowed.high):.4g} {turned})"
+        raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element)

@@ -8,6 +8,7 @@ import pytest
 
 from floatplan import errors, files, tables
 from floatplan.export import table
+from floatplan.planning import search
 from floatplan.plans import record
 from floatplan.problem import checks, file, limits
 from floatplan.robot.shapes import links, meshes
@@ -20,6 +21,7 @@ SIZES = {
     "polynomial degree": checks.HIGHEST_DEGREE,
     "obstacles, and pairs of links to keep apart": checks.MOST_OBSTACLES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
+    "processes of a search": search.MOST_JOBS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,

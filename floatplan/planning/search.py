@@ -27,6 +27,7 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
 
+MOST_JOBS = 64  # [-] processes
 ATTEMPTS = 300  # [-] most starts tried at each degree
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
 ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
@@ -84,6 +85,8 @@ class SearchOptions:
         for name, value in (("starts", self.starts), ("budget", self.budget), ("jobs", self.jobs)):
             if value is not None and not value > 0:
                 raise InputError(f"{value} is not positive", element=name)
+        if self.jobs > MOST_JOBS:
+            raise InputError(f"{self.jobs} processes, more than {MOST_JOBS}", element="jobs")
 
 
 def search(prepared: Attempts, options: SearchOptions, attempts: int | None = None) -> SearchResult:

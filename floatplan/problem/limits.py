@@ -204,6 +204,11 @@ def _check_motor_names(robot: Robot, values: Mapping[str, object], element: str)
             )
 
 
+def _in_degrees(position: float, low: float, high: float) -> str:
+    """The same once more, for who wrote degrees."""
+    return f" ({math.degrees(position):.4g} degrees, outside {math.degrees(low):.4g} to {math.degrees(high):.4g})"
+
+
 def check_inside(robot: Robot, limits: Array, state: JointState, element: str, index: int) -> None:
     """Refuse a joint outside its range, and one on its edge that does not stand still or accelerates outwards."""
     joint, (low, high) = robot.joints[index], limits[index]
@@ -212,7 +217,8 @@ def check_inside(robot: Robot, limits: Array, state: JointState, element: str, i
     )
     if not low <= position <= high:
         raise InputError(
-            f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]",
+            f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
+            f"{_in_degrees(position, low, high)}",
             element=f"{element}.positions.{joint}",
             advice="move it inside, or widen the range with limits.position",
         )

@@ -23,6 +23,8 @@ from floatplan.view.style import COLUMN, DPI, INK, OKABE_ITO, legend_above, new_
 FILL = 0.25  # [-] opacity of a capsule: the geometry shows through
 FORMS = (".png", ".svg", ".pdf")
 THINNEST = 1e-3  # [m] radius as drawn
+FLATTEST, TALLEST = 0.4, 2.5  # [-] height of the picture over its width
+LABELS = 0.8  # [inch] beside and below the axes, and above them
 PAD = 0.04  # [-] of the picture's size
 
 
@@ -50,8 +52,11 @@ def shapes_picture(robot: Robot) -> Figure:
         capsules.append(stadium(complex(start), complex(end), max(shape.radius, THINNEST)))
     corners = np.concatenate(capsules)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    pad = PAD * float((high - low).max())
-    figure = new_figure(COLUMN, 0.5 + COLUMN * min(float((high - low)[1] / (high - low)[0]), 2.5))
+    middle, size = (low + high) / 2, high - low
+    size[1] = max(size[1], FLATTEST * size[0])
+    size[0] = max(size[0], size[1] / TALLEST)
+    low, high, pad = middle - size / 2, middle + size / 2, PAD * float(size.max())
+    figure = new_figure(COLUMN, LABELS + (COLUMN - LABELS) * float(size[1] / size[0]))
     axes = figure.add_subplot()
     axes.set(xlim=(low[0] - pad, high[0] + pad), ylim=(low[1] - pad, high[1] + pad))
     axes.set(xlabel="horizontal (m)", ylabel="vertical (m)", aspect="equal")
