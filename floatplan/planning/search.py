@@ -27,6 +27,7 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
 
+LARGEST_SEED = 2**63 - 1
 MOST_JOBS = 64  # [-] processes
 ATTEMPTS = 300  # [-] most starts tried at each degree
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
@@ -85,6 +86,8 @@ class SearchOptions:
         for name, value in (("starts", self.starts), ("budget", self.budget), ("jobs", self.jobs)):
             if value is not None and not value > 0:
                 raise InputError(f"{value} is not positive", element=name)
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise InputError(f"{self.seed} is outside 0 to {LARGEST_SEED}", element="seed")
         if self.jobs > MOST_JOBS:
             raise InputError(f"{self.jobs} processes, more than {MOST_JOBS}", element="jobs")
 

@@ -18,7 +18,7 @@ CLASSICAL = np.array([1, 2, 2, 1]) / 6  # [-] weights of the stages
 
 def whole_step(duration: float, step: float, panels: int) -> float:
     """Return the longest step up to ``step`` that divides each of ``panels`` equal parts of a duration, s."""
-    return duration / (panels * math.ceil(duration / (panels * step) - 1e-9))
+    return duration / (panels * max(1, math.ceil(duration / (panels * step) - 1e-9)))
 
 
 def fly_mujoco(

@@ -176,3 +176,24 @@ def test_a_table_has_no_formula(root, tmp_path):
     problem = fp.Problem(robot, fp.Posture(0, [0, 0]), fp.Posture(0.5, [0.1, 0.2]), fp.Flight(duration=1.0))
     path = fp.plan(problem).export("csv", tmp_path / "t.csv")
     assert all(cell[0] not in "=+-@" for cell in path.read_text(encoding="utf-8").splitlines()[0].split(","))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--seed", str(10**30)], "seed: 1000"),
+        (["--jobs", "100000"], "more than 64"),
+        (["--duration", "1e-300"], "is outside 0.001 to 1000 s"),
+        (["--angular-momentum", "1e308"], "is outside -1e"),
+        (["--horizontal-velocity", "1e300"], "is outside -10000 to 10000 m/s"),
+        (["--rate", "1e300"], "more than 100000 rows"),
+    ],
+)
+def test_options_have_ranges(floatplan, root, arguments, reason):
+    run = floatplan("plan", root / "problems" / "new_configuration.toml", *arguments)
+    assert (run.code, reason in run.stderr) == (2, True)
+
+
+def test_a_step_longer_than_the_flight_is_cut(floatplan, plan_file):
+    run = floatplan("replay", plan_file, "--engine", "mujoco", "--step", "1e300")
+    assert run.code in (0, 1)
