@@ -19,7 +19,7 @@ SIZES = {
     "planned joints": checks.MOST_JOINTS,
     "joints of a URDF": check.MOST_JOINTS,
     "polynomial degree": checks.HIGHEST_DEGREE,
-    "obstacles, and pairs of links to keep apart": checks.MOST_OBSTACLES,
+    "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
     "processes of a search": search.MOST_JOBS,
     "rows of a table or an export": table.MOST_ROWS,

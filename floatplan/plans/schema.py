@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord, as_written
-from floatplan.tables import JOINT_LIMITS, OBJECTIVES
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES
 
 Check: TypeAlias = Callable[[Any, str], None]
 
@@ -33,6 +33,10 @@ def check_asked(record: PlanRecord) -> None:
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
     _problem_table(joints, (*joints, *record.robot.coupled))(record.problem, "problem")
+    for name in ("obstacles", "self_clearance"):
+        count = len(record.problem[name])
+        if count > MOST_OBSTACLES:
+            raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=f"problem.{name}")
     _check_degree(record)
     objective = record.problem["motion"]["objective"]
     if record.objective["name"] != objective:

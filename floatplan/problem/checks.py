@@ -24,10 +24,9 @@ from floatplan.problem.parts import (
     Takeoff,
 )
 from floatplan.robot.robot import Robot
-from floatplan.tables import OBJECTIVES, RANGES, check_number
+from floatplan.tables import MOST_OBSTACLES, OBJECTIVES, RANGES, check_number
 
 LONGEST = 1700  # characters of all that is wrong with a problem
-MOST_OBSTACLES = 200  # and as many pairs of links
 LOWEST_DEGREE = 5
 HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 MOST_JOINTS = 60
