@@ -14,6 +14,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program
+from floatplan.optimization.quadratic_program import solved
 
 ITERATIONS = 60
 FEASIBLE = 1e-11  # in the units of the rows: root of the sum of squared violations, at which the iteration ends
@@ -85,5 +86,5 @@ def _damped_step(evaluation: AnyEvaluation, damping: Array) -> Array:
         jacobian = evaluation.inequality_jacobian[new]
         normal += jacobian.T @ jacobian
         gradient += jacobian.T @ evaluation.inequality[new]
-        step = np.asarray(-np.linalg.solve(normal, gradient))
+        step = -solved(normal, gradient)
     return step

@@ -5,6 +5,7 @@ minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -151,9 +152,7 @@ def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> 
             + slack_penalty * jacobian.T @ jacobian
             + REGULARISATION * slack_penalty * np.eye(len(hessian))
         )
-        direction = np.asarray(
-            -np.linalg.solve(matrix, fixed_gradient + slack_penalty * jacobian.T @ current.inequality[violated])
-        )
+        direction = -solved(matrix, fixed_gradient + slack_penalty * jacobian.T @ current.inequality[violated])
         violated_after = current.inequality + rows @ direction < 0
         if (violated_after == violated).all():
             break
@@ -161,6 +160,16 @@ def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> 
     residual, linearised = current.equality + equality @ direction, current.inequality + rows @ direction
     multipliers = Multipliers(slack_penalty * residual, slack_penalty * np.maximum(-linearised, 0))
     return Step(direction, multipliers, total_violation(residual, linearised), elastic=True)
+
+
+def solved(matrix: Array, right: Array) -> Array:
+    """Solution of a linear system; of one that rounding has made singular that of least norm, zeros if that fails."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        with contextlib.suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
+    return np.zeros(len(right))
 
 
 def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:
