@@ -20,6 +20,7 @@ SIZES = {
     "joints of a URDF": check.MOST_JOINTS,
     "polynomial degree": checks.HIGHEST_DEGREE,
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
+    "obstacles times shapes of links": checks.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
     "processes of a search": search.MOST_JOBS,
     "rows of a table or an export": table.MOST_ROWS,

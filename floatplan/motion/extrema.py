@@ -13,6 +13,7 @@ from floatplan.arrays import Array, IntArray, read_only
 FINENESS = 8  # points of the search grid per node
 NEWTON_STEPS = 4
 GRID = 257  # instants of the first look for the least value of a function that is not smooth
+AT_ONCE = 32  # candidates: the function gives all its columns for each
 CLOSER_LOOKS = 4  # times that the look at each candidate narrows, 8-fold each
 LOWEST = 8  # candidates
 
@@ -121,6 +122,10 @@ def narrowed(
     The function gives (N, r) at (N,); ``span`` is how far the first look goes to both sides, each next one 8 times
     closer. Returned are where the minima are, and their values.
     """
+    if len(where) > AT_ONCE:
+        parts = [slice(first, first + AT_ONCE) for first in range(0, len(where), AT_ONCE)]
+        found = [narrowed(values, column[part], where[part], least[part], span, last) for part in parts]
+        return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
     chosen = np.arange(len(where))
     for _ in range(CLOSER_LOOKS if len(where) else 0):
         around = np.clip(where[:, None] + span * np.linspace(-1, 1, 17), 0, last)

@@ -27,6 +27,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import MOST_OBSTACLES, OBJECTIVES, RANGES, check_number
 
 LONGEST = 1700  # characters of all that is wrong with a problem
+MOST_DISTANCES = 1500  # between shapes of links and obstacles
 LOWEST_DEGREE = 5
 HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 MOST_JOINTS = 60
@@ -183,11 +184,18 @@ def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, grou
     return Landing(landing.frame, height)
 
 
-def check_counts(obstacles: Sequence[Obstacle], pairs: Sequence[SelfClearance]) -> None:
-    """Refuse more of them than a search can look at in its time."""
+def check_counts(robot: Robot, obstacles: Sequence[Obstacle], pairs: Sequence[SelfClearance]) -> None:
+    """Refuse more of them than a search can look at in its time, on their own or with the robot's shapes."""
     for count, element in ((len(obstacles), "obstacles"), (len(pairs), "self_clearance")):
         if count > MOST_OBSTACLES:
             raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
+    shapes = len(robot.shapes) if obstacles else 0
+    if shapes * len(obstacles) > MOST_DISTANCES:
+        raise InputError(
+            f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances",
+            element="obstacles",
+            advice="leave some out, or simplify the robot's collision geometry",
+        )
 
 
 def check_obstacle(obstacle: Obstacle, element: str, duration: float) -> None:

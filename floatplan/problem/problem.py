@@ -138,7 +138,7 @@ class Problem:
     def _checks(self) -> Iterator[Callable[[], None]]:
         yield partial(refuse_leak, self.robot)
         yield partial(check_name, self.name, "name")
-        yield lambda: check_counts(self.obstacles, self.self_clearances)
+        yield lambda: check_counts(self.robot, self.obstacles, self.self_clearances)
         yield lambda: check_duration(self.flight)
         yield lambda: check_angular_momentum(self.flight)
         yield lambda: check_ballistics(self.flight)
