@@ -27,7 +27,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import MOST_OBSTACLES, OBJECTIVES, RANGES, check_number
 
 LONGEST = 1700  # characters of all that is wrong with a problem
-MOST_DISTANCES = 1500  # between shapes of links and obstacles
+MOST_DISTANCES = 800  # between shapes of links and obstacles
 LOWEST_DEGREE = 5
 HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 MOST_JOINTS = 60
