@@ -34,7 +34,7 @@ def check_asked(record: PlanRecord) -> None:
         raise InputError("names a joint twice", element="robot.joints")
     _problem_table(joints, (*joints, *record.robot.coupled))(record.problem, "problem")
     for name in ("obstacles", "self_clearance"):
-        count = len(record.problem[name])
+        count = len(record.problem.get(name) or ())
         if count > MOST_OBSTACLES:
             raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=f"problem.{name}")
     _check_degree(record)

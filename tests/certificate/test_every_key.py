@@ -19,6 +19,7 @@ from floatplan.certificate.enclosure import Balls
 from floatplan.errors import InputError
 from floatplan.plans.plan_file import load_plan, rebuild
 from floatplan.plans.record import PlanRecord, record_from_dict
+from floatplan.plans.schema import check_asked
 from floatplan.robot.robot import Coupling, Robot
 
 CLAIM = "claim"  # proved: another value is refuted, or refused
@@ -373,3 +374,12 @@ def test_another_duration_makes_no_nan(honest, duration):
     assert not np.isnan([*certificate.orientation_end, *certificate.torque_peak, *certificate.velocity_peak]).any()
     bounds = [value for f in certificate.findings for value in (f.bound, f.instant, f.gap) if value is not None]
     assert not np.isnan(bounds).any()
+
+
+@pytest.mark.parametrize("name", ["obstacles", "self_clearance"])
+def test_more_than_a_problem_may_have_is_refused_and_none_is_nothing(honest, name):
+    without = {key: value for key, value in honest.problem.items() if key != name}
+    check_asked(replace(honest, problem=without))
+    one = {"obstacles": honest.problem["obstacles"][0], "self_clearance": {"links": ["a", "b"], "margin": 0.0}}[name]
+    with pytest.raises(fp.InputError, match="201 of them, more than 200"):
+        check_asked(replace(honest, problem=without | {name: [one] * 201}))
