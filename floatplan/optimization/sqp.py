@@ -84,7 +84,7 @@ def minimise(
     initial = hessian
     active = np.empty(0, dtype=np.int64)
     slack_penalty = SLACK_PENALTY * hessian.largest
-    metric_norm = float(np.linalg.norm(program.metric))
+    metric_norm = math.sqrt(float(np.vdot(program.metric, program.metric)))
     was_reset, slow_steps = True, 0
     optimal = False
     iteration = 0

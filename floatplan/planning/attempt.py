@@ -51,7 +51,7 @@ CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands b
 UNRESOLVED = 1e-6  # what the nodes may miss of a motion, relative to its size: its square is lost
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Outcome:
     """Where an attempt ended.
 
@@ -163,7 +163,8 @@ class Attempts:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work.done - start.work
         outcome = self._follow(start, number, degrees, lambda: self.model.work.done - before > most_work or stop())
-        return replace(outcome, work=self.model.work.done - before)
+        outcome.work = self.model.work.done - before
+        return outcome
 
     def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""

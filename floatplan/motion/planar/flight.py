@@ -6,6 +6,7 @@ The orientation is a quadrature, (14) and (18), of the rate theta0' of (4); noth
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -181,7 +182,8 @@ class PlanarFlown:
         """
         decay = math.log(min(max(self.unresolved, SMALLEST_TAIL), LARGEST_TAIL)) / self.grid.nodes
         count = math.log(error / max(self.fastest * self.flight.duration, error)) / (2 * decay)
-        return next((level for level, nodes in enumerate(NODE_COUNTS) if nodes >= count), len(NODE_COUNTS) - 1)
+        finest = len(NODE_COUNTS) - 1
+        return finest if math.isnan(count) else min(bisect_left(NODE_COUNTS, count), finest)
 
     @cached_property
     def torques(self) -> Array:

@@ -216,7 +216,8 @@ def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, const
     if constrained:
         yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
     elif motion.flown.level_needed(NEARLY_RESOLVED) > level:
-        yield _Stage(replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
+        same = ROUGH.longest_step == settings.longest_step
+        yield _Stage(ROUGH if same else replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
     if not constrained and motion.flown.level_needed(QUADRATURE_ERROR) > level:
         yield _Stage(replace(settings, feasibility=NEARLY_RESOLVED, polish=False), NEARLY_RESOLVED)
     yield _Stage(settings, QUADRATURE_ERROR)
