@@ -74,7 +74,8 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
         written[k] = (rest[k] << halvings) / unit
         value, divisor = written[k].as_integer_ratio()
         rounding = rest[k] - (value * unit >> divisor.bit_length() - 1 + halvings)
-        rest[:k] = [lower - (rounding * weight >> FIXED_POINT) for lower, weight in zip(rest, _lost(k), strict=False)]
+        for index, weight in _lost(k):
+            rest[index] -= rounding * weight >> FIXED_POINT
     return written
 
 
@@ -103,18 +104,19 @@ def _fixed_columns(free: int) -> tuple[tuple[int, ...], ...]:
 
 
 @cache
-def _lost(k: int) -> tuple[int, ...]:
-    """Powers of s of L_k, without the highest: ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6.
+def _lost(k: int) -> tuple[tuple[int, int], ...]:
+    """Powers of s of L_k, each with its factor, without the highest and the zeros.
 
-    The highest power has the factor 1. For lower k, as many of the factors s and s - 1 as there can be.
+    L_k is ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6. The highest power has the factor 1. For lower k,
+    as many of the factors s and s - 1 as there can be.
     """
     if k >= CONDITIONS:
         column = basis_columns(k - CONDITIONS + 1)[:, k].tolist()
-        return tuple(_fixed(value / column[k]) for value in column[:k])
+        return tuple((power, _fixed(value / column[k])) for power, value in enumerate(column[:k]) if value)
     found = [Fraction(0)] * min(k, 3) + [Fraction(1)]
     for _ in range(k - 3):
         found = _product(found, (-1, 1))
-    return tuple(map(_fixed, found[:k]))
+    return tuple((power, _fixed(value)) for power, value in enumerate(found[:k]) if value)
 
 
 def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:

@@ -156,12 +156,8 @@ def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
     where q_i does not turn back. Outside (9) a flight may exist, whose joints swing out and back: a falling cat's.
     """
     low, high = inertia_extremes(problem.robot, problem.position_limits)
-    changes = np.concatenate(
-        (
-            [problem.final.orientation - problem.initial.orientation],
-            problem.final.positions - problem.initial.positions,
-        )
-    )
-    ends = np.array([changes * low, changes * high])  # (7), (8)
+    turn = problem.final.orientation - problem.initial.orientation
+    changes = (turn, *(problem.final.positions - problem.initial.positions).tolist())
+    ends = [(c * a, c * b) for c, a, b in zip(changes, low.tolist(), high.tolist(), strict=True)]  # (7), (8)
     duration = problem.flight.duration
-    return float(ends.min(axis=0).sum() / duration), float(ends.max(axis=0).sum() / duration)
+    return sum(map(min, ends)) / duration, sum(map(max, ends)) / duration
