@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
-
-import numpy as np
+from typing import Any, Literal, TypeAlias, get_args
 
 from floatplan.errors import InputError
 
@@ -130,17 +128,25 @@ def check_number(value: object, element: str, key: str, advice: str | None = Non
     """
     allowed = RANGES[key]
     try:
-        numbers = np.asarray(value, dtype=np.float64)
+        numbers = _numbers(value)
     except (TypeError, ValueError, OverflowError):
-        numbers = np.array(np.nan)
-    if not np.isfinite(numbers).all():
+        numbers = [math.nan]
+    if not all(map(math.isfinite, numbers)):
         raise InputError(f"{value!r} is not a finite number", element=element)
-    if allowed.low >= 0 and (numbers < 0).any():
+    if allowed.low >= 0 and any(number < 0 for number in numbers):
         fault = "is not positive" if allowed.low > 0 else "is negative"
         raise InputError(f"{value} {allowed.unit} {fault}", element=element, advice=advice)
-    if (numbers < allowed.low).any() or (numbers > allowed.high).any():
+    if not all(allowed.low <= number <= allowed.high for number in numbers):
         degrees = ""
         if allowed.unit.startswith("rad"):
             turned = allowed.unit.replace("rad", "degrees", 1)
             degrees = f" ({math.degrees(allowed.low):.4g} to {math.degrees(allowed.high):.4g} {turned})"
         raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element)
+
+
+def _numbers(value: Any) -> list[float]:
+    """The numbers of a number, an array, or nested sequences."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, list | tuple):
+        return [number for item in value for number in _numbers(item)]
+    return [float(value)]
