@@ -13,7 +13,7 @@ from generated_problems import random_chain
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.planar.flight import PlanarFlown, gauss_grid, momentum_set
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
@@ -86,7 +86,7 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
     model = flight_model(problem)
     branches = np.zeros((2, joints), dtype=np.int64)
     polynomials = sine_polynomials(problem, problem.degrees, branches)
-    variables = decision_variables(problem, polynomials, momentum_set(problem, (low, high)))
+    variables = decision_variables(problem, polynomials, momentum_set(problem))
     x = variables.variables(rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape), momentum)
     motion = _look(model, variables, x)
     goal = fp.Posture(problem.final.orientation + motion.residual.item(), postures[1])
@@ -99,6 +99,7 @@ def _look(model: FlightModel, variables: DecisionVariables, x: np.ndarray) -> Tr
 
 
 def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:
+    assert isinstance(motion.flown, PlanarFlown), "flights of the benchmark are in a plane"
     segments = motion.flown.shapes
     along = segments.end - segments.start
     share = np.clip((along.conj() * (point - segments.start)).real / np.maximum(np.abs(along) ** 2, 1e-300), 0, 1)

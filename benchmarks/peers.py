@@ -17,7 +17,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.optimization.nonlinear_program import AnyEvaluation
@@ -53,7 +52,7 @@ def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
     """Return floatplan's program at a fixed number of nodes, arcsine branches 0."""
     model = flight_model(problem)
     polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), dtype=np.int64))
-    variables = decision_variables(problem, polynomials, momentum_set(problem, angular_momentum_interval(problem)))
+    variables = decision_variables(problem, polynomials, momentum_set(problem))
     sampling = sample_nodes(gauss_grid(nodes), polynomials.width)
     aim = objective(problem, model, variables, sampling)
     return FlightProgram(model, variables, sampling, aim, constraints(problem, model))

@@ -126,7 +126,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
     bounds = angular_momentum_interval(problem)
     kind: Any = rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]).item()
     polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, n), dtype=np.int64))
-    variables = decision_variables(problem, polynomials, momentum_set(problem, bounds))
+    variables = decision_variables(problem, polynomials, momentum_set(problem))
     z = polynomials.no_free_part + rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape)
 
     def flown(momentum: float) -> Problem:

@@ -16,12 +16,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol
 
 from floatplan.arrays import Array
 from floatplan.motion.sine_polynomial import JointMotion
-
-Shapes = TypeVar("Shapes", covariant=True)  # where a robot's shapes are, as its distances want it
+from floatplan.problem.parts import Obstacle
 
 
 class Partials(NamedTuple):
@@ -54,6 +53,18 @@ class MomentumSet:
         return int(self.axes.shape[1])
 
 
+class Distances(Protocol):
+    """Distances between surfaces, of which r are measured at K instants."""
+
+    @property
+    def values(self) -> Array:
+        """Distances (K, r), m; negative where the surfaces overlap."""
+
+    @property
+    def by_body(self) -> Array:
+        """Derivatives (K, r, bodies, or 3 for each in space) by the bodies' turns, m."""
+
+
 class Grid(Protocol):
     """Instants of a flight: N nodes, which the attitude is integrated on, then any others."""
 
@@ -76,7 +87,7 @@ class Grid(Protocol):
         """Of the object: what is computed for a grid is kept with it."""
 
 
-class Flown(Protocol[Shapes]):
+class Flown(Protocol):
     """The base's motion; everything is computed when asked for. Derivatives are of a single motion, S = 1."""
 
     @property
@@ -130,17 +141,23 @@ class Flown(Protocol[Shapes]):
         """Of the motors' own torques, r = m; the same object as ``torque_partials`` where there are no followers."""
 
     @property
-    def shapes(self) -> Shapes:
-        """Where the robot's shapes are."""
+    def longest_way(self) -> float:
+        """Longest way that an end of a link's shape goes from instant to instant, m."""
+
+    def obstacle_distances(self, obstacle: Obstacle) -> Distances:
+        """Distances (S K, r) of the links to an obstacle, r as of :meth:`FlightDynamics.links_measured`."""
+
+    def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Distances:
+        """Distances (S K, r) between shapes, given by their indices: each of the first to each of the second."""
 
     def shape_partials(self, by_body: Array) -> Partials:
         """Of r quantities with derivatives ``by_body`` (K, r, bodies, or 3 for each in space) by the bodies' turns."""
 
-    def at_goal(self) -> Flown[Shapes]:
+    def at_goal(self) -> Flown:
         """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
 
 
-class FlightDynamics(Protocol[Shapes]):
+class FlightDynamics(Protocol):
     """What a problem fixes of every motion: dynamics, shapes, attitudes at both ends, the CM's path."""
 
     @property
@@ -155,6 +172,9 @@ class FlightDynamics(Protocol[Shapes]):
     def links(self) -> tuple[str, ...]:
         """Link of each shape."""
 
+    def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
+        """Link (r,) of each distance to an obstacle."""
+
     @property
     def node_counts(self) -> tuple[int, ...]:
         """Number of nodes of the grids, by their level, rising."""
@@ -162,7 +182,7 @@ class FlightDynamics(Protocol[Shapes]):
     def grid(self, level: int) -> Grid:
         """Return a grid of nodes alone, the same object for the same level."""
 
-    def fly(self, grid: Grid, joints: JointMotion, angular_momentum: Array) -> Flown[Shapes]:
+    def fly(self, grid: Grid, joints: JointMotion, angular_momentum: Array) -> Flown:
         """Turn the base as joints and angular momenta (S, e), kg m^2/s, make it.
 
         ``joints`` are at the instants of ``grid``, which comes from :meth:`grid`, of S motions one after the other.

@@ -14,8 +14,9 @@ from itertools import islice
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.flight import momentum_set
+from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.starts import Start, starts
@@ -103,14 +104,13 @@ def best(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 class Attempts:
-    """A problem made ready for attempts."""
+    """A problem made ready for attempts; ``momentum`` left out, those of the problem."""
 
-    def __init__(self, problem: Problem, momentum_bounds: tuple[float, float], seed: int) -> None:
+    def __init__(self, problem: Problem, seed: int, momentum: MomentumSet | None = None) -> None:
         self.problem = problem
         self.model: FlightModel = flight_model(problem)
         self.constraints: tuple[Constraint, ...] = constraints(problem, self.model)
-        self.momentum_bounds = momentum_bounds
-        self._momentum = momentum_set(problem, momentum_bounds)
+        self.momentum = momentum or momentum_set(problem)
         self.seed = seed
         self._drawn: dict[tuple[int, ...], tuple[list[Start], Iterator[Start]]] = {}
         (self.plain_start,) = self.first_starts(problem.degrees, 1)
@@ -119,7 +119,7 @@ class Attempts:
     def first_starts(self, degrees: tuple[int, ...], count: int) -> list[Start]:
         """Return the first starts at these degrees: so many, or all where there are not so many."""
         if degrees not in self._drawn:
-            drawing = starts(self.problem, self.model, self.constraints, degrees, self._momentum, self.seed)
+            drawing = starts(self.problem, self.model, self.constraints, degrees, self.momentum, self.seed)
             self._drawn[degrees] = ([], drawing)
         known, more = self._drawn[degrees]
         known.extend(islice(more, max(count - len(known), 0)))
@@ -129,7 +129,7 @@ class Attempts:
         """Return the motion of an outcome as a start at higher degrees."""
         lower, x = outcome.variables, outcome.solution.x
         polynomials = replace(lower.polynomials, free=tuple(degree - CONDITIONS + 1 for degree in degrees))
-        variables = decision_variables(self.problem, polynomials, self._momentum)
+        variables = decision_variables(self.problem, polynomials, self.momentum)
         z = lower.free_coefficients(x)
         padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
         return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
@@ -143,10 +143,8 @@ class Attempts:
         plain = self.plain_start
         counts = self.model.flight.node_counts
         dense = self.model.nodes(-2, plain.variables.polynomials.width)
-        segments = trajectory(self.model, plain.variables, dense, plain.x).flown.shapes
-        travel = max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (segments.start, segments.end))
-        step = max(min(sizes, default=np.inf), SMALLEST_STEP)
-        wanted = travel / step
+        motion = trajectory(self.model, plain.variables, dense, plain.x)
+        wanted = motion.flown.longest_way / max(min(sizes, default=np.inf), SMALLEST_STEP)
         return min(
             (level for level, count in enumerate(counts) if count >= wanted and level >= CONSTRAINED_LEVEL),
             default=WATCHED_AT_MOST,

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from floatplan.arrays import Array
+from floatplan.motion.flight import difficulties, impossibilities, motion_into_ground
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.contact import motion_into_ground
-from floatplan.planning.impossibility import impossibilities
 from floatplan.planning.search import SearchResult
 from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.trajectory import sample_also, trajectory
@@ -23,18 +23,18 @@ def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
     return [*_impossible_ends(prepared), *impossibilities(problem)]
 
 
-def explain(
-    problem: Problem, prepared: Attempts, found: SearchResult, reasons: list[str], momentum_bounds: tuple[float, float]
-) -> str:
+def explain(problem: Problem, prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     """Say, in sentences for a person, what the search found and why it is no plan where it is none.
 
     ``reasons`` are those of :func:`proven_impossible`.
     """
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
-    sentences = [*reasons, *_momentum(problem, momentum_bounds), *_nearest(prepared, found)]
-    (momentum,) = found.best.variables.angular_momentum(found.best.solution.x).tolist()
-    sentences += [f"With {momentum:.4g} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)]
+    sentences = [*reasons, *difficulties(problem), *_nearest(prepared, found)]
+    momentum = found.best.variables.angular_momentum(found.best.solution.x)
+    sentences += [
+        f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)
+    ]
     if found.interrupted:
         sentences.append("The search was interrupted.")
     elif found.ran_out_of_time:
@@ -46,10 +46,10 @@ def explain(
 
 def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
     """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that."""
-    best, missed = found.best, _missed_turn(prepared, found)
+    best, missed = found.best, _missed_turn(found)
     if not best.violation < NEARLY:
         return []
-    wishes = [f"the goal's orientation {missed:+.6g} rad further"] if missed else []
+    wishes = [f"the goal's orientation {_numbers(missed, '+.6g')} rad further"] if missed.any() else []
     for number, block in enumerate(prepared.constraints):
         rows = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
         if rows.size:
@@ -64,11 +64,14 @@ def _rounded_up(amount: float) -> str:
     return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
 
 
-def _missed_turn(prepared: Attempts, found: SearchResult) -> float:
-    """By how much the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    motion = found.best.solution.evaluation.detail
-    missed = float(motion.residual[0, 0])
-    return missed if abs(missed) > ORIENTATION else 0.0
+def _missed_turn(found: SearchResult) -> Array:
+    """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
+    missed = found.best.solution.evaluation.detail.residual[0]
+    return np.where(np.abs(missed) > ORIENTATION, missed, 0.0)
+
+
+def _numbers(values: Array, form: str) -> str:
+    return ", ".join(format(value, form) for value in values.tolist())
 
 
 def _more_freedom(problem: Problem) -> list[str]:
@@ -105,27 +108,15 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
     return sentences
 
 
-def _momentum(problem: Problem, momentum_bounds: tuple[float, float]) -> list[str]:
-    low, high = momentum_bounds
-    asked = problem.flight.angular_momentum
-    if isinstance(asked, str) or low <= asked <= high:
-        return []
-    return [
-        f"The angular momentum {asked:.6g} kg m^2/s lies outside the interval for monotonic joints,"
-        f" [{low:.6g}, {high:.6g}]: that takes a joint, or the base, that turns back on its way;"
-        f" the interval's midpoint is {(low + high) / 2:.6g}."
-    ]
-
-
 def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try."""
     best = found.best
     motion = best.solution.evaluation.detail
     tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
-    missed = _missed_turn(prepared, found)
+    missed = _missed_turn(found)
     sentences = []
-    if missed:
-        sentences.append(f"The nearest motion found misses the goal's orientation by {missed:+.6g} rad.")
+    if missed.any():
+        sentences.append(f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad.")
     if best.worst.value.size and best.worst.least < 0:
         index = int(np.argmin(best.worst.value))
         block, row = prepared.constraints[best.worst.block[index]], int(best.worst.row[index])

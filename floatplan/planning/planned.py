@@ -6,15 +6,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from floatplan.arrays import Array, read_only
-from floatplan.motion.planar.ballistics import ballistics
-from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.arrays import Array
+from floatplan.motion.flight import motion_into_ground
+from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.planning.attempt import Attempts, Outcome
-from floatplan.planning.contact import refuse_motion_into_ground
 from floatplan.planning.explanation import explain, proven_impossible
 from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SearchOptions, search
 from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
+from floatplan.problem.checks import refuse
 from floatplan.problem.problem import Problem
 
 
@@ -36,27 +36,19 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
         What stands on the ground moves down at takeoff, or up at landing.
     """
     began = time.perf_counter()
-    bounds = angular_momentum_interval(problem)
-    asked = problem.flight.angular_momentum
-    if asked != "free":
-        refuse_motion_into_ground(problem, sum(bounds) / 2 if isinstance(asked, str) else float(asked))
-    prepared = Attempts(problem, bounds, options.seed)
+    prepared = Attempts(problem, options.seed)
+    if not prepared.momentum.free:
+        refuse(motion_into_ground(problem, prepared.momentum.centre))
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
     found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None)
     best = found.best
     seconds = time.perf_counter() - began
-    polynomials = best.variables.polynomials
-    plan = Plan(
-        problem=problem,
-        centre=read_only(polynomials.centre),
-        amplitude=read_only(polynomials.amplitude),
-        coefficients=_coefficients(best),
-        angular_momentum=_angular_momentum(best),
-        angular_momentum_bounds=bounds,
-        ballistics=ballistics(problem),
+    plan = Plan.of_motion(
+        problem,
+        *_motion(best),
         status=best.solution.status if best.holds else "infeasible",
         ok=best.holds,
-        explanation=explain(problem, prepared, found, reasons, bounds),
+        explanation=explain(problem, prepared, found, reasons),
         solver={
             "iterations": found.iterations,
             "evaluations": found.evaluations,
@@ -81,7 +73,7 @@ def polished(found: Planned, tighter: Problem) -> Planned | None:
     The plan answers the problem that it answered before.
     """
     plan, best = found.plan, found.best
-    prepared = Attempts(tighter, plan.angular_momentum_bounds, plan.solver["seed"])
+    prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
     outcome = prepared.attempt(Start(best.variables, best.solution.x), 0, best.degrees)
     if not outcome.holds:
         return None
@@ -94,20 +86,10 @@ def polished(found: Planned, tighter: Problem) -> Planned | None:
 
 
 def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
-    return replace(
-        plan,
-        coefficients=_coefficients(outcome),
-        angular_momentum=_angular_momentum(outcome),
-    )
+    return plan.moving_as(*_motion(outcome))
 
 
-def _angular_momentum(outcome: Outcome) -> float:
-    """The h, kg m^2/s, of where an attempt ended, about the plane's normal."""
-    return float(outcome.variables.angular_momentum(outcome.solution.x)[0])
-
-
-def _coefficients(outcome: Outcome) -> Array:
-    """The paper's b (n, k+1) of where an attempt ended."""
-    variables = outcome.variables
-    free = variables.free_coefficients(outcome.solution.x)
-    return read_only(variables.polynomials.powers_of_seconds(free))
+def _motion(outcome: Outcome) -> tuple[SinePolynomials, Array, Array]:
+    """Where an attempt ended: its polynomials, their free coefficients z (n, width), and h (e,), kg m^2/s."""
+    variables, x = outcome.variables, outcome.solution.x
+    return variables.polynomials, variables.free_coefficients(x), variables.angular_momentum(x)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from floatplan.errors import InputError
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
@@ -242,7 +243,7 @@ def _runner(
 
     context = get_context("forkserver")
     ended = context.Event()
-    ready = (prepared.problem, prepared.momentum_bounds, prepared.seed, options.budget, allowance.left, ended)
+    ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left, ended)
     with ProcessPoolExecutor(options.jobs, context, initializer=_prepare, initargs=ready) as pool:
 
         def run_there(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
@@ -290,8 +291,8 @@ _most_work: float
 
 def _prepare(
     problem: Problem,
-    momentum_bounds: tuple[float, float],
     seed: int,
+    momentum: MomentumSet,
     budget: float | None,
     most_work: float,
     ended: Event,
@@ -300,7 +301,7 @@ def _prepare(
     global _prepared, _expired, _most_work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     expired = expiry(budget)
-    _prepared, _expired = Attempts(problem, momentum_bounds, seed), lambda: ended.is_set() or expired()
+    _prepared, _expired = Attempts(problem, seed, momentum), lambda: ended.is_set() or expired()
     _most_work = most_work
 
 

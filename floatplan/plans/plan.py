@@ -5,7 +5,7 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import InitVar, dataclass, field
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arrays import read_only
+from floatplan.arrays import Array, read_only
 from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
 from floatplan.motion.flight_state import FlightState, Peaks
+from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import obstacle_distances
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
+from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import output
 from floatplan.plans.planned_motion import PlannedMotion
@@ -26,6 +29,7 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import robot_record
 from floatplan.plans.verdicts import Certificate
 from floatplan.problem.file import problem_to_dict
+from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
@@ -66,6 +70,32 @@ class Plan(PlannedMotion):
     as_recorded: InitVar[PlanRecord | None] = None
     _recorded: PlanRecord | None = field(init=False, repr=False)
     _certificate: Certificate | None = field(init=False, repr=False)
+
+    @classmethod
+    def of_motion(
+        cls, problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array, **answer: Any
+    ) -> Plan:
+        """Return the plan that moves as a search's motion.
+
+        Parameters
+        ----------
+        problem : Problem
+        polynomials : SinePolynomials
+        z : (n, width) free coefficients
+        angular_momentum : (1,) kg m^2/s
+        answer : ``status``, ``ok``, ``explanation`` and ``solver``
+        """
+        return cls(
+            problem=problem,
+            **_motion(polynomials, z, angular_momentum),
+            ballistics=ballistics(problem),
+            angular_momentum_bounds=angular_momentum_interval(problem),
+            **answer,
+        )
+
+    def moving_as(self, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> Plan:
+        """Return the plan with another motion, given as to :meth:`of_motion`."""
+        return replace(self, **_motion(polynomials, z, angular_momentum))
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -254,6 +284,15 @@ class Plan(PlannedMotion):
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""
         return str(output("notebook_frame")(self))
+
+
+def _motion(polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> dict[str, Any]:
+    return {
+        "centre": read_only(polynomials.centre),
+        "amplitude": read_only(polynomials.amplitude),
+        "coefficients": read_only(polynomials.powers_of_seconds(z)),
+        "angular_momentum": float(angular_momentum[0]),
+    }
 
 
 def _version() -> str:

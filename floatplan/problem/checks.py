@@ -62,6 +62,12 @@ class ProblemError(InputError):
         return ProblemError([error.within(source, element) for error in self.errors])
 
 
+def refuse(errors: Sequence[InputError]) -> None:
+    """Raise what is wrong, if anything is: one error as it is, several together."""
+    if errors:
+        raise ProblemError(errors) if len(errors) > 1 else errors[0]
+
+
 def faults(checks: Iterable[Callable[[], None]]) -> list[InputError]:
     """Run the checks and return what they raise."""
     errors = []

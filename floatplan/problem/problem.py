@@ -26,6 +26,7 @@ from floatplan.problem.checks import (
     faults,
     joint_state,
     landing_of,
+    refuse,
     takeoff_of,
 )
 from floatplan.problem.ground import ground_height
@@ -112,10 +113,7 @@ class Problem:
         errors.extend(faults(self._checks()))
         if not errors:
             errors = faults(self._edge_checks())
-        if len(errors) == 1:
-            raise errors[0]
-        if errors:
-            raise ProblemError(errors)
+        refuse(errors)
 
     def _resolvers(self) -> dict[str, Callable[[], object]]:
         robot, limits = self.robot, self.limits

@@ -66,7 +66,7 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
     name, moved = MOVED[what]
     found = answer(name)
     problem = moved(found.plan, lacking)
-    prepared = Attempts(problem, found.plan.angular_momentum_bounds, 0)
+    prepared = Attempts(problem, 0)
     judged = prepared._judge(found.best.variables, found.best.solution, 0, found.best.degrees)
     certificate = certify(replace(found.plan, problem=problem))
     assert judged.holds == (lacking < 1)
@@ -77,7 +77,7 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
 def test_a_plan_that_is_kept_but_not_as_well_inside_as_the_search_aims_is_feasible() -> None:
     found = answer("obstacle")
     problem = obstacle(found.plan, 0.5)
-    prepared = Attempts(problem, found.plan.angular_momentum_bounds, 0)
+    prepared = Attempts(problem, 0)
     start = Start(found.best.variables, found.best.solution.x)
     judged = prepared.attempt(start, 0, found.best.degrees, lambda: True)
     assert judged.holds

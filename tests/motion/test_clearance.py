@@ -163,7 +163,7 @@ def test_gradient_is_that_of_differences(any_robot, name):
         return obstacle_distances(case.shapes.place(case.com, angles), OBSTACLES[name], TIMES)
 
     expected = by_differences(lambda angles: distances(angles).values, case.angles)
-    assert np.abs(distances(case.angles).by_angle - expected).max() < 1e-8
+    assert np.abs(distances(case.angles).by_body - expected).max() < 1e-8
 
 
 def test_gradient_of_pairs_is_that_of_differences(any_robot):
@@ -174,4 +174,4 @@ def test_gradient_of_pairs_is_that_of_differences(any_robot):
 
     expected = by_differences(lambda angles: distances(angles).values, case.angles)
     assert np.abs(expected).max() > 0.1
-    assert np.abs(distances(case.angles).by_angle - expected).max() < 1e-8
+    assert np.abs(distances(case.angles).by_body - expected).max() < 1e-8

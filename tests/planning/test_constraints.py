@@ -18,7 +18,6 @@ from scipy.integrate import simpson
 import floatplan as fp
 from floatplan import tables
 from floatplan.arrays import read_only
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import objectives as objectives_module
@@ -52,7 +51,7 @@ RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 
 CONSTRAINTS = {
     "circle": ObstacleClearance(CIRCLE, "circle", LINKS),
-    "half-plane": ObstacleClearance(GROUND, "ground", LINKS),
+    "half-plane": ObstacleClearance(GROUND, "ground", LINKS * 2),
     "bar": ObstacleClearance(BAR, "bar", LINKS, window=BAR.window),
     "self": LinkClearance((0,), (2, 3), ("shank", "arms"), 0.05),
     "torque": MagnitudeLimit(
@@ -133,9 +132,8 @@ def problem():
 @pytest.fixture(scope="module")
 def flight(problem):
     """What evaluates a motion x: (model, variables, sampling)."""
-    bounds = angular_momentum_interval(problem)
     polynomials = sine_polynomials(problem, problem.degrees, np.array([[0, 0, 0], [0, 1, -1]]))
-    variables = decision_variables(problem, polynomials, momentum_set(problem, bounds))
+    variables = decision_variables(problem, polynomials, momentum_set(problem))
     assert variables.momentum.free == 1
     sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.width), polynomials.width, INSTANTS)
     return flight_model(problem), variables, sampling
@@ -330,9 +328,7 @@ class TestObjectives:
         asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
         model = flight_model(asked)
         branches = np.zeros((2, 3), dtype=np.int64)
-        variables = decision_variables(
-            asked, sine_polynomials(asked, (7,) * 3, branches), momentum_set(asked, (-10.0, 20.0))
-        )
+        variables = decision_variables(asked, sine_polynomials(asked, (7,) * 3, branches), momentum_set(asked))
         sampling = sample_nodes(gauss_grid(32), 2)
         made = objective(asked, model, variables, sampling)
         assert type(made) is type(OBJECTIVES[name])

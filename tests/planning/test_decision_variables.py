@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 import floatplan as fp
+from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import momentum_set
 from floatplan.planning.transcription.program import decision_variables, sine_polynomials
 from floatplan.planning.transcription.variables import DecisionVariables
-
-BOUNDS = (-2.0, 1.0)  # kg m^2/s
 
 
 def variables_of(problem: fp.Problem, degree: int | tuple[int, ...] = 7) -> DecisionVariables:
     problem = replace(problem, motion=fp.Motion(degree=degree))
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    momentum = momentum_set(problem, BOUNDS)
+    momentum = momentum_set(problem)
     return decision_variables(problem, sine_polynomials(problem, problem.degrees, branches), momentum)
 
 
@@ -48,12 +47,14 @@ def test_a_given_momentum_is_no_variable(problem):
         assert variables.angular_momentum(x).tolist() == [-1.0]
 
 
-def test_a_free_momentum_spans_its_bounds(problem):
+def test_a_free_momentum_spans_the_interval(problem):
+    problem = replace(problem, goal=replace(problem.goal, orientation=problem.goal.orientation - 4 * np.pi))
+    bounds = angular_momentum_interval(problem)
     variables = variables_of(with_free_momentum(problem))
     x = variables.plain_motion()
     assert variables.size == variables.coefficients + 1
-    assert variables.angular_momentum(x) == pytest.approx([sum(BOUNDS) / 2])
-    for side, bound in zip((-1.0, 1.0), BOUNDS, strict=True):
+    assert variables.angular_momentum(x) == pytest.approx([sum(bounds) / 2])
+    for side, bound in zip((-1.0, 1.0), bounds, strict=True):
         assert variables.angular_momentum(np.append(x[:-1], side)) == pytest.approx([bound])
 
 

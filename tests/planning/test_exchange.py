@@ -10,7 +10,6 @@ from flight_reference import integrate_orientation
 
 import floatplan as fp
 from floatplan.motion.planar.ballistics import ballistics
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
@@ -23,7 +22,7 @@ ERROR = 1e-9  # rad, that quadrature may leave of theta0(T)
 
 
 def attempts(problem: fp.Problem) -> Attempts:
-    return Attempts(problem, angular_momentum_interval(problem), 0)
+    return Attempts(problem, 0)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from free_problems import free_problem
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.planning.impossibility import impossibilities
+from floatplan.motion.planar.impossibility import impossibilities
 from floatplan.robot.urdf.example_robots import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.planning import search as room
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.search import Allowance, SearchOptions, SearchResult, expiry, search
@@ -24,7 +23,7 @@ MANY = 10**6
 
 
 def run(problem: fp.Problem, attempts: int | None = None, **options: Any) -> SearchResult:
-    ready = Attempts(problem, angular_momentum_interval(problem), 0)
+    ready = Attempts(problem, 0)
     return search(ready, SearchOptions(**options), attempts)
 
 

@@ -11,7 +11,6 @@ import pytest
 
 import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.constraints import constraints
@@ -22,7 +21,7 @@ NEAR_THE_GOAL = 0.2  # rad; a random motion is far from it
 
 
 def momentum_of(problem: fp.Problem) -> MomentumSet:
-    return momentum_set(problem, angular_momentum_interval(problem))
+    return momentum_set(problem)
 
 
 def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Start]:

@@ -11,7 +11,7 @@ import pytest
 from robot_samples import inertial, joint, robot_text
 
 import floatplan as fp
-from floatplan.planning.contact import refuse_motion_into_ground
+from floatplan.motion.planar.contact import motion_into_ground
 from floatplan.robot.urdf.example_robots import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -201,4 +201,4 @@ class TestAsked:
         assert fp.plan(replace(problem, ground=False)).ok
 
     def test_a_foot_that_rises_is_not(self, handstand):
-        refuse_motion_into_ground(replace(handstand, ground=True), -1.17)
+        assert motion_into_ground(replace(handstand, ground=True), -1.17) == []

@@ -100,7 +100,7 @@ class Distances:
     other: tuple[Segments, Array] | None = None
 
     @property
-    def by_angle(self) -> Array:
+    def by_body(self) -> Array:
         """Derivatives (K, r, m) by the bodies' angles, m."""
         gradient = self.segments.gradient(self.direction, self.fraction)
         return gradient - self.other[0].gradient(self.direction, self.other[1]) if self.other else gradient

@@ -15,11 +15,19 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import Grid, MomentumSet, Partials
 from floatplan.motion.planar.ballistics import Ballistics, ballistics
-from floatplan.motion.planar.bounds import inertia_extremes
-from floatplan.motion.planar.clearance import LinkShapes, Segments
+from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
+from floatplan.motion.planar.clearance import (
+    OBSTACLE_DISTANCES,
+    Distances,
+    LinkShapes,
+    Segments,
+    obstacle_distances,
+    pair_distances,
+)
 from floatplan.motion.planar.closed_form import BaseRate, Dynamics, Moments
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
@@ -87,6 +95,10 @@ class PlanarFlight:
     def links(self) -> tuple[str, ...]:
         """Link of each capsule."""
         return self.link_shapes.links
+
+    def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
+        """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
+        return self.links * OBSTACLE_DISTANCES[obstacle.kind].ends
 
     def grid(self, level: int) -> GaussGrid:
         """Return the Gauss-Legendre nodes of a level."""
@@ -240,10 +252,29 @@ class PlanarFlown:
     @cached_property
     def shapes(self) -> Segments:
         """The links' capsules where they are."""
-        com = self.flight.ballistics.positions(self.flight.duration * self.grid.s)
-        place = com[:, 0] + 1j * com[:, 1]
-        motions = len(self.angular_momentum)
-        return self.flight.link_shapes.place(place if motions == 1 else np.tile(place, motions), self.angles)
+        com = self.flight.ballistics.positions(self._times)
+        return self.flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], self.angles)
+
+    @cached_property
+    def _times(self) -> Array:
+        """Instants (S K,) s."""
+        motions, times = len(self.angular_momentum), self.flight.duration * self.grid.s
+        return times if motions == 1 else np.tile(times, motions)
+
+    @property
+    def longest_way(self) -> float:
+        """Longest way that an end of a capsule goes from instant to instant, m."""
+        return float(
+            max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (self.shapes.start, self.shapes.end))
+        )
+
+    def obstacle_distances(self, obstacle: Obstacle) -> Distances:
+        """Distances (S K, r) of the capsules to an obstacle."""
+        return obstacle_distances(self.shapes, obstacle, self._times)
+
+    def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Distances:
+        """Distances (S K, r) between capsules, given by their indices: each of the first to each of the second."""
+        return pair_distances(self.shapes.of(np.array(first)), self.shapes.of(np.array(second)))
 
     def shape_partials(self, by_body: Array) -> Partials:
         """Of quantities with derivatives ``by_body`` (K, r, m) by the bodies' absolute angles."""
@@ -279,12 +310,12 @@ def planar_flight(problem: Problem) -> PlanarFlight:
 
 
 @lru_cache(maxsize=8)
-def momentum_set(problem: Problem, bounds: tuple[float, float]) -> MomentumSet:
-    """The h of a problem: given, the middle of ``bounds``, kg m^2/s, or free between them.
+def momentum_set(problem: Problem) -> MomentumSet:
+    """The h of a problem, kg m^2/s: given, or (10), the middle of (9), or free in (9).
 
     A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
     """
-    low, high = bounds
+    low, high = angular_momentum_interval(problem)
     asked = problem.flight.angular_momentum
     centre = (low + high) / 2 if isinstance(asked, str) else float(asked)
     if asked != "free":

@@ -14,7 +14,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES, Distances, obstacle_distances, pair_distances
+from floatplan.motion.dynamics import Distances
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
 from floatplan.problem.parts import Obstacle
@@ -101,7 +101,7 @@ class Clearance(ABC):
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        return trajectory.shape_jacobian(self._distances(trajectory).by_angle / LENGTH_SCALE)
+        return trajectory.shape_jacobian(self._distances(trajectory).by_body / LENGTH_SCALE)
 
     def relaxed(self, row: int, amount: str) -> str:
         """A smaller clearance."""
@@ -117,7 +117,7 @@ class Clearance(ABC):
 class ObstacleClearance(Clearance):
     """Distance of every link to an obstacle, less its margin, (19)-(23).
 
-    Holds: for all t in the obstacle's window, by exchange of instants.
+    Holds: for all t in the obstacle's window, by exchange of instants. ``links`` (r,) are the links measured.
     """
 
     obstacle: Obstacle
@@ -127,9 +127,8 @@ class ObstacleClearance(Clearance):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """One row per link's capsule; for a half-plane one per end of it."""
-        ends = OBSTACLE_DISTANCES[self.obstacle.kind].ends
-        return tuple(f"clearance of {link} to {self.name}" for link in self.links * ends)
+        """One row per distance."""
+        return tuple(f"clearance of {link} to {self.name}" for link in self.links)
 
     @property
     def least(self) -> float:
@@ -138,7 +137,7 @@ class ObstacleClearance(Clearance):
 
     def measure(self, trajectory: Trajectory) -> Distances:
         """Distances to the obstacle."""
-        return obstacle_distances(trajectory.flown.shapes, self.obstacle, trajectory.times)
+        return trajectory.flown.obstacle_distances(self.obstacle)
 
     def cause_at(self, end: str) -> str:
         """The posture touches the obstacle."""
@@ -167,8 +166,7 @@ class LinkClearance(Clearance):
 
     def measure(self, trajectory: Trajectory) -> Distances:
         """Distances between the capsules of the one and of the other."""
-        shapes = trajectory.flown.shapes
-        return pair_distances(shapes.of(np.array(self.first)), shapes.of(np.array(self.second)))
+        return trajectory.flown.pair_distances(self.first, self.second)
 
     def cause_at(self, end: str) -> str:
         """The posture brings the links together."""
@@ -298,19 +296,26 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
         ObstacleClearance(
             obstacle,
             f"obstacle {index} ({obstacle.kind})",
-            model.flight.links,
+            model.flight.links_measured(obstacle),
             _window(obstacle, problem.flight.duration),
         )
         for index, obstacle in enumerate(problem.obstacles)
     ]
     if problem.ground:
-        blocks.append(ObstacleClearance(problem.ground_plane, "the ground", model.flight.links))
+        ground = problem.ground_plane
+        blocks.append(ObstacleClearance(ground, "the ground", model.flight.links_measured(ground)))
     for pair in problem.self_clearances:
         first, second = (
             tuple(index for index, link in enumerate(model.flight.links) if link == name) for name in pair.links
         )
         blocks.append(LinkClearance(first, second, pair.links, pair.margin))
-    return (*blocks, *_torque_limits(problem), *_joint_limits(problem), *_motor_limits(problem), *_base_limits(problem))
+    return (
+        *blocks,
+        *_torque_limits(problem),
+        *_joint_limits(problem),
+        *_motor_limits(problem),
+        *_base_limits(problem, model.flight.tangent),
+    )
 
 
 def _torque_limits(problem: Problem) -> Iterator[Constraint]:
@@ -331,11 +336,13 @@ def _joint_limits(problem: Problem) -> Iterator[Constraint]:
         yield from _magnitudes(row, row.key, problem.robot.joints, problem.joint_limits[row.key])
 
 
-def _base_limits(problem: Problem) -> Iterator[Constraint]:
+def _base_limits(problem: Problem, tangent: int) -> Iterator[Constraint]:
+    """Limits of the base's rate about each of the directions in which it can turn."""
     rate = problem.limits.orientation_rate
     if rate is not None:
-        limits, row = np.array([rate]), LIMIT_TABLE["orientation_rate"]
-        yield MagnitudeLimit(QUANTITIES[row.quantity], ("orientation rate",), np.eye(1), limits, row.unit)
+        limits, row = np.full(tangent, rate), LIMIT_TABLE["orientation_rate"]
+        names = ("orientation rate",) * tangent
+        yield MagnitudeLimit(QUANTITIES[row.quantity], names, np.eye(tangent), limits, row.unit)
 
 
 def _magnitudes(

@@ -8,10 +8,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.motion.dynamics import FlightDynamics, Flown, Grid, Partials
+from floatplan.motion.dynamics import Distances, FlightDynamics, Flown, Grid, Partials
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.clearance import Distances, Segments
-from floatplan.motion.planar.flight import planar_flight
+from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import JointMotion, basis
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.planning.work import Work
@@ -71,7 +70,7 @@ def sample_also(sampling: Sampling, width: int, extra: Array) -> Sampling:
 class FlightModel:
     """What a problem fixes of every motion; ``work`` counts the motions evaluated with it."""
 
-    flight: FlightDynamics[Segments]
+    flight: FlightDynamics
     work: Work = field(default_factory=Work)
 
     def nodes(self, level: int, width: int) -> Sampling:
@@ -81,7 +80,7 @@ class FlightModel:
 
 def flight_model(problem: Problem) -> FlightModel:
     """Prepare a problem's model once for all motions."""
-    return FlightModel(planar_flight(problem))
+    return FlightModel(flight_dynamics(problem))
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
@@ -99,7 +98,7 @@ class Trajectory:
     angular_momentum: Array
 
     @cached_property
-    def flown(self) -> Flown[Segments]:
+    def flown(self) -> Flown:
         """How the base turns."""
         return self.model.flight.fly(self.sampling.grid, self.motion, self.angular_momentum)
 

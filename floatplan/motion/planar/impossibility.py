@@ -32,6 +32,19 @@ def impossibilities(problem: Problem) -> list[str]:
     return sentences
 
 
+def difficulties(problem: Problem) -> list[str]:
+    """Return sentences about a given angular momentum outside (9)."""
+    low, high = angular_momentum_interval(problem)
+    given = problem.flight.angular_momentum
+    if isinstance(given, str) or low <= given <= high:
+        return []
+    return [
+        f"The angular momentum {given:.6g} kg m^2/s lies outside the interval for monotonic joints,"
+        f" [{low:.6g}, {high:.6g}]: that takes a joint, or the base, that turns back on its way;"
+        f" the interval's midpoint is {(low + high) / 2:.6g}."
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class _ComPath:
     """Path of the centre of mass: ``times`` (K,) s, ``com`` (K,) complex m."""

@@ -9,27 +9,11 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
 CONTACT = 1e-7  # [m] height below which a point is in contact
 STILL = 1e-9  # [m/s] speed below which a point is at rest
-
-
-def refuse_motion_into_ground(problem: Problem, angular_momentum: float) -> None:
-    """Refuse a problem on the ground whose rates at takeoff or landing lead into it.
-
-    Positions, rates and h at both ends are given, so no motion between them can help.
-
-    Raises
-    ------
-    InputError
-        A link that stands on the ground moves down at takeoff, or up at landing.
-    """
-    errors = motion_into_ground(problem, angular_momentum)
-    if errors:
-        raise ProblemError(errors) if len(errors) > 1 else errors[0]
 
 
 def motion_into_ground(problem: Problem, angular_momentum: float) -> list[InputError]:
