@@ -77,6 +77,12 @@ class ContactRates:
         return read_only(self.robot.motor_ratios @ self.rates)
 
 
+def has_contact(problem: Problem, end: End) -> bool:
+    """Whether a frame leaves or meets the ground at that end: any but the base link's own, which flies freely."""
+    frame = problem.takeoff.frame if end == "takeoff" else problem.landing.frame
+    return frame != problem.robot.tree.names[0]
+
+
 def at_end(problem: Problem, end: End) -> tuple[Frame, float, Array, Array]:
     """Return the frame, and orientation, positions (n,) and velocity (2,) of the centre of mass at that end."""
     frame, state, instant = {
