@@ -86,9 +86,7 @@ class Contact:
     def sentences(self) -> tuple[str, ...]:
         """The verdict for a person; where it is bad, also what was tried and would help."""
         if self.found is None:
-            return (
-                f"No frame stands on the ground at {self.end}: flight.{self.end} names the base link, which flies.",
-            )
+            return (self.verdict,)
         bad = size(self.found) > (1 if self.ratio is not None else FAST)
         return (self.verdict, *(advice(self.problem, self.end, self.momentum) if bad else ()))
 
@@ -97,7 +95,10 @@ class Contact:
         """The first sentence, of the posture as it is."""
         found, verb = self.found, VERBS[self.end]
         if found is None:
-            return self.sentences[0]
+            return (
+                f"No frame stands on the ground at {self.end}: {self.frame} is the base link, which flies freely;"
+                f" flight.{self.end} can name another frame."
+            )
         if not found.exist:
             return f"{self.frame} cannot {verb} the ground at rest at {self.end}: {_why_none(self.problem, found)}."
         if found.joint is None:

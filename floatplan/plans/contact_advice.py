@@ -26,9 +26,13 @@ SINKING = 1e-3  # [m] by which a posture may bring a frame below the lowest of t
 WORTH_TELLING = 0.95  # [-] of what it is now
 ENOUGH = 0.8  # [-] of a limit, or of FAST: slower need not be
 CHANGE = 0.1  # [-] of a limit, that is as bad as a change by one rad, or of the duration by a factor of e
-MOST_JOINTS = 8  # [-] told one by one
 
 Momentum: TypeAlias = float | Literal["midpoint", "free"]
+
+
+def _share(found: ContactRates) -> float:
+    """Of a velocity limit; without limits, of what is fast."""
+    return size(found) / (FAST if found.ratio is None else 1.0)
 
 
 def size(found: ContactRates) -> float:
@@ -103,10 +107,9 @@ class _Trials:
 
     def cost(self, trial: _Trial) -> float:
         """Least for the trial nearest to the asked one among those that are slow enough."""
-        found = self.rates(trial)
         change = float(np.linalg.norm(trial.positions - self.asked.positions))
         change += abs(math.log(trial.duration / self.asked.duration))
-        return max(size(found) / (FAST if found.ratio is None else 1.0), ENOUGH) + CHANGE * change
+        return max(_share(self.rates(trial)), ENOUGH) + CHANGE * change
 
     def longer_or_shorter(self) -> _Trial:
         """Return the asked flight with the best duration: a scan, then golden sections about its best."""
@@ -151,32 +154,31 @@ def advice(problem: Problem, end: End, momentum: Momentum) -> Iterator[str]:
     """
     trials = _Trials(problem, end, momentum)
     asked = trials.asked
-    least = size(trials.rates(asked))
-
-    def helps(trial: _Trial) -> ContactRates | None:
+    least = _share(trials.rates(asked))
+    longer = trials.longer_or_shorter()
+    alone = [replace(asked, free=True), longer, trials.postures(asked, durations=False)]
+    for trial, change in zip(alone, (_momentum, _duration, _posture), strict=True):
         found = trials.rates(trial)
-        return found if size(found) < WORTH_TELLING * least else None
-
-    free, longer = replace(asked, free=True), trials.longer_or_shorter()
-    posed = trials.postures(asked, durations=False)
-    if found := helps(free):
-        yield f"With an angular momentum of {found.angular_momentum:.4g} kg m^2/s it takes {told(found)}."
-    if found := helps(longer):
-        yield f"With a duration of {longer.duration:.3g} s it takes {told(found)}."
-    if found := helps(posed):
-        yield f"From another posture it takes {told(found)}: {_posture(problem, asked, posed)}."
-    least = min(size(trials.rates(trial)) for trial in (asked, free, longer, posed))
+        if _share(found) < WORTH_TELLING * least:
+            yield f"With {change(problem, trial, found)} it takes {told(found)}."
+    if min(_share(trials.rates(trial)) for trial in alone) <= 1:
+        return
     together = trials.postures(replace(longer, free=True), durations=True)
-    if found := helps(together):
-        yield (
-            f"With all three it takes {told(found)}: {found.angular_momentum:.4g} kg m^2/s, {together.duration:.3g} s,"
-            f" {_posture(problem, asked, together)}."
-        )
+    found = trials.rates(together)
+    if _share(found) < WORTH_TELLING * least:
+        changes = (change(problem, together, found) for change in (_momentum, _duration, _posture))
+        yield f"With {' and '.join(changes)} it takes {told(found)}."
 
 
-def _posture(problem: Problem, asked: _Trial, trial: _Trial) -> str:
-    """The joints that turn most from the asked posture, in degrees."""
-    turned = np.abs(trial.positions - asked.positions)
-    most = sorted(np.argsort(-turned, kind="stable")[:MOST_JOINTS].tolist())
-    named = [f"{problem.robot.joints[index]} at {math.degrees(trial.positions[index]):.0f}" for index in most]
-    return f"{', '.join(named)} degrees"
+def _momentum(_problem: Problem, _trial: _Trial, found: ContactRates) -> str:
+    return f"an angular momentum of {found.angular_momentum:.4g} kg m^2/s"
+
+
+def _duration(_problem: Problem, trial: _Trial, _found: ContactRates) -> str:
+    return f"a duration of {trial.duration:.3g} s"
+
+
+def _posture(problem: Problem, trial: _Trial, _found: ContactRates) -> str:
+    degrees = np.rad2deg(trial.positions).tolist()
+    joints = (f"{joint} at {angle:.0f}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
+    return f"{', '.join(joints)} degrees"
