@@ -4,6 +4,9 @@ from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
 from floatplan.motion.flight_state import FlightState as FlightState
 from floatplan.planning.planner import plan as plan
+from floatplan.plans.contact import Contact as Contact
+from floatplan.plans.contact import landing as landing
+from floatplan.plans.contact import takeoff as takeoff
 from floatplan.plans.plan import Plan as Plan
 from floatplan.plans.plan_file import load_plan as load_plan
 from floatplan.plans.verdicts import Certificate as Certificate

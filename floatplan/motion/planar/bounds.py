@@ -155,9 +155,13 @@ def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
     (7) and (8) bound the integrals of ``D_i q_i'`` by the extremes of D_i times the change of q_i, which holds only
     where q_i does not turn back. Outside (9) a flight may exist, whose joints swing out and back: a falling cat's.
     """
-    low, high = inertia_extremes(problem.robot, problem.position_limits)
     turn = problem.final.orientation - problem.initial.orientation
-    changes = (turn, *(problem.final.positions - problem.initial.positions).tolist())
-    ends = [(c * a, c * b) for c, a, b in zip(changes, low.tolist(), high.tolist(), strict=True)]  # (7), (8)
-    duration = problem.flight.duration
+    changes = np.array([turn, *(problem.final.positions - problem.initial.positions)])
+    return momentum_interval(problem, changes, problem.flight.duration)
+
+
+def momentum_interval(problem: Problem, changes: Array, duration: float) -> tuple[float, float]:
+    """(9) for other ``changes`` (n+1,) of orientation and joints, rad, or another duration, s."""
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    ends = [(c * a, c * b) for c, a, b in zip(changes.tolist(), low.tolist(), high.tolist(), strict=True)]  # (7), (8)
     return sum(map(min, ends)) / duration, sum(map(max, ends)) / duration
