@@ -31,7 +31,7 @@ def final_nodes(plan: fp.Plan) -> int:
     program = Slsqp(plan.problem).program
     b = plan.coefficients
     polynomials = program.variables.polynomials
-    powers = powers_map(polynomials.width, polynomials.duration)
+    powers = powers_map(polynomials.form, polynomials.duration)
     z: Any = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
     x = program.variables.variables(z, plan.angular_momentum)
     return NODE_COUNTS[program.trajectory(x).flown.level_needed(QUADRATURE_ERROR)]

@@ -11,6 +11,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from floatplan.errors import InputError
 
+REST = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
+
 Objective: TypeAlias = Literal["coefficients", "torque", "acceleration"]
 
 

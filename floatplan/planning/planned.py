@@ -92,4 +92,5 @@ def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
 def _motion(outcome: Outcome) -> tuple[SinePolynomials, Array, Array]:
     """Where an attempt ended: its polynomials, their free coefficients z (n, width), and h (e,), kg m^2/s."""
     variables, x = outcome.variables, outcome.solution.x
-    return variables.polynomials, variables.free_coefficients(x), variables.angular_momentum(x)
+    h = variables.angular_momentum(x)
+    return variables.motion_class(h), variables.free_coefficients(x), h

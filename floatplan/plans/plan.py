@@ -21,7 +21,7 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import obstacle_distances
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
-from floatplan.motion.sine_polynomial import SinePolynomials
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import output
 from floatplan.plans.planned_motion import PlannedMotion
@@ -86,8 +86,7 @@ class Plan(PlannedMotion):
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
         return cls(
-            problem=problem,
-            **_motion(polynomials, z, angular_momentum),
+            **_motion(problem, polynomials, z, angular_momentum),
             ballistics=ballistics(problem),
             angular_momentum_bounds=angular_momentum_interval(problem),
             **answer,
@@ -95,7 +94,7 @@ class Plan(PlannedMotion):
 
     def moving_as(self, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> Plan:
         """Return the plan with another motion, given as to :meth:`of_motion`."""
-        return replace(self, **_motion(polynomials, z, angular_momentum))
+        return replace(self, **_motion(self.problem, polynomials, z, angular_momentum))
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -286,8 +285,13 @@ class Plan(PlannedMotion):
         return str(output("notebook_frame")(self))
 
 
-def _motion(polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> dict[str, Any]:
+def _motion(problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> dict[str, Any]:
+    """The fields of a plan that are its motion's; its problem with the states at both ends that were chosen."""
+    if problem.chooses_ends:
+        ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
+        problem = problem.settled(ends.velocities, ends.accelerations)
     return {
+        "problem": problem,
         "centre": read_only(polynomials.centre),
         "amplitude": read_only(polynomials.amplitude),
         "coefficients": read_only(polynomials.powers_of_seconds(z)),

@@ -23,6 +23,7 @@ from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable
 from floatplan.robot.robot import Robot
+from floatplan.tables import REST
 
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 DATA_PREFIX = "example-robot-data:"
@@ -96,8 +97,8 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     content = {
         "name": problem.name,
         "ground": problem.ground,
-        "start": _posture(problem.initial),
-        "goal": _posture(problem.final),
+        "start": _posture(problem.initial, REST["start"]),
+        "goal": _posture(problem.final, REST["goal"]),
         "flight": {**asdict(problem.flight), "takeoff": asdict(problem.takeoff), "landing": asdict(problem.landing)},
         "motion": {
             "degree": "auto" if problem.raises_degree else problem.degrees,
@@ -157,8 +158,11 @@ def problem_text(problem: Problem, path: str | Path) -> str:
     content = {"robot": _robot_table(problem.robot, Path(path)), **problem_to_dict(problem)}
     for table, keys in BY_JOINT.items():
         for key in keys:
-            values = dict(zip(problem.robot.joints, content[table][key], strict=True))
-            content[table][key] = {joint: value for joint, value in values.items() if value is not None}
+            values = content[table].pop(f"{key}_asked", content[table][key])
+            if not isinstance(values, str):
+                by_joint = zip(problem.robot.joints, values, strict=True)
+                values = {joint: value for joint, value in by_joint if value is not None}
+            content[table][key] = values
     limits = content["limits"]
     for key, by_coordinate in {**problem.joint_limits, "torque": problem.torque_limits}.items():
         limits[key] = _limits_of_file(problem, by_coordinate)
@@ -195,13 +199,19 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
     )
 
 
-def _posture(state: JointState) -> dict[str, Any]:
-    return {
+def _posture(state: JointState, rest: str) -> dict[str, Any]:
+    values: dict[str, Any] = {
         "orientation": state.orientation,
         "positions": state.positions,
         "velocities": state.velocities,
         "accelerations": state.accelerations,
     }
+    asked = {"velocities": rest if state.frame_rests else None}
+    asked["accelerations"] = "free" if state.free_accelerations else None
+    for key, word in asked.items():
+        if word:
+            values[f"{key}_asked" if np.isfinite(values[key]).all() else key] = word
+    return values
 
 
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:

@@ -50,13 +50,13 @@ class Options:
         return {
             "start": _given(
                 **self._posture("--start", self.start, joints),
-                velocities=self._angles("--start-velocities", self.start_velocities),
-                accelerations=self._angles("--start-accelerations", self.start_accelerations),
+                velocities=self._angles("--start-velocities", self.start_velocities, "takeoff"),
+                accelerations=self._angles("--start-accelerations", self.start_accelerations, "free"),
             ),
             "goal": _given(
                 **self._posture("--goal", self.goal, joints),
-                velocities=self._angles("--goal-velocities", self.goal_velocities),
-                accelerations=self._angles("--goal-accelerations", self.goal_accelerations),
+                velocities=self._angles("--goal-velocities", self.goal_velocities, "landing"),
+                accelerations=self._angles("--goal-accelerations", self.goal_accelerations, "free"),
             ),
             "flight": _given(
                 duration=self.duration,
@@ -81,10 +81,10 @@ class Options:
             )
         return {"orientation": numbers[0], "positions": numbers[1:]}
 
-    def _angles(self, option: str, text: str | None) -> float | list[float] | None:
-        """One number is for all joints."""
-        if text is None:
-            return None
+    def _angles(self, option: str, text: str | None, word: str) -> float | list[float] | str | None:
+        """One number is for all joints; or the word."""
+        if text is None or text.strip() == word:
+            return text and word
         numbers = self._numbers(option, text)
         return numbers[0] if len(numbers) == 1 else numbers
 

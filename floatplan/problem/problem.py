@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
 from floatplan.problem.checks import (
     ProblemError,
     check_angular_momentum,
     check_ballistics,
+    check_contact,
     check_counts,
     check_duration,
     check_objective,
@@ -152,6 +153,7 @@ class Problem:
     def _edge_checks(self) -> Iterator[Callable[[], None]]:
         """Start and goal lie inside the joint ranges, and stand still on their edges."""
         for element, state in (("start", self.initial), ("goal", self.final)):
+            yield partial(check_contact, self.flight, state, element)
             for index in range(len(self.robot.joints)):
                 yield partial(check_inside, self.robot, self.position_limits, state, element, index)
 
@@ -186,6 +188,23 @@ class Problem:
         """
         height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
         return HalfPlane(point=(0.0, height), normal=(0.0, 1.0))
+
+    @property
+    def chooses_ends(self) -> bool:
+        """Whether velocities or accelerations at an end are words, so that a plan settles them."""
+        return any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
+
+    def settled(self, velocities: Array, accelerations: Array) -> Problem:
+        """Return the problem with what a plan has come to, where it asks for words: arrays (2, n), start and goal.
+
+        Raises
+        ------
+        InputError
+            A joint on the edge of its range would have to move.
+        """
+        pairs = zip(velocities, accelerations, strict=True)
+        start, goal = ((read_only(velocity), read_only(acceleration)) for velocity, acceleration in pairs)
+        return replace(self, start=replace(self.start, settled=start), goal=replace(self.goal, settled=goal))
 
     @property
     def raises_degree(self) -> bool:

@@ -15,8 +15,9 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.motion.dynamics import Distances
-from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
+from floatplan.planning.transcription.quantities import EVERYTHING, QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
+from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
@@ -53,8 +54,8 @@ class Constraint(Protocol):
         """Between which instants the block applies."""
 
     @property
-    def settled_at_ends(self) -> bool:
-        """Whether the states at takeoff and landing settle the values there, whatever h is."""
+    def depends_at_ends_on(self) -> frozenset[AtEnds]:
+        """On what, beside the posture, the values at takeoff and landing depend."""
 
     def values(self, trajectory: Trajectory) -> Array:
         """Values (K, r)."""
@@ -74,7 +75,7 @@ class Clearance(ABC):
 
     unit = "m"
     tolerance = CLEARANCE / LENGTH_SCALE
-    settled_at_ends = True
+    depends_at_ends_on: frozenset[AtEnds] = frozenset()
 
     @property
     @abstractmethod
@@ -200,9 +201,9 @@ class MagnitudeLimit:
         return np.tile(self.limit, 2)
 
     @property
-    def settled_at_ends(self) -> bool:
+    def depends_at_ends_on(self) -> frozenset[AtEnds]:
         """As of the quantity."""
-        return self.quantity.settled_at_ends
+        return self.quantity.depends_at_ends_on
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 -+ quantity / limit`` (K, 2r)."""
@@ -238,7 +239,7 @@ class MotorLimit:
     window: Window = ALWAYS
     unit: str = "N m"
     tolerance: float = RELATIVE
-    settled_at_ends: bool = False
+    depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
 
     @property
     def labels(self) -> tuple[str, ...]:
