@@ -167,7 +167,7 @@ def advice(problem: Problem, end: End, momentum: Momentum) -> Iterator[str]:
     found = trials.rates(together)
     if _share(found) < WORTH_TELLING * least:
         changes = (change(problem, together, found) for change in (_momentum, _duration, _posture))
-        yield f"With {' and '.join(changes)} it takes {told(found)}."
+        yield f"With {', '.join(changes)} it takes {told(found)}."
 
 
 def _momentum(_problem: Problem, _trial: _Trial, found: ContactRates) -> str:
