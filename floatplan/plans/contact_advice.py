@@ -180,5 +180,5 @@ def _duration(_problem: Problem, trial: _Trial, _found: ContactRates) -> str:
 
 def _posture(problem: Problem, trial: _Trial, _found: ContactRates) -> str:
     degrees = np.rad2deg(trial.positions).tolist()
-    joints = (f"{joint} at {angle:.0f}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
+    joints = (f"{joint} at {angle:.4g}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
     return f"{', '.join(joints)} degrees"
