@@ -120,6 +120,21 @@ class TestOptimum:
                 assert columns @ found.values == pytest.approx(target, abs=1e-9)
                 assert found.influence.sum() == pytest.approx(1.0 if best > 1e-9 else found.influence.sum())
 
+    def test_limits_of_any_size(self):
+        """The least and the largest that a problem may have, side by side."""
+        columns = np.array([[1.0, 2.0, 0.5, 1.0], [0.3, -1.0, 1.0, 0.2], [0.1, 0.4, 0.7, -1.0]])
+        target = np.array([1.0, 2.0, -0.5])
+        for limits in ([1e-9, 1e12, 1.0], [1e-9, 1e-9, 1e12], [1e12, 1e12, 1e-9]):
+            found = least_rates(columns, target, np.array([np.inf, *limits]))
+            assert columns @ found.values == pytest.approx(target, rel=1e-9)
+            assert np.max(np.abs(found.values[1:]) / limits) == pytest.approx(found.ratio, rel=1e-9)
+            bounds = []
+            for index in (1, 2, 3):
+                normal, others = np.cross(columns[:, 0], columns[:, index]), [i for i in (1, 2, 3) if i != index]
+                strength = np.abs(normal @ columns[:, others]) @ [limits[i - 1] for i in others]
+                bounds.append(abs(normal @ target) / strength)
+            assert found.ratio == pytest.approx(max(bounds), rel=1e-9)
+
     def test_ties_are_broken_alike_in_any_order_and_sign(self):
         """Two equal legs and a mirror pair: several rates have the least largest ratio."""
         rng = np.random.default_rng(3)

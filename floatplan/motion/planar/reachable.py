@@ -60,15 +60,16 @@ def _half_planes(matrix: Array, limits: Array) -> tuple[Array, Array]:
     """Normals y (K, 3) and reach (K,): x is reached where ``|y . x| <= reach`` for all, infinite reach left out."""
     scale = np.abs(matrix).max(axis=1)
     scaled = matrix / scale[:, None]
-    base, joints = scaled[:, 0], scaled[:, 1:]
-    candidates = np.concatenate((np.cross(base, joints.T), np.cross(base, np.cross(base, joints.T))))
-    lengths = np.linalg.norm(candidates, axis=1)
-    kept = lengths > PARALLEL * np.linalg.norm(base)
-    normals = candidates[kept] / lengths[kept, None]
+    base, joints = scaled[:, 0] / np.linalg.norm(scaled[:, 0]), scaled[:, 1:]
+    lengths = np.linalg.norm(joints, axis=0)
+    directions = joints[:, lengths > 0] / lengths[lengths > 0]
+    across = np.cross(base, directions.T)
+    candidates = np.concatenate((across, np.cross(base, across)))
+    sizes = np.linalg.norm(candidates, axis=1)
+    normals = candidates[sizes > PARALLEL] / sizes[sizes > PARALLEL, None]
     pulls = np.abs(normals @ joints)
-    pulls[pulls <= PARALLEL] = 0.0
-    moved = np.where(pulls > 0, pulls * np.where(pulls > 0, limits, 0.0), 0.0)
-    reach = moved.sum(axis=1)
+    pulls[pulls <= PARALLEL * lengths] = 0.0
+    reach = np.where(pulls > 0, pulls * np.where(pulls > 0, limits, 0.0), 0.0).sum(axis=1)
     bounded = np.isfinite(reach)
     return normals[bounded] / scale, reach[bounded]
 
