@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.contact import takeoff as takeoff_command
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
 from floatplan.tables import OBJECTIVES
@@ -187,20 +188,35 @@ def info(
 @reporting_errors
 def bounds(
     problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
+    ] = None,
     json_output: Json = False,
 ) -> None:
-    """Tell which angular momentum suits a flight whose joints do not turn back: an interval, and its midpoint."""
-    from floatplan.cli.facts import momentum_facts
+    """Tell which angular momentum suits a flight: of joints that do not turn back, and of what they can push off.
+
+    For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
+    the frame on the ground being at rest: intervals of angular momentum and velocity.
+    """
+    from floatplan.cli.facts import momentum_facts, reachable_sets
     from floatplan.problem.file import load_problem
 
     problem = load_problem(problem_file)
-    facts = momentum_facts(problem)
+    sets = reachable_sets(problem)
+    facts = momentum_facts(problem, sets)
+    if picture is not None:
+        from floatplan.view.figures.reachable_picture import save_reachable
+        from floatplan.view.figures.shapes_picture import check_picture
+
+        save_reachable(sets, check_picture(picture, "--picture"))
     if json_output:
         print_json(facts)
         return
+    from floatplan.cli.contact_summary import reachable_summary
     from floatplan.cli.summary import momentum_summary, print_summary
 
     print_summary(momentum_summary(problem, facts))
+    print_summary(reachable_summary(facts))
 
 
 @app.command()
@@ -296,3 +312,4 @@ def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
 
 for command in (show, export):
     app.command()(command)
+app.command("takeoff")(takeoff_command)

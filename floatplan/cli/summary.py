@@ -39,6 +39,8 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
         table.add_row("warning", Text(_leak(record.out_of_plane_leak), "yellow"))
     if plan.certificate is not None:
         table.add_row(plan.certificate.verdict, _proof(plan.certificate, record.orientation["goal"]))
+    if plan.contacts:
+        table.add_row("contact", "; ".join(escape(contact.brief) for contact in plan.contacts))
     places = _places(files)
     for name, path in places.items():
         table.add_row(name, Text(str(path), overflow="fold"))

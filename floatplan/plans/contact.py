@@ -13,6 +13,7 @@ from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact
+from floatplan.motion.planar.reachable import reachable
 from floatplan.plans.contact_advice import FAST, Momentum, advice, size, told
 from floatplan.problem.problem import Problem
 from floatplan.tolerances import RELATIVE
@@ -56,6 +57,18 @@ class Contact:
     def joint(self) -> str | None:
         """The motor whose limit holds back most; without limits, the one that weighs most in the largest rate."""
         return None if self.found is None else self.found.joint
+
+    @property
+    def rate(self) -> float | None:
+        """Magnitude of that motor's rate, rad/s."""
+        if self.found is None or self.joint is None:
+            return None
+        return abs(float(self.found.motor_rates[self.problem.robot.motors.index(self.joint)]))
+
+    @property
+    def limit(self) -> float | None:
+        """That motor's limit, rad/s; None without."""
+        return None if self.rate is None or self.ratio is None else self.rate / self.ratio
 
     @property
     def rates(self) -> Array:
@@ -103,18 +116,20 @@ class Contact:
             return f"{self.frame} cannot {verb} the ground at rest at {self.end}: {_why_none(self.problem, found)}."
         if found.joint is None:
             return f"{self.frame} {verb}s the ground at rest at {self.end}, with every limited joint at rest."
-        motor = self.problem.robot.motors.index(found.joint)
-        rate = abs(float(found.motor_rates[motor]))
         if found.ratio is None:
             return (
                 f"{self.frame} {verb}s the ground at rest at {self.end} with joints that turn at up to"
                 f" {told(found)}, {found.joint} before all; no motor has a velocity limit."
             )
-        limit = rate / found.ratio
-        rates = f"{found.joint} at {rate:.4g} rad/s where {limit:.4g} rad/s are allowed"
+        rates = f"{found.joint} at {self.rate:.4g} rad/s where {self.limit:.4g} rad/s are allowed"
         if self.ok:
             return f"{self.frame} {verb}s the ground at rest at {self.end}, with {told(found)}: {rates}."
         return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {told(found)}, {rates}."
+
+    @property
+    def brief(self) -> str:
+        """The verdict in a few words."""
+        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {told(self.found)}" if self.found else "flies"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` prints of it; None for what is not finite."""
@@ -149,6 +164,22 @@ def takeoff(problem: Problem, angular_momentum: float | None = None) -> Contact:
 def landing(problem: Problem, angular_momentum: float | None = None) -> Contact:
     """Tell whether the landing frame can meet the ground at rest; see :func:`takeoff`."""
     return _contact(problem, "landing", angular_momentum)
+
+
+def no_common_momentum(problem: Problem) -> str | None:
+    """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
+    if problem.flight.angular_momentum != "free":
+        return None
+    ends = takeoff(problem), landing(problem)
+    if not all(contact.found is not None and contact.ok and contact.ratio is not None for contact in ends):
+        return None
+    first, last = (reachable(problem, c.end, c.angular_momentum or 0.0).angular_momentum for c in ends)
+    if first is None or last is None or max(first[0], last[0]) <= min(first[1], last[1]):
+        return None
+    return (
+        "No angular momentum suits both ends: within the velocity limits takeoff takes"
+        f" {first[0]:.4g} to {first[1]:.4g} kg m^2/s, landing {last[0]:.4g} to {last[1]:.4g} kg m^2/s."
+    )
 
 
 def _contact(problem: Problem, end: End, angular_momentum: float | None) -> Contact:

@@ -167,7 +167,7 @@ def advice(problem: Problem, end: End, momentum: Momentum) -> Iterator[str]:
     found = trials.rates(together)
     if _share(found) < WORTH_TELLING * least:
         changes = (change(problem, together, found) for change in (_momentum, _duration, _posture))
-        yield f"With {' and '.join(changes)} it takes {told(found)}."
+        yield f"With {', '.join(changes)} it takes {told(found)}."
 
 
 def _momentum(_problem: Problem, _trial: _Trial, found: ContactRates) -> str:
@@ -180,5 +180,5 @@ def _duration(_problem: Problem, trial: _Trial, _found: ContactRates) -> str:
 
 def _posture(problem: Problem, trial: _Trial, _found: ContactRates) -> str:
     degrees = np.rad2deg(trial.positions).tolist()
-    joints = (f"{joint} at {angle:.0f}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
+    joints = (f"{joint} at {angle:.4g}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
     return f"{', '.join(joints)} degrees"

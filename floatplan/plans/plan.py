@@ -22,6 +22,7 @@ from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import obstacle_distances
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.plans.contact import Contact, landing, takeoff
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import output
 from floatplan.plans.planned_motion import PlannedMotion
@@ -145,8 +146,14 @@ class Plan(PlannedMotion):
         return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
 
     @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The frames that leave and meet the ground, and the joint rates with which they would be at rest."""
+        ends = (end(self.problem, self.angular_momentum) for end in (takeoff, landing))
+        return tuple(contact for contact in ends if contact.found is not None)
+
+    @cached_property
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What the motion does to the ground and to the URDF's limits that is no part of the verdict."""
+        """What the motion does to the ground and to limits that is no part of the verdict."""
         return measured_warnings(self)
 
     @property

@@ -103,23 +103,31 @@ def test_numbers_are_rounded_and_gaps_are_null() -> None:
     assert hex_colour(np.array([0.0, 0.5, 1.0])) == "#0080ff"
 
 
-def test_it_says_what_was_asked_found_and_proved(handstand: fp.Plan) -> None:
-    data = report_data(handstand)
+def test_it_says_what_was_asked_found_and_proved(planned: Callable[[str], fp.Plan]) -> None:
+    plan = planned("new_configuration")
+    data = report_data(plan)
     assert [section["title"] for section in data["sections"]] == ["Problem", "Result", "Proved", "Use of limits"]
     assert data["verdict"] == {"word": "planned, not proved yet", "tone": "open"}
     assert 'urdf = "' in data["problem"]
     findings = (Finding("torque", ("q1",), "proved", 1.0), Finding("ground", (), "undecided", None))
-    certificate = replace(fp.certify(handstand), verdict="undecided", findings=findings)
-    data = report_data(handstand.with_record(handstand.record.with_checks(certificate=certificate.to_dict())))
+    certificate = replace(fp.certify(plan), verdict="undecided", findings=findings)
+    data = report_data(plan.with_record(plan.record.with_checks(certificate=certificate.to_dict())))
     assert data["verdict"] == {"word": "planned, proof undecided", "tone": "open"}
     assert data["sections"][2]["findings"] == [
         ["ground", "undecided", "none", "none", "none"],
         ["torque q1", "proved", "1", "none", "none"],
     ]
     certificate = replace(certificate, verdict="proved", findings=findings[:1])
-    data = report_data(handstand.with_record(handstand.record.with_checks(certificate=certificate.to_dict())))
+    data = report_data(plan.with_record(plan.record.with_checks(certificate=certificate.to_dict())))
     assert data["verdict"]["tone"] == "good"
     assert data["sections"][2]["rows"][0][1] == "proved: 1 of 1 constraints hold at every instant"
+
+
+def test_it_tells_how_frames_leave_and_meet_the_ground(handstand: fp.Plan) -> None:
+    sections = {section["title"]: dict(section["rows"]) for section in report_data(handstand)["sections"]}
+    assert sections["Result"]["takeoff"] == "foot leaves the ground at rest with 354 rad/s"
+    assert "no rates" in sections["Result"]["landing"]
+    assert "stretched out" in sections["Warnings"]["landing hand"]
 
 
 def test_no_plan_has_a_report_too(handstand: fp.Plan) -> None:

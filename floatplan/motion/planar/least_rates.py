@@ -52,23 +52,22 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
     size = float(np.linalg.norm(target))
     limited = np.isfinite(limits)
     reach = columns * np.where(limited, limits, 0.0)
-    lengths = np.linalg.norm(reach, axis=0)
     values, influence, ratio = np.zeros(len(limits)), np.zeros(len(limits)), 0.0
     basis = _complement(columns[:, ~limited])
     open_, rest, first = limited, target, True
     while basis.shape[1]:
-        normal = basis @ _steepest(basis.T @ reach[:, open_], basis.T @ rest)
-        asked, pulls = float(normal @ rest), np.where(open_, normal @ reach, 0.0)
+        normal = basis @ _steepest(basis, reach * open_, rest)
+        asked = float(normal @ rest) if abs(normal @ rest) > NOTHING * size else 0.0
+        pulls = _pulls(normal, reach * open_)
         strength = float(np.abs(pulls).sum())
-        if strength <= NOTHING * float(lengths.sum()):
-            if first and abs(asked) > NOTHING * size:
-                return LeastRates(np.inf, np.full(len(limits), np.nan), influence)
-            asked, strength = 0.0, 1.0
-        if first:
-            ratio, influence, first = abs(asked) / strength, np.abs(pulls) / strength, False
-        acting = np.abs(pulls) > NOTHING * lengths
-        values[acting] = asked / strength * np.sign(pulls[acting]) * limits[acting]
-        open_, rest = open_ & ~acting, target - columns[:, limited] @ values[limited]
+        if first and asked and not strength:
+            return LeastRates(np.inf, np.full(len(limits), np.nan), influence)
+        acting = pulls != 0
+        if strength:
+            values[acting] = asked / strength * np.sign(pulls[acting]) * limits[acting]
+        if first and strength:
+            ratio, influence = abs(asked) / strength, np.abs(pulls) / strength
+        open_, rest, first = open_ & ~acting, target - columns[:, limited] @ values[limited], False
         basis = basis @ _complement((basis.T @ normal)[:, None])
     values[~limited] = np.linalg.lstsq(columns[:, ~limited], rest, rcond=SAME)[0]
     return LeastRates(ratio, values, influence)
@@ -82,17 +81,25 @@ def _complement(columns: Array) -> Array:
     return np.asarray(left[:, int((singular > SAME).sum()) :])
 
 
-def _steepest(reach: Array, target: Array) -> Array:
-    """Unit vector y (d,), d of 1 or 2, with the largest ``|target.y| / sum_i |reach_i.y|``."""
-    if len(target) == 1:
+def _pulls(normals: Array, reach: Array) -> Array:
+    """How far each column of ``reach`` (3, k) goes along unit normals (.., 3): 0 where that is rounding."""
+    pulls = normals @ reach
+    pulls[np.abs(pulls) <= NOTHING * np.linalg.norm(reach, axis=0)] = 0.0
+    return np.asarray(pulls)
+
+
+def _steepest(basis: Array, reach: Array, target: Array) -> Array:
+    """Unit vector y (d,), d of 1 or 2, in the basis (3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
+    if basis.shape[1] == 1:
         return np.ones(1)
-    candidates = np.concatenate((np.stack((-reach[1], reach[0])), target[:, None]), axis=1)
+    across, along = basis.T @ reach, basis.T @ target
+    candidates = np.concatenate((np.stack((-across[1], across[0])), along[:, None]), axis=1)
     lengths = np.linalg.norm(candidates, axis=0)
     if not lengths.any():
         return np.array([1.0, 0.0])
     candidates = candidates[:, lengths > 0] / lengths[lengths > 0]
-    asked = np.abs(target @ candidates)
+    asked = np.abs(along @ candidates)
     asked[asked <= NOTHING * np.linalg.norm(target)] = 0.0
-    strength = np.maximum(np.abs(reach.T @ candidates).sum(axis=0), NOTHING * float(np.abs(reach).sum()))
+    strength = np.abs(_pulls((basis @ candidates).T, reach)).sum(axis=1)
     ratios = np.divide(asked, strength, out=np.where(asked > 0, np.inf, 0.0), where=strength > 0)
     return np.asarray(candidates[:, int(np.argmax(ratios))])
