@@ -71,7 +71,7 @@ def test_section_that_there_is_not(benchmark: ModuleType) -> None:
 
 
 NODES_OF_A = 32  # on which floatplan ends
-SAME_OPTIMUM = 1e-5  # of |b|: peers stop at 1e-6 of the Lagrangian's derivative, or of the objective's change
+SAME_OPTIMUM = 1e-7  # of |b|
 
 
 @pytest.fixture
