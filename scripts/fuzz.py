@@ -19,16 +19,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
-import fuzz_cases  # noqa: E402
+import fuzz_runs  # noqa: E402
+import fuzz_sources  # noqa: E402
 
 BATCH = 50  # cases in one process
 PATIENCE = 60.0  # s for one case
 
 
 MODES = {
-    "here": fuzz_cases.run_here,
-    "processes": fuzz_cases.run_process,
-    "kills": fuzz_cases.run_killed,
+    "here": fuzz_runs.run_here,
+    "processes": fuzz_runs.run_process,
+    "kills": fuzz_runs.run_killed,
 }
 
 
@@ -81,7 +82,7 @@ def main() -> None:
     if options.worker:
         worker(range(*options.worker), options.mode)
         return
-    fuzz_cases.prepare_plans()
+    fuzz_sources.prepare()
     last = options.first + options.cases
     batches = [range(first, min(first + BATCH, last)) for first in range(options.first, last, BATCH)]
     broken = 0

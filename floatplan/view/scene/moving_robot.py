@@ -17,7 +17,7 @@ from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.meshes import find_mesh
+from floatplan.robot.shapes.meshes import check_mesh_file, find_mesh
 from floatplan.view.postures import posture_at
 from floatplan.view.scene.solids import point_in_space, quaternion
 from floatplan.view.style import palette
@@ -33,7 +33,7 @@ def visual_model(robot: Robot) -> Any:
     Raises
     ------
     InputError
-        A mesh cannot be read.
+        A mesh cannot be read, is too large, or is an archive.
     """
     root = ElementTree.fromstring(robot.xml)
     folder = Path() if robot.path is None else robot.path.parent
@@ -64,10 +64,13 @@ def _drop_missing_visuals(root: Any, folder: Path) -> bool:
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if mesh is not None and find_mesh(mesh.get("filename", ""), folder) is None:
+            path = None if mesh is None else find_mesh(mesh.get("filename", ""), folder)
+            if mesh is not None and path is None:
                 link.remove(visual)
-            else:
-                left += 1
+                continue
+            if path is not None:
+                check_mesh_file(path, f'link "{link.get("name")}": visual: mesh')
+            left += 1
     return left > 0
 
 
