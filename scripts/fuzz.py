@@ -1,8 +1,10 @@
-"""Runs floatplan on spoiled files: ``scripts/fuzz N [--first SEED] [--processes | --kills] [--jobs J]``.
+"""Runs floatplan on spoiled input: ``scripts/fuzz N [--first SEED] [--processes | --kills | --load] [--jobs J]``.
 
-Each of the N cases is a problem, URDF or plan file spoiled by its seed, met by a command. In process they run in
-batches, so that a crash is seen and costs one case; ``--processes`` starts the command line anew for each.
-``--kills`` kills sound commands at random moments instead, and looks at the files that they leave.
+Each of the N cases is a problem, URDF, mesh or plan file spoiled by its seed and met by a command, or a command line
+with strange options. In process they run in batches, so that a crash is seen and costs one case; ``--processes``
+starts the command line anew for each.
+``--kills`` kills sound commands at random moments instead, and looks at the files that they leave. ``--load`` makes
+1000 plans in one process, and tells what it grew by.
 """
 
 from __future__ import annotations
@@ -21,9 +23,12 @@ sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
 import fuzz_runs  # noqa: E402
 import fuzz_sources  # noqa: E402
+import load  # noqa: E402
 
 BATCH = 50  # cases in one process
 PATIENCE = 60.0  # s for one case
+PLANS, ROBOTS = 1000, 200  # of --load
+MOST_GROWTH = 5.0  # MB
 
 
 MODES = {
@@ -75,6 +80,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--processes", dest="mode", action="store_const", const="processes", default="here")
     parser.add_argument("--kills", dest="mode", action="store_const", const="kills")
+    parser.add_argument("--load", action="store_true")
     parser.add_argument("--mode", choices=MODES, help=argparse.SUPPRESS)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--worker", type=int, nargs=2, help=argparse.SUPPRESS)
@@ -82,6 +88,10 @@ def main() -> None:
     if options.worker:
         worker(range(*options.worker), options.mode)
         return
+    if options.load:
+        found = load.measured(PLANS, ROBOTS)
+        print(json.dumps(found))
+        raise SystemExit(0 if found["MB grown"] < MOST_GROWTH and found["fork agrees"] else 1)
     fuzz_sources.prepare()
     last = options.first + options.cases
     batches = [range(first, min(first + BATCH, last)) for first in range(options.first, last, BATCH)]

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import shutil
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -90,6 +91,16 @@ class TestReads:
         with (tmp_path / f"part{suffix}").open("wb") as stream:
             stream.truncate(10**12 if suffix == ".obj" else 10)
         with pytest.raises(InputError, match=reason):
+            visual_model(fp.Robot.from_urdf(path))
+
+    def test_visual_meshes_are_as_large_as_a_robot(self, root, tmp_path):
+        path = tmp_path / "robot.urdf"
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        mesh = '<visual><geometry><mesh filename="part.stl"/></geometry></visual></link>'
+        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+        corners = struct.pack("<12f2x", 0, 0, 1, 0, 0, 0, 1e38, 0, 0, 0, 1, 0)
+        (tmp_path / "part.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + corners)
+        with pytest.raises(InputError, match="farther than any robot is large"):
             visual_model(fp.Robot.from_urdf(path))
 
     def test_corners_have_three_coordinates(self, root, tmp_path):

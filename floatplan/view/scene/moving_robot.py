@@ -17,7 +17,7 @@ from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.meshes import check_mesh_file, find_mesh
+from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
 from floatplan.view.postures import posture_at
 from floatplan.view.scene.solids import point_in_space, quaternion
 from floatplan.view.style import palette
@@ -43,16 +43,26 @@ def visual_model(robot: Robot) -> Any:
 
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
     try:
-        return yourdfpy.URDF.load(
-            io.BytesIO(ElementTree.tostring(root)),
-            load_meshes=True,
-            build_scene_graph=True,
-            filename_handler=lambda fname: str(find_mesh(fname, folder)),
-        )
+        with np.errstate(all="ignore"):
+            model = yourdfpy.URDF.load(
+                io.BytesIO(ElementTree.tostring(root)),
+                load_meshes=True,
+                build_scene_graph=True,
+                filename_handler=lambda fname: str(find_mesh(fname, folder)),
+            )
+            reach = max((float(np.abs(mesh.vertices).max()) for mesh in model.scene.geometry.values()), default=0.0)
     except Exception as error:  # the readers of meshes raise exceptions of any kind
         reason = f"a visual mesh cannot be read: {error}"
         advice = "repair the mesh, or remove the <visual>"
         raise InputError(reason, source=robot.path, element="visual", advice=advice) from None
+    if not reach <= LARGEST:
+        raise InputError(
+            f"a visual mesh has a corner {reach:.3g} m away, farther than any robot is large ({LARGEST:g} m)",
+            source=robot.path,
+            element="visual",
+            advice="repair the mesh, or remove the <visual>",
+        )
+    return model
 
 
 def _drop_missing_visuals(root: Any, folder: Path) -> bool:
