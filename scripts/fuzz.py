@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,7 @@ import load  # noqa: E402
 
 BATCH = 50  # cases in one process
 PATIENCE = 60.0  # s for one case
+SLOW = {"here": 5.0, "processes": PATIENCE, "kills": PATIENCE}  # s for each of many: a process ends its own case
 PLANS, ROBOTS = 1000, 200  # of --load
 MOST_GROWTH = 5.0  # MB
 
@@ -41,6 +43,8 @@ MODES = {
 def worker(seeds: range, mode: str) -> None:
     """Run cases and print what they break, a line of JSON each; a line before each says which comes next."""
     run = MODES[mode]
+    if mode == "here":
+        resource.setrlimit(resource.RLIMIT_DATA, (fuzz_runs.LARGEST, fuzz_runs.LARGEST))
     out = sys.stdout
     for seed in seeds:
         print(json.dumps({"next": seed}), file=out, flush=True)
@@ -57,7 +61,7 @@ def batch(seeds: range, mode: str) -> Iterator[str]:
         ended = "a crash"
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             try:
-                output, errors = process.communicate(timeout=PATIENCE + 5 * len(seeds))
+                output, errors = process.communicate(timeout=PATIENCE + SLOW[mode] * len(seeds))
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, errors = process.communicate()

@@ -58,6 +58,7 @@ def test_a_case_is_its_seed(tmp_path, kind):
         (1, "Traceback (most recent call last)", 0.1, ["traceback"]),
         (0, "RuntimeWarning: overflow", 0.1, ["warning"]),
         (2, "x" * 3000, 0.1, ["message of 3000 characters"]),
+        (2, "error: there is not enough memory for this", 0.1, ["more memory than it may have"]),
         (2, "", 0.1, ["exit code 2 without a message"]),
         (0, "\x1b[31m", 0.1, ["control characters"]),
         (0, "", 99.0, ["99.0 s of CPU"]),

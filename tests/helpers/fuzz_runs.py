@@ -73,6 +73,8 @@ def judge(seed: int, arguments: Sequence[str], code: object, output: str, errors
         broken.append(("traceback", errors))
     if re.search(r"\w*Warning:", errors):
         broken.append(("warning", errors))
+    if re.search("not enough memory|[Uu]nable to allocate|bad_alloc|MemoryError", errors):
+        broken.append(("more memory than it may have", errors))
     if code == 2 and len(errors) > LONGEST_MESSAGE:
         broken.append((f"message of {len(errors)} characters", errors[:1500]))
     if code == 2 and not errors.strip():
