@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.common import DONE, FAILED, Commands, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
 from floatplan.cli.contact import takeoff as takeoff_command
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
@@ -27,6 +27,7 @@ GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and co
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
+    cls=Commands,
     help="Plan the flight phase of robots that have left the ground.",
     no_args_is_help=True,
     add_completion=False,

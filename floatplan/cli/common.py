@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
+from typer.core import TyperGroup
 
 from floatplan.errors import FloatplanError, InputError, printable
 
@@ -48,6 +49,31 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
             raise typer.Exit(BAD_INPUT) from None
 
     return run
+
+
+class Commands(TyperGroup):
+    """The commands; what is wrong with the words of a command line is said on one short line, as all else is."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the words before the command."""
+        with _shortly():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the words after it, and run it."""
+        with _shortly():
+            return super().invoke(*args, **kwargs)
+
+
+@contextlib.contextmanager
+def _shortly() -> Iterator[None]:
+    """Shorten the message of an error of the command line's parser, which quotes what it was given."""
+    try:
+        yield
+    except Exception as error:
+        if hasattr(error, "format_message"):
+            error.message = printable(error.message)  # type: ignore[attr-defined]
+        raise
 
 
 def _complain(message: str) -> None:

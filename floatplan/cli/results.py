@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from floatplan.errors import InputError
-from floatplan.export.table import write_table
+from floatplan.export.table import table_text
+from floatplan.files import write_together
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import save_problem
 from floatplan.problem.problem import Problem
@@ -52,7 +53,9 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
 
 
 def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
-    """Write plan.json and trajectory.csv, and return their paths.
+    """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
+
+    Older results stay where the new ones cannot be written, and go before the first new one takes its place.
 
     Raises
     ------
@@ -60,8 +63,8 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
         The directory cannot be written to.
     """
     with naming_the_place(directory):
-        _remove_older(directory)
-        return [plan.save(directory / PLAN), write_table(plan, directory / TRAJECTORY, rate)]
+        contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
+        return write_together(contents, replacing=lambda: _remove_older(directory))
 
 
 def _remove_older(directory: Path) -> None:

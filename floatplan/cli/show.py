@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from floatplan.cli.common import PlanFile, Quiet, Urdf, reporting_errors
+from floatplan.errors import escaped
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -51,7 +52,7 @@ def show(
     files += _pictures(plan, other, directory, formats, films, speed)
     if not quiet:
         for path in files:
-            typer.echo(str(path))
+            typer.echo(escaped(str(path)))
     if open_page:
         for path in files:
             if path.suffix == ".html":
@@ -110,4 +111,4 @@ def export(
     with naming_the_place(path):
         path = write(plan, form, path, rate)
     if not quiet:
-        typer.echo(str(path))
+        typer.echo(escaped(str(path)))

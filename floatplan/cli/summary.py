@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
+from floatplan.errors import escaped
 from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate
@@ -43,7 +44,7 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
         table.add_row("contact", "; ".join(escape(contact.brief) for contact in plan.contacts))
     places = _places(files)
     for name, path in places.items():
-        table.add_row(name, Text(str(path), overflow="fold"))
+        table.add_row(name, Text(escaped(str(path)), overflow="fold"))
     if "plan" in places and "report" not in places:
         table.add_row("next", Text(f"floatplan show {shlex.quote(str(places['plan']))}", overflow="fold"))
     parts: list[RenderableType] = [_verdict(plan), table, _utilisation(plan)]

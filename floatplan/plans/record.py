@@ -128,9 +128,13 @@ class PlanRecord:
         ordered = ["format", "floatplan", *(name for name in values if name not in ("format", "floatplan"))]
         return {name: plain(values[name]) for name in ordered}
 
+    def to_json(self) -> str:
+        """The content of the plan file."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
     def save(self, path: str | Path) -> Path:
         """Write the plan file; it appears whole or not at all."""
-        return write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        return write_atomically(path, self.to_json())
 
 
 def load_record(path: str | Path) -> PlanRecord:
