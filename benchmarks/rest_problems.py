@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import count
 
 import numpy as np
+import pinocchio as pin
 from generated_problems import random_chain
 
 import floatplan as fp
@@ -107,3 +108,25 @@ def _asked(problem: fp.Problem, rise: float) -> fp.Problem:
         goal=replace(problem.goal, velocities="landing"),
         flight=replace(flight, landing=fp.Landing("hand", float(height))),
     )
+
+
+def frame_speeds(plan: fp.Plan) -> np.ndarray:
+    """Speeds (2,) of the takeoff frame at takeoff and of the landing frame at landing, m/s, by Pinocchio."""
+    problem, robot = plan.problem, plan.robot
+    model, data = robot.model, robot.model.createData()
+    kinds = (pin.FrameType.BODY, pin.FrameType.FIXED_JOINT)
+    axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
+    speeds = []
+    for instant, name in ((0.0, problem.takeoff.frame), (plan.duration, problem.landing.frame)):
+        state = plan.at(instant)
+        positions = robot.reference + robot.selection @ state.positions[0]
+        rates = robot.selection @ state.velocities[0]
+        positions[2], rates[2] = state.orientation[0], state.orientation_rate[0]
+        pin.centerOfMass(model, data, positions, rates)
+        com = state.com_velocity[0] - axes @ data.vcom[0]
+        pin.forwardKinematics(model, data, positions, rates)
+        pin.updateFramePlacements(model, data)
+        frame = next(model.getFrameId(name, kind) for kind in kinds if model.existFrame(name, kind))
+        moved = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
+        speeds.append(float(np.linalg.norm(axes @ moved + com)))
+    return np.array(speeds)

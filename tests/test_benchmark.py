@@ -38,6 +38,7 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
         ("starts", "worse with more starts"),
         ("free", "with h free: 0 of 1"),
         ("random", "of 1"),
+        ("rest", "solved 1 of 1"),
         ("forward", "easy"),
         ("obstacle", "cut into the margin"),
         ("witness", "violated between instants: 0"),
