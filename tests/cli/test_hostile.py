@@ -57,7 +57,7 @@ def process(*arguments, shell="", cwd=None):
 
 
 class TestReads:
-    @pytest.mark.parametrize("command", ["plan", "info", "bounds", "certify", "replay", "show"])
+    @pytest.mark.parametrize("command", ["plan", "info", "bounds", "takeoff", "certify", "replay", "show"])
     def test_devices_and_pipes_are_refused(self, floatplan, tmp_path, command):
         pipe = tmp_path / "pipe.toml"
         os.mkfifo(pipe)

@@ -54,7 +54,7 @@ class Case:
 
 
 def _with_problem(rng: random.Random, problem: Path, folder: Path) -> list[str]:
-    command = rng.choice(("plan", "plan", "info", "bounds"))
+    command = rng.choice(("plan", "plan", "info", "bounds", "takeoff"))
     arguments = [command, str(problem)]
     if command == "plan":
         arguments += ["--budget", "1", "-o", str(folder / "out")]

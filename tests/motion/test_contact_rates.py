@@ -299,6 +299,19 @@ class TestSpecialCases:
         assert contact_rates(problem, "landing", 0.3).ratio == np.inf
         assert contact_rates(problem, "landing", None).ratio == np.inf
 
+    @pytest.mark.parametrize("orientation", [0.0, np.pi / 2, np.pi, -np.pi / 2, 0.3])
+    def test_stretched_out_along_any_direction(self, gymnast, orientation):
+        """Where an axis of the plane is the robot's, a whole row is rounding, or 0."""
+        flight = fp.Flight(1.0, takeoff=fp.Takeoff("hand"), horizontal_velocity=0.7)
+        posture = fp.Posture(orientation, [0.0, 0.0])
+        for limits in (fp.Limits(), fp.Limits(velocity=20.0)):
+            problem = fp.Problem(gymnast, posture, posture, flight, limits=limits)
+            across = abs(np.sin(orientation)) < 1e-9  # it lies: the joints can give the vertical velocity
+            assert contact_rates(problem, "takeoff", 0.4).ratio == np.inf
+            assert contact_rates(problem, "takeoff", None).ratio == np.inf
+            level = replace(problem, flight=replace(flight, horizontal_velocity=0.0))
+            assert contact_rates(level, "takeoff", 0.4).exist == across
+
     def test_the_base_link_itself_is_no_contact(self, gymnast):
         state = fp.Posture(0.0, 0.1)
         assert not has_contact(fp.Problem(gymnast, state, state, fp.Flight(1.0)), "takeoff")

@@ -40,6 +40,13 @@ class ContactEquations:
     constant: Array
     by_momentum: Array
 
+    @property
+    def scale(self) -> Array:
+        """Sizes (3,) of the rows; one for both of the velocity, as either may vanish where a robot is stretched out."""
+        sizes: Array = np.abs(self.matrix).max(axis=1)
+        sizes[1:] = sizes[1:].max() or 1.0
+        return sizes
+
 
 @dataclass(frozen=True, eq=False)
 class ContactRates:
@@ -143,12 +150,13 @@ def contact_rates(problem: Problem, end: End, angular_momentum: float | None) ->
 
 def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_momentum: float | None) -> ContactRates:
     """Return the rates that satisfy equations, see :func:`contact_rates`; ``limits`` (n,) rad/s."""
-    matrix, target = equations.matrix, equations.constant
+    scale = equations.scale
+    columns, target, by_momentum = equations.matrix / scale[:, None], equations.constant / scale, equations.by_momentum
+    free = 1
     if angular_momentum is None:
-        columns, free = np.column_stack((equations.by_momentum * -1, matrix)), 2
+        columns, free = np.column_stack((-by_momentum / scale, columns)), 2
     else:
-        columns, free = matrix, 1
-        target = target + angular_momentum * equations.by_momentum
+        target = target + angular_momentum * by_momentum / scale
     unlimited = 1 / np.abs(robot.motor_ratios).max(axis=0)  # of the fastest motor, 1 rad/s
     limited = np.isfinite(limits)
     costless = np.full(free, np.inf)

@@ -41,14 +41,11 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
 
     Parameters
     ----------
-    columns : (3, k)
+    columns : (3, k), the equations of comparable size: what is ``NOTHING`` beside the rest of a column is rounding
     target : (3,)
     limits : (k,)
         Positive; infinite where a rate costs nothing. These must leave at most two of the three equations.
     """
-    scale = np.abs(columns).max(axis=1)
-    scale[scale == 0] = 1.0
-    columns, target = columns / scale[:, None], target / scale
     size = float(np.linalg.norm(target))
     limited = np.isfinite(limits)
     reach = columns * np.where(limited, limits, 0.0)

@@ -48,17 +48,17 @@ class Reachable:
 def reachable(problem: Problem, end: End, angular_momentum: float) -> Reachable:
     """Return what rates within the limits reach at that end, about an angular momentum, kg m^2/s."""
     frame, orientation, positions, velocity = at_end(problem, end)
-    matrix = equations_at(problem.robot, frame, orientation, positions, velocity).matrix * [[1.0], [-1.0], [-1.0]]
+    equations = equations_at(problem.robot, frame, orientation, positions, velocity)
+    matrix = equations.matrix * [[1.0], [-1.0], [-1.0]]
     limits = rate_limits(problem)
     asked = np.array([angular_momentum, *velocity])
-    normals, reach = _half_planes(matrix, limits)
+    normals, reach = _half_planes(matrix, equations.scale, limits)
     momentum, horizontal, vertical = (_interval(normals, reach, asked, direction) for direction in np.eye(3))
     return Reachable(momentum, horizontal, vertical, polygon=_polygon(matrix, limits, asked[1]), asked=read_only(asked))
 
 
-def _half_planes(matrix: Array, limits: Array) -> tuple[Array, Array]:
+def _half_planes(matrix: Array, scale: Array, limits: Array) -> tuple[Array, Array]:
     """Normals y (K, 3) and reach (K,): x is reached where ``|y . x| <= reach`` for all, infinite reach left out."""
-    scale = np.abs(matrix).max(axis=1)
     scaled = matrix / scale[:, None]
     base, joints = scaled[:, 0] / np.linalg.norm(scaled[:, 0]), scaled[:, 1:]
     lengths = np.linalg.norm(joints, axis=0)
