@@ -15,6 +15,7 @@ import tomli_w
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_MUTATIONS = 3
+LARGEST_DOUBLE = 10**308  # whole numbers beyond it cannot be multiplied by a fraction
 
 NUMBERS: tuple[Any, ...] = (
     0,
@@ -68,7 +69,8 @@ def _value(rng: random.Random, old: Any) -> Any:
     if isinstance(old, bool) or kind < 0.1:
         return rng.choice([True, False, None, [], {}, [[]], {"": {}}, *TEXTS])
     if isinstance(old, int | float) and kind < 0.4:
-        return old * rng.choice([-1, 0, 0.5, 2, 10, 1000, 1e6, 1e12])
+        factor = rng.choice([-1, 0, 0.5, 2, 10, 1000, 1e6, 1e12])
+        return old * (int(factor) if abs(old) > LARGEST_DOUBLE else factor)
     if isinstance(old, str) and kind < 0.7:
         return rng.choice([*TEXTS, old + rng.choice(TEXTS), old[: len(old) // 2]])
     if isinstance(old, list) and kind < 0.7:
