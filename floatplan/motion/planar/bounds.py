@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.motion.planar.momentum import PairCosines
+from floatplan.motion.planar.momentum import PairCosines, TurningBodies
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
@@ -98,7 +98,7 @@ def _cosine_minimum(argument: Array, reach: Array) -> Array:
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
     """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
-    pairs = PairCosines(robot.tree)
+    pairs = PairCosines(TurningBodies.of(robot.tree))
     phasors = pairs.amplitude * np.exp(1j * pairs.phase)[:, None]
     return tuple(
         _polynomial(constant, pairs.frequency, column)
