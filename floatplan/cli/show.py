@@ -88,7 +88,7 @@ def _pictures(
 @reporting_errors
 def export(
     plan_file: PlanFile,
-    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="csv, npz, ros, mujoco or unitree.")],
+    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those above.")],
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Instants per second; left out, what suits the format.")
     ] = None,
@@ -98,7 +98,19 @@ def export(
     urdf: Urdf = None,
     quiet: Quiet = False,
 ) -> None:
-    """Hand a plan on: as a table, to ROS, to MuJoCo, to Unitree's players."""
+    """Hand a plan on, to a robot, a simulator or another program. SI units and radians.
+
+    \b
+    csv        planned joints and those that follow them, 1 kHz
+    csv-full   base pose and all joints, one row per instant
+    parquet    the same as Parquet (extra "parquet")
+    npz        NumPy: what plan.at() gives
+    pinocchio  NumPy: q, v, a, tau of Pinocchio's free-flyer model
+    mujoco     NumPy: qpos, qvel, ctrl with a free joint
+    ros        trajectory_msgs/JointTrajectory as YAML
+    mcap       a ROS 2 bag, also for Foxglove (extra "mcap")
+    unitree    CSV as Unitree's motion data
+    """  # noqa: D301
     from floatplan.cli.results import naming_the_place
     from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of

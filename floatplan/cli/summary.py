@@ -141,6 +141,8 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     table.add_row("CM", f"off by {_number(facts['com_error'])} m")
     table.add_row("momentum", f"drifts by {_number(facts['momentum_drift'])} kg m^2/s")
     table.add_row("sensitivity", f"{_number(facts['orientation_sensitivity'])} rad per kg m^2/s of h")
+    if facts["spatial"] is not None:
+        table.add_row("in space", _spatial(facts["spatial"]))
     growth = Table("after, s", "orientation, rad", "joints, rad", "CM, m", box=None, header_style="dim", pad_edge=False)
     for row in zip(*(facts["growth"][name] for name in ("times", "orientation", "joints", "com")), strict=True):
         growth.add_row(*(_number(value) for value in row))
@@ -148,6 +150,15 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     advice = "with --feedback 30 an unstable motion lands all the same, a wrong plan does not"
     hint = [Text(advice, "dim")] if unstable else []
     return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, growth, *hint)
+
+
+def _spatial(landing: Mapping[str, Any]) -> str:
+    """What the free joint did, in a line."""
+    off = max([landing["orientation_error"] or 0.0, *(error or 0.0 for error in landing["position_error"])])
+    held = len(landing["held"])
+    gains = f", {held} joint{'s' if held > 1 else ''} held by gains" if held else ""
+    turned = f"roll {math.degrees(landing['roll']):+.3g} deg, yaw {math.degrees(landing['yaw']):+.3g} deg"
+    return f"{turned}; in the plane off by {_number(off)} rad{gains}"
 
 
 def print_summary(content: RenderableType, stderr: bool = False) -> None:

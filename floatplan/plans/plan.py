@@ -264,11 +264,13 @@ class Plan(PlannedMotion):
         return page
 
     def export(self, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-        """Write the plan in another format: "csv", "npz", "ros", "mujoco" or "unitree".
+        """Write the plan in another format.
 
         Parameters
         ----------
         form : str
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap" or "unitree"; see
+            ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory.
         rate : float, optional

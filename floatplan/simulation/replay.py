@@ -26,13 +26,14 @@ from floatplan.robot.robot import Robot
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
 from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.mujoco_engine import MOST_STEPS
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.spatial import SpatialLanding, fly_in_space
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
-MOST_STEPS = 100_000  # [-] of MuJoCo
 STEP = 5e-4  # [s] of MuJoCo's fixed steps
 
 
@@ -85,6 +86,8 @@ class Replay:
     step : s
         Of fixed steps; None where the engine chooses its own.
     seconds : time that the replay took
+    spatial : SpatialLanding, optional
+        The engine "mujoco" also flies the robot with its base free in space: how far it rolls and yaws.
     """
 
     engine: Engine
@@ -98,6 +101,7 @@ class Replay:
     feedback: float | None
     step: float | None
     seconds: float
+    spatial: SpatialLanding | None = None
 
     @property
     def landed(self) -> bool:
@@ -114,7 +118,9 @@ class Replay:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         growth = {name: getattr(self.growth, name) for name in self.growth.__dataclass_fields__}
-        facts: dict[str, Any] = plain({**values, "growth": growth, "disturbance": asdict(self.disturbance)})
+        spatial = None if self.spatial is None else self.spatial.to_dict()
+        nested = {"growth": growth, "disturbance": asdict(self.disturbance), "spatial": spatial}
+        facts: dict[str, Any] = plain({**values, **nested})
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 
@@ -136,7 +142,7 @@ def replay(
         Left out, the plan's; of a record, the one that it names.
     engine : "pinocchio" or "mujoco"
         The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
-        accelerations and one of order 4 at fixed steps.
+        accelerations and one of order 4 at fixed steps, in the plane and, beside that, free in space.
     perturb : str or Disturbance
         Relative errors of the angular momentum at takeoff, of masses and of torques: ``"h=1%,mass=2%,torque=1%"``.
     feedback : float, optional
@@ -168,10 +174,12 @@ def replay(
     )
     times = record.duration * np.arange(1, PANELS + 1) / PANELS
     model = disturbance.disturbed(reduced)
+    spatial = None
     if engine == "pinocchio":
         flown = fly_pinocchio(model, joint_torques, takeoff, times, LOOSE if disturbance.any else TIGHT)
     else:
         flown = _fly_mujoco(robot, reduced, joint_torques, takeoff, times, step, disturbance)
+        spatial = fly_in_space(robot, record, disturbance, feedback, step)
     states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)
     return Replay(
@@ -186,6 +194,7 @@ def replay(
         feedback=feedback,
         step=None if engine == "pinocchio" else step,
         seconds=clock.perf_counter() - began,
+        spatial=spatial,
     )
 
 

@@ -43,7 +43,7 @@ PROBLEMS = (
     "falling_cat",
     "handstand_ground",
 )
-FORMATS = ("csv", "npz", "ros", "mujoco", "unitree")
+FORMATS = ("csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree")
 
 
 @dataclass(frozen=True)

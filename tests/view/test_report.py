@@ -180,11 +180,11 @@ def test_a_scene_without_viser_says_what_to_install(
     floatplan: Callable[..., Any], handstand: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(InputError, match=re.escape('pip install "floatplan[view]"')):
+    with pytest.raises(InputError, match=re.escape("[view]'")):
         scene(handstand)
     run = floatplan("show", handstand.save(tmp_path / "plan.json"), "--scene")
     assert run.code == 2
-    assert 'pip install "floatplan[view]"' in run.stderr
+    assert "[view]'" in run.stderr
 
 
 def test_slabs_are_closed_and_turns_are_turns(handstand: fp.Plan) -> None:

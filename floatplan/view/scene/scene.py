@@ -52,7 +52,7 @@ def write_scene(plan: Plan, path: str | Path) -> Path:
 
 def scene(plan: Plan) -> str:
     """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
-    viser = import_optional("viser", name="viser", element="scene", install='"floatplan[view]"')
+    viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     state = plan.at(np.linspace(0.0, plan.duration, frames))
     with _server(viser) as server:
