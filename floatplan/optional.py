@@ -41,13 +41,13 @@ def import_optional(module: str, *, name: str, element: str, extra: str) -> Modu
 def install_advice(extra: str) -> str:
     """The command that installs an extra where floatplan runs from: a clone, or an environment of its user."""
     if (CLONE / "pyproject.toml").is_file():
-        requirement = f"-e {shlex.quote(f'{_near(CLONE)}[{extra}]')}"
+        requirement = f"-e {shlex.quote(f'{near(CLONE)}[{extra}]')}"
     else:
         requirement = f"'floatplan[{extra}]'"
-    return f"install it: {shlex.quote(_near(Path(sys.executable)))} -m pip install {requirement}"
+    return f"install it: {shlex.quote(near(Path(sys.executable)))} -m pip install {requirement}"
 
 
-def _near(path: Path) -> str:
+def near(path: Path) -> str:
     """The path from the working directory, where it leads down from there."""
     try:
         near = path.relative_to(Path.cwd())

@@ -5,19 +5,29 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.common import (
+    DONE,
+    FAILED,
+    Json,
+    PlanFile,
+    Quiet,
+    Save,
+    Urdf,
+    Verbose,
+    print_json,
+    program,
+    reporting_errors,
+)
+from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
-from floatplan.tables import OBJECTIVES
+from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -28,12 +38,12 @@ COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 app = typer.Typer(
     help="Plan the flight phase of robots that have left the ground.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 Source = Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT.urdf", help="A problem file, or a robot.")]
+OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
 
 
@@ -44,6 +54,23 @@ def main() -> None:
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        import floatplan
+
+        typer.echo(f"floatplan {floatplan.__version__}")
+        raise typer.Exit(DONE)
+
+
+@app.callback()
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version, and exit.")
+    ] = False,
+) -> None:
+    """Plan the flight phase of robots that have left the ground."""
 
 
 @app.command()
@@ -73,7 +100,7 @@ def plan(
         str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
     ] = None,
     objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"What is least: {', '.join(OBJECTIVES)}; the first if left out.")
+        str | None, typer.Option(metavar="NAME", help=f"What is least; the first if left out. {OBJECTIVE_HELP}.")
     ] = None,
     plane: PlaneName = None,
     output: Annotated[
@@ -81,6 +108,7 @@ def plan(
     ] = None,
     json_output: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
     figures: Annotated[
         bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
     ] = None,
@@ -136,19 +164,20 @@ def plan(
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
-    with _progress(quiet) as progress:
-        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress, prove=certify)
-    files = write_results(answer, directory, rate)
-    if is_robot(source):
-        files.append(write_problem(answer, directory))
-    if figures or (figures is None and not json_output):
-        files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
-    if report:
-        files.append(write_page(answer, directory))
+    with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
+        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+    with progress("writing", quiet):
+        files = write_results(answer, directory, rate)
+        if is_robot(source):
+            files.append(write_problem(answer, directory))
+        if figures or (figures is None and not json_output):
+            files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
+        if report:
+            files.append(write_page(answer, directory))
     if not quiet:
         from floatplan.cli.summary import plan_summary, print_summary
 
-        print_summary(plan_summary(answer, files), stderr=True)
+        print_summary(plan_summary(answer, files, program()), stderr=json_output)
     if json_output:
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
     proved = answer.certificate is not None and answer.certificate.proved
@@ -219,7 +248,8 @@ def certify(
     from floatplan.certificate.certify import certify as prove
     from floatplan.plans.record import load_record
 
-    certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+    with progress("proving"):
+        certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
     facts = certificate.to_dict()
     if save:
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
@@ -255,7 +285,8 @@ def replay(
 
     checked = check_engine(engine)
     plan = load_plan(plan_file, urdf)
-    flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
+    with progress("flying"):
+        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(plan_file)
@@ -277,21 +308,6 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
         return None
     unobstructed = search(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """Show the progress of the search on stderr: one line that changes in a terminal, elsewhere a line each."""
-    if quiet or sys.stderr is None:  # closed
-        yield None
-        return
-    if not sys.stderr.isatty():
-        yield lambda message: typer.echo(f"planning: {message}", err=True)
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("planning") as status:
-        yield status.update
 
 
 for command in (show, export):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from floatplan.cli.common import PlanFile, Quiet, Urdf, reporting_errors
+from floatplan.cli.progress import Bar, progress
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -47,8 +48,9 @@ def show(
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
-    files = _pages(plan, directory, scene, report=not (scene or formats or films))
-    files += _pictures(plan, other, directory, formats, films, speed)
+    with progress("drawing", quiet) as bar:
+        files = _pages(plan, directory, scene, report=not (scene or formats or films))
+        files += _pictures(plan, other, directory, formats, films, speed, bar)
     if not quiet:
         for path in files:
             typer.echo(str(path))
@@ -71,7 +73,7 @@ def _pages(plan: Plan, directory: Path, scene: bool, report: bool) -> list[Path]
 
 
 def _pictures(
-    plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float
+    plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float, bar: Bar
 ) -> list[Path]:
     from floatplan.cli.results import FIGURES, FILM, naming_the_place
 
@@ -81,7 +83,7 @@ def _pictures(
             from floatplan.view.figures.figures import save_figures
 
             files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed) for name in films]
+        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
     return files
 
 
@@ -119,7 +121,7 @@ def export(
     known = format_of(form)
     plan = load_plan(plan_file, urdf)
     path = Path(plan_file).parent / known.file if output is None else output
-    with naming_the_place(path):
+    with naming_the_place(path), progress("exporting", quiet):
         path = write(plan, form, path, rate)
     if not quiet:
         typer.echo(str(path))

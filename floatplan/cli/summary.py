@@ -18,14 +18,15 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
+from floatplan.tables import OBJECTIVE_TABLE
 
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 
 
-def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
-    """Return at most 25 lines about a plan and the files that were written of it."""
+def plan_summary(plan: Plan, files: Sequence[Path], program: str = "floatplan") -> RenderableType:
+    """Return at most 25 lines about a plan and the files that were written of it; ``program`` is what users type."""
     record, problem = plan.record, plan.problem
     table = _two_columns()
     table.add_row("problem", _problem(problem))
@@ -43,7 +44,7 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
     for name, path in places.items():
         table.add_row(name, Text(str(path), overflow="fold"))
     if "plan" in places and "report" not in places:
-        table.add_row("next", Text(f"floatplan show {shlex.quote(str(places['plan']))}", overflow="fold"))
+        table.add_row("next", Text(f"{program} show {shlex.quote(str(places['plan']))}", overflow="fold"))
     parts: list[RenderableType] = [_verdict(plan), table, _utilisation(plan)]
     if record.explanation:
         parts.append(Text(_shortened(record.explanation), style="" if plan.ok else "yellow"))
@@ -203,7 +204,9 @@ def _result(plan: Plan) -> str:
     reached = plan.record.orientation
     error = abs(reached["end"] - reached["goal"])
     objective = plan.record.objective
-    return f"orientation off by {error:.1e} rad, {objective['name']} {float(objective['value']):.6g}"
+    name = objective["name"]
+    unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
+    return f"orientation off by {error:.1e} rad, {name} {float(objective['value']):.6g} {unit}".rstrip()
 
 
 def _proof(certificate: Certificate, goal: float) -> Text:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
@@ -252,9 +252,18 @@ class Plan(PlannedMotion):
         found: dict[str, Figure] = output("figures")(self, compare=compare)
         return found
 
-    def animate(self, path: str | Path = "flight.gif", *, speed: float = 0.5) -> Path:
-        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path; ``speed`` 0.5 is slow motion."""
-        return Path(output("animate")(self, path, speed=speed))
+    def animate(
+        self,
+        path: str | Path = "flight.gif",
+        *,
+        speed: float = 0.5,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Path:
+        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path.
+
+        ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
+        """
+        return Path(output("animate")(self, path, speed=speed, progress=progress))
 
     def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
         """Write the report, a page that plays the flight, and open it in the browser unless ``browse`` is false."""

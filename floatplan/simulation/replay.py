@@ -25,8 +25,8 @@ from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
-from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.mujoco_engine import MOST_STEPS
+from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
 
