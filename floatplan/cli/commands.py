@@ -14,9 +14,13 @@ import typer
 from floatplan.cli.common import (
     DONE,
     FAILED,
+    Coupled,
     Json,
+    Locked,
+    PlaneName,
     PlanFile,
     Quiet,
+    Reference,
     Save,
     Urdf,
     Verbose,
@@ -24,7 +28,10 @@ from floatplan.cli.common import (
     program,
     reporting_errors,
 )
+from floatplan.cli.info import InfoCommand, info
 from floatplan.cli.progress import log_on_stderr, progress
+from floatplan.cli.robots import robots
+from floatplan.cli.schema import schema
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
 from floatplan.tables import OBJECTIVE_TABLE
@@ -44,7 +51,6 @@ app = typer.Typer(
 
 Source = Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT.urdf", help="A problem file, or a robot.")]
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
-PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
 
 
 def main() -> None:
@@ -103,6 +109,9 @@ def plan(
         str | None, typer.Option(metavar="NAME", help=f"What is least; the first if left out. {OBJECTIVE_HELP}.")
     ] = None,
     plane: PlaneName = None,
+    coupled: Coupled = None,
+    locked: Locked = None,
+    reference: Reference = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
     ] = None,
@@ -157,6 +166,9 @@ def plan(
         degree=degree,
         objective=objective,
         plane=plane,
+        coupled=coupled,
+        locked=locked,
+        reference=reference,
     )
     problem = asked_problem(source, options)
     directory = default_directory(problem) if output is None else output
@@ -182,34 +194,6 @@ def plan(
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
     proved = answer.certificate is not None and answer.certificate.proved
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
-
-
-@app.command()
-@reporting_errors
-def info(
-    source: Source,
-    plane: PlaneName = None,
-    shapes: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the links' capsules over their geometry into a file.")
-    ] = None,
-    json_output: Json = False,
-) -> None:
-    """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
-    from floatplan.cli.facts import robot_facts
-    from floatplan.problem.options import named_robot
-
-    robot = named_robot(source, plane)
-    facts = robot_facts(robot)
-    if shapes is not None:
-        from floatplan.view.figures.shapes_picture import check_picture, save_shapes
-
-        save_shapes(robot, check_picture(shapes))
-    if json_output:
-        print_json(facts)
-        return
-    from floatplan.cli.summary import facts_summary, print_summary
-
-    print_summary(facts_summary(facts))
 
 
 @app.command()
@@ -310,5 +294,6 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-for command in (show, export):
+app.command(cls=InfoCommand)(info)
+for command in (robots, schema, show, export):
     app.command()(command)

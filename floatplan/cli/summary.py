@@ -80,21 +80,26 @@ def _use(row: Utilisation, key: str) -> tuple[str, str, str]:
     return _number(peak), _number(limit), _percent(share)
 
 
-def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
-    """Return the result of ``floatplan info``, for reading."""
+def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool = False) -> RenderableType:
+    """Return the result of ``floatplan info``, for reading: joints first, frames and shapes where asked for."""
     table = _two_columns()
     plane = facts["plane"]
     table.add_row("robot", f"{escape(facts['name'])}, {facts['mass']:.6g} kg")
     table.add_row("plane", f"{plane['name']}, normal {_listed(plane['normal'])}")
-    table.add_row("locked", _pairs({joint: f"{position:.6g}" for joint, position in facts["locked"].items()}))
-    table.add_row("coupled", _pairs({joint: _coupling(coupling) for joint, coupling in facts["coupled"].items()}))
-    table.add_row("frames", escape(", ".join(facts["frames"])))
-    table.add_row("shapes", escape(", ".join(_shape(shape) for shape in facts["shapes"])) or "none")
-    table.add_row("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it")
+    follows = [Text(f"{joint} follows {_leader(coupling)}") for joint, coupling in facts["coupled"].items()]
+    rest = _two_columns()
+    rest.add_row("locked, rad", _pairs({joint: f"{position:.6g}" for joint, position in facts["locked"].items()}))
+    rest.add_row(
+        "frames", escape(", ".join(facts["frames"])) if frames else f"{len(facts['frames'])}; --frames has them"
+    )
+    listed = escape(", ".join(_shape(shape) for shape in facts["shapes"])) or "none"
+    rest.add_row("shapes", listed if shapes else f"{len(facts['shapes'])}; --shapes has them")
+    rest.add_row("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it")
     if facts["tilt"]:
-        table.add_row("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad")
-    table.add_row("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")
-    return Group(table, _joint_table(facts), *(Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]))
+        rest.add_row("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad")
+    rest.add_row("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")
+    warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
+    return Group(table, _joint_table(facts), *follows, rest, *warnings)
 
 
 def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableType:
@@ -277,9 +282,10 @@ def _pairs(values: Mapping[str, str]) -> str:
     return escape(", ".join(f"{name} = {value}" for name, value in values.items())) or "none"
 
 
-def _coupling(coupling: Mapping[str, Any]) -> str:
-    offset = f" + {coupling['offset']:g}" if coupling["offset"] else ""
-    return f"{coupling['ratio']:g} {coupling['leader']}{offset}"
+def _leader(coupling: Mapping[str, Any]) -> str:
+    ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
+    offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
+    return f"{ratio}{coupling['leader']}{offset}"
 
 
 def _shape(shape: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ from floatplan.files import plain, read_text, write_atomically
 from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
-from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable
+from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable, Table
 from floatplan.robot.robot import Robot
 
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
@@ -33,7 +33,7 @@ BY_JOINT = {
     "limits": ("position",),
 }
 
-AnyProblemTable = TypeVar("AnyProblemTable", bound=ProblemTable)
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -55,6 +55,19 @@ def load_problem(path: str | Path) -> Problem:
         tables = _validated(ProblemFileTable, content)
         robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
         return _problem(tables, robot, path.stem)
+    except InputError as error:
+        raise error if error.source else error.within(source=path) from None
+
+
+def load_robot(path: str | Path) -> Robot:
+    """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
+    path = Path(path)
+    content = _read_toml(path)
+    if not set(content) <= set(RobotFileTable.model_fields):
+        return load_problem(path).robot
+    try:
+        table = _validated(RobotFileTable, content).robot
+        return Robot.from_urdf(_urdf_source(table.urdf, path), **table.choices())
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
 
@@ -227,7 +240,7 @@ def _without_gaps(value: Any) -> Any:
     return {key: item for key, item in kept.items() if item is not None and item not in ({}, [])}
 
 
-def _validated(model: type[AnyProblemTable], content: Mapping[str, Any]) -> AnyProblemTable:
+def _validated(model: type[AnyTable], content: Mapping[str, Any]) -> AnyTable:
     try:
         return model.model_validate(content, context={"degrees": content.get("angles") == "deg"})
     except ValidationError as error:
