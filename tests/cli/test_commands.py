@@ -305,7 +305,7 @@ class TestInfo:
         assert facts["torque_limits"] == [450, 500, 160]
 
     def test_for_reading(self, floatplan: Command) -> None:
-        run = floatplan("info", URDF / "high_jumper.urdf")
+        run = floatplan("info", URDF / "high_jumper.urdf", "--frames")
         assert run.code == 0
         for part in ("high_jumper, 75 kg", "xz", "q3", "-3.4 to 0.6", "450", "foot"):
             assert part in run.stdout, run.stdout
