@@ -36,11 +36,12 @@ from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LONGEST_EXPLANATION = 300  # [characters] in a representation
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan(PlannedMotion):
     """A planned flight: a motion that can be evaluated at any time, and what was found out about it.
 
@@ -208,6 +209,7 @@ class Plan(PlannedMotion):
             utilisation=tuple(use.to_dict() for use in self.utilisation),
             out_of_plane_leak=self.out_of_plane_leak,
             floatplan=_version(),
+            problem_file=self.problem.file_text,
         )
 
     @cached_property
@@ -291,6 +293,14 @@ class Plan(PlannedMotion):
             The format is unknown, or the rate is wrong.
         """
         return Path(output("export")(self, form, path, rate))
+
+    def __repr__(self) -> str:
+        """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
+        proved = "" if self.certificate is None else f", {self.certificate.verdict}"
+        return (
+            f"Plan({self.status}{proved}, angular_momentum={self.angular_momentum:.6g} kg m^2/s,"
+            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
+        )
 
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""

@@ -23,6 +23,7 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import recorded_robot
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
+from floatplan.shown import html_table
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
 from floatplan.simulation.mujoco_engine import MOST_STEPS
@@ -62,7 +63,7 @@ class Growth:
     com: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Replay:
     """Result of a replay: where forward dynamics lands under a plan's torques.
 
@@ -113,6 +114,27 @@ class Replay:
     def disturbed(self) -> bool:
         """Whether something was made to go wrong."""
         return self.disturbance.any
+
+    def __repr__(self) -> str:
+        """A line for each result."""
+        lines = [f"Replay({self.engine}, {'landed' if self.landed else 'landed elsewhere'})"]
+        return "\n".join([*lines, *(f"  {name}: {text}" for name, text in self._rows())])
+
+    def _repr_html_(self) -> str:
+        """A table, as notebooks show it."""
+        title = f"replay by {self.engine}: {'landed' if self.landed else 'landed elsewhere'}"
+        return html_table(title, self._rows())
+
+    def _rows(self) -> list[tuple[str, str]]:
+        rows = [
+            ("orientation off by", f"{self.orientation_error:.3g} rad"),
+            ("joints off by", f"{self.position_error.max(initial=0.0):.3g} rad at most"),
+            ("centre of mass off by", f"{self.com_error:.3g} m"),
+            ("momentum drifts by", f"{self.momentum_drift:.3g} kg m^2/s"),
+        ]
+        if self.spatial is not None:
+            rows.append(("in space", f"roll {self.spatial.roll:+.3g} rad, yaw {self.spatial.yaw:+.3g} rad"))
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
