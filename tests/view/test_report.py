@@ -251,3 +251,18 @@ def test_the_tutorial_runs(root: Path, tmp_path: Path, monkeypatch: pytest.Monke
     for block in blocks:
         exec(block, names)  # the project's own text
     assert (tmp_path / "report.html").is_file()
+
+
+def test_the_scene_s_clock_is_the_flight_s(handstand: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It begins at takeoff and ends at landing."""
+    infra = pytest.importorskip("viser.infra")
+    waited: list[float] = []
+    at_once = infra.StateSerializer.insert_sleep
+
+    def insert_sleep(serializer: Any, seconds: float) -> None:
+        waited.append(seconds)
+        at_once(serializer, seconds)
+
+    monkeypatch.setattr(infra.StateSerializer, "insert_sleep", insert_sleep)
+    scene(handstand)
+    assert sum(waited) == pytest.approx(handstand.duration, rel=1e-12)
