@@ -5,20 +5,38 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Commands, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.common import (
+    DONE,
+    FAILED,
+    Commands,
+    Coupled,
+    Json,
+    Locked,
+    PlaneName,
+    PlanFile,
+    Quiet,
+    Reference,
+    Save,
+    Urdf,
+    Verbose,
+    print_json,
+    program,
+    reporting_errors,
+)
 from floatplan.cli.contact import takeoff as takeoff_command
+from floatplan.cli.info import InfoCommand, info
+from floatplan.cli.progress import log_on_stderr, progress
+from floatplan.cli.robots import robots
+from floatplan.cli.schema import schema
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
-from floatplan.tables import OBJECTIVES
+from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -30,13 +48,12 @@ app = typer.Typer(
     cls=Commands,
     help="Plan the flight phase of robots that have left the ground.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 Source = Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT.urdf", help="A problem file, or a robot.")]
-PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
+OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 
 
 def main() -> None:
@@ -46,6 +63,23 @@ def main() -> None:
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        import floatplan
+
+        typer.echo(f"floatplan {floatplan.__version__}")
+        raise typer.Exit(DONE)
+
+
+@app.callback()
+def about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version, and exit.")
+    ] = False,
+) -> None:
+    """Plan the flight phase of robots that have left the ground."""
 
 
 @app.command()
@@ -75,14 +109,18 @@ def plan(
         str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
     ] = None,
     objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"What is least: {', '.join(OBJECTIVES)}; the first if left out.")
+        str | None, typer.Option(metavar="NAME", help=f"What is least; the first if left out. {OBJECTIVE_HELP}.")
     ] = None,
     plane: PlaneName = None,
+    coupled: Coupled = None,
+    locked: Locked = None,
+    reference: Reference = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
     ] = None,
     json_output: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
     figures: Annotated[
         bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
     ] = None,
@@ -131,6 +169,9 @@ def plan(
         degree=degree,
         objective=objective,
         plane=plane,
+        coupled=coupled,
+        locked=locked,
+        reference=reference,
     )
     problem = asked_problem(source, options)
     directory = default_directory(problem) if output is None else output
@@ -138,51 +179,24 @@ def plan(
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
-    with _progress(quiet) as progress:
-        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress, prove=certify)
-    files = write_results(answer, directory, rate)
-    if is_robot(source):
-        files.append(write_problem(answer, directory))
-    if figures or (figures is None and not json_output):
-        files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
-    if report:
-        files.append(write_page(answer, directory))
+    with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
+        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+    with progress("writing", quiet):
+        files = write_results(answer, directory, rate)
+        if is_robot(source):
+            files.append(write_problem(answer, directory))
+        if figures or (figures is None and not json_output):
+            files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
+        if report:
+            files.append(write_page(answer, directory))
     if not quiet:
         from floatplan.cli.summary import plan_summary, print_summary
 
-        print_summary(plan_summary(answer, files), stderr=True)
+        print_summary(plan_summary(answer, files, program()), stderr=json_output)
     if json_output:
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
     proved = answer.certificate is not None and answer.certificate.proved
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
-
-
-@app.command()
-@reporting_errors
-def info(
-    source: Source,
-    plane: PlaneName = None,
-    shapes: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the links' capsules over their geometry into a file.")
-    ] = None,
-    json_output: Json = False,
-) -> None:
-    """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
-    from floatplan.cli.facts import robot_facts
-    from floatplan.problem.options import named_robot
-
-    robot = named_robot(source, plane)
-    facts = robot_facts(robot)
-    if shapes is not None:
-        from floatplan.view.figures.shapes_picture import check_picture, save_shapes
-
-        save_shapes(robot, check_picture(shapes))
-    if json_output:
-        print_json(facts)
-        return
-    from floatplan.cli.summary import facts_summary, print_summary
-
-    print_summary(facts_summary(facts))
 
 
 @app.command()
@@ -236,7 +250,8 @@ def certify(
     from floatplan.certificate.certify import certify as prove
     from floatplan.plans.record import load_record
 
-    certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+    with progress("proving"):
+        certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
     facts = certificate.to_dict()
     if save:
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
@@ -272,7 +287,8 @@ def replay(
 
     checked = check_engine(engine)
     plan = load_plan(plan_file, urdf)
-    flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
+    with progress("flying"):
+        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(plan_file)
@@ -296,21 +312,7 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """Show the progress of the search on stderr: one line that changes in a terminal, elsewhere a line each."""
-    if quiet or sys.stderr is None:  # closed
-        yield None
-        return
-    if not sys.stderr.isatty():
-        yield lambda message: typer.echo(f"planning: {message}", err=True)
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("planning") as status:
-        yield status.update
-
-
-for command in (show, export):
+app.command(cls=InfoCommand)(info)
+for command in (robots, schema, show, export):
     app.command()(command)
 app.command("takeoff")(takeoff_command)

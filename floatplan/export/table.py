@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -70,10 +71,15 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
         if index < len(plan.robot.joints) and np.count_nonzero(ratios[:, index]) > 1:
             header.append(f"{joint}_generalized_torque")
             columns.append(state.torques[:, index])
+    return csv_text(header, np.column_stack(columns))
+
+
+def csv_text(header: Sequence[str], rows: Array) -> str:
+    """CSV of rows (N, C) under a header (C), of which no spreadsheet takes a name for a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(map(_no_formula, header))
-    writer.writerows(np.column_stack(columns).tolist())
+    writer.writerows(rows.tolist())
     return text.getvalue()
 
 

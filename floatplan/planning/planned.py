@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,6 +17,8 @@ from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
 from floatplan.problem.checks import refuse
 from floatplan.problem.problem import Problem
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,8 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
     if not prepared.momentum.free:
         refuse(motion_into_ground(problem, prepared.momentum.centre))
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
+    for reason in reasons:
+        LOG.info("impossible: %s", reason)
     found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None)
     best = found.best
     seconds = time.perf_counter() - began

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
@@ -37,11 +37,12 @@ from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LONGEST_EXPLANATION = 300  # [characters] in a representation
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan(PlannedMotion):
     """A planned flight: a motion that can be evaluated at any time, and what was found out about it.
 
@@ -214,6 +215,7 @@ class Plan(PlannedMotion):
             utilisation=tuple(use.to_dict() for use in self.utilisation),
             out_of_plane_leak=self.out_of_plane_leak,
             floatplan=_version(),
+            problem_file=self.problem.file_text,
         )
 
     @cached_property
@@ -258,9 +260,18 @@ class Plan(PlannedMotion):
         found: dict[str, Figure] = output("figures")(self, compare=compare)
         return found
 
-    def animate(self, path: str | Path = "flight.gif", *, speed: float = 0.5) -> Path:
-        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path; ``speed`` 0.5 is slow motion."""
-        return Path(output("animate")(self, path, speed=speed))
+    def animate(
+        self,
+        path: str | Path = "flight.gif",
+        *,
+        speed: float = 0.5,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Path:
+        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path.
+
+        ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
+        """
+        return Path(output("animate")(self, path, speed=speed, progress=progress))
 
     def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
         """Write the report, a page that plays the flight, and open it in the browser unless ``browse`` is false."""
@@ -270,11 +281,13 @@ class Plan(PlannedMotion):
         return page
 
     def export(self, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-        """Write the plan in another format: "csv", "npz", "ros", "mujoco" or "unitree".
+        """Write the plan in another format.
 
         Parameters
         ----------
         form : str
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap" or "unitree"; see
+            ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory.
         rate : float, optional
@@ -286,6 +299,14 @@ class Plan(PlannedMotion):
             The format is unknown, or the rate is wrong.
         """
         return Path(output("export")(self, form, path, rate))
+
+    def __repr__(self) -> str:
+        """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
+        proved = "" if self.certificate is None else f", {self.certificate.verdict}"
+        return (
+            f"Plan({self.status}{proved}, angular_momentum={self.angular_momentum:.6g} kg m^2/s,"
+            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
+        )
 
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""

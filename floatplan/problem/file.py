@@ -21,7 +21,7 @@ from floatplan.files import plain, read_text, write_atomically
 from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
-from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable
+from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable, Table
 from floatplan.robot.robot import Robot
 from floatplan.tables import REST
 
@@ -34,7 +34,7 @@ BY_JOINT = {
     "limits": ("position",),
 }
 
-AnyProblemTable = TypeVar("AnyProblemTable", bound=ProblemTable)
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -51,16 +51,32 @@ def load_problem(path: str | Path) -> Problem:
         The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
     """
     path = Path(path)
-    content = _read_toml(path)
+    text = read_text(path, LARGEST_PROBLEM, "a problem file")
+    content = _parsed(text, path)
     try:
         tables = _validated(ProblemFileTable, content)
         robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
-        return _problem(tables, robot, path.stem)
+        return _problem(tables, robot, path.stem, text)
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
 
 
-def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Path | None = None) -> Problem:
+def load_robot(path: str | Path) -> Robot:
+    """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
+    path = Path(path)
+    content = _parsed(read_text(path, LARGEST_PROBLEM, "a problem file"), path)
+    if not set(content) <= set(RobotFileTable.model_fields):
+        return load_problem(path).robot
+    try:
+        table = _validated(RobotFileTable, content).robot
+        return Robot.from_urdf(_urdf_source(table.urdf, path), **table.choices())
+    except InputError as error:
+        raise error if error.source else error.within(source=path) from None
+
+
+def problem_from_dict(
+    content: Mapping[str, Any], robot: Robot, source: str | Path | None = None, written: str | None = None
+) -> Problem:
     """Rebuild a problem from the tables of a problem file less ``[robot]``, as plain data.
 
     Parameters
@@ -70,6 +86,8 @@ def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Pa
     robot : Robot
     source : path, optional
         What error messages name as the file.
+    written : str, optional
+        The problem file that the content comes from, as text.
 
     Raises
     ------
@@ -77,7 +95,7 @@ def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Pa
         As :func:`load_problem`.
     """
     try:
-        return _problem(_validated(RecordedProblemTable, content), robot, "flight")
+        return _problem(_validated(RecordedProblemTable, content), robot, "flight", written)
     except InputError as error:
         raise error.within(source=source) from None
 
@@ -170,8 +188,7 @@ def problem_text(problem: Problem, path: str | Path) -> str:
     return tomli_w.dumps(_without_gaps(content))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    text = read_text(path, LARGEST_PROBLEM, "a problem file")
+def _parsed(text: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except ValueError as error:
@@ -184,7 +201,7 @@ def _urdf_source(urdf: str, path: Path) -> str | Path:
     return urdf if urdf.startswith(DATA_PREFIX) else path.parent / urdf
 
 
-def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
+def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str | None) -> Problem:
     return Problem(
         robot=robot,
         start=tables.start.posture(),
@@ -196,6 +213,7 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
         self_clearances=tuple(SelfClearance(pair.links, pair.margin) for pair in tables.self_clearance),
         name=tables.name or default_name,
         ground=tables.ground,
+        written=written,
     )
 
 
@@ -237,7 +255,7 @@ def _without_gaps(value: Any) -> Any:
     return {key: item for key, item in kept.items() if item is not None and item not in ({}, [])}
 
 
-def _validated(model: type[AnyProblemTable], content: Mapping[str, Any]) -> AnyProblemTable:
+def _validated(model: type[AnyTable], content: Mapping[str, Any]) -> AnyTable:
     try:
         return model.model_validate(content, context={"degrees": content.get("angles") == "deg"})
     except ValidationError as error:

@@ -369,3 +369,11 @@ class ProblemFileTable(ProblemTable):
     """A whole problem file."""
 
     robot: RobotTable
+
+
+class RobotFileTable(Table):
+    """A file that names a robot, and asks nothing of it yet."""
+
+    name: str | None = None
+    angles: Literal["rad", "deg"] = "rad"
+    robot: RobotTable

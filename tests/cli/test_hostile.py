@@ -203,7 +203,8 @@ class TestWrites:
         assert sum(kept) >= 6
 
     @pytest.mark.parametrize(
-        ("shell", "code"), [(">&- 2>&-", 0), ("2>&- >/dev/null", 0), ("2>/dev/full", 2), ("--json >/dev/full", 2)]
+        ("shell", "code"),
+        [(">&- 2>&-", 0), ("2>&- >/dev/null", 0), ("2>/dev/full", 0), (">/dev/full", 2), ("--json >/dev/full", 2)],
     )
     def test_closed_and_full_streams_lose_no_plan(self, root, tmp_path, shell, code):
         problem = root / "problems" / "new_configuration.toml"

@@ -46,6 +46,8 @@ class Case:
         elif kind == ".urdf":
             urdf = robots / robot_of(name)
             urdf.write_bytes(spoiled(rng, urdf))
+            if rng.random() < 0.3:
+                return _with_robot(rng, urdf, folder)
         else:
             shutil.copy(plan_of(name), plan)
             plan.write_bytes(spoiled(rng, plan))
@@ -64,6 +66,47 @@ def _with_problem(rng: random.Random, problem: Path, folder: Path) -> list[str]:
     elif rng.random() < 0.5:
         arguments.append("--json")
     return arguments
+
+
+CHOICES = {  # options of a robot, right and wrong
+    "--coupled": (
+        "mirror",
+        "q2=q1",
+        "q2=-q1",
+        "q2=-0.5*q1",
+        "q1=q2,q2=q1",
+        "q2=1e999*q1",
+        "=",
+        "q2=*",
+        "q2=nan*q1",
+        "",
+    ),
+    "--locked": ("q1=0.1", "q2=-1e9", "q1=nan", "q1", "q1=0.1,q1=0.2", "toe=0", ","),
+    "--reference": ("standing", "", "\x1b[31m"),
+    "--plane": ("xz", "zx", "xx", "", "\u2028"),
+    "--shapes": ("--frames", "out.png", "out.jpg", ""),
+}
+
+
+def _with_robot(rng: random.Random, urdf: Path, folder: Path) -> list[str]:
+    options = rng.sample(sorted(CHOICES), rng.randint(1, 2))
+    chosen = [
+        word for option in options for word in (option, rng.choice(CHOICES[option]).replace("out", f"{folder}/out"))
+    ]
+    if "--shapes" not in chosen and rng.random() < 0.5:
+        motion = ["--start", "0,0,0", "--goal", "1,0,0", "--duration", "1"]
+        return [
+            "plan",
+            str(urdf),
+            *motion,
+            *chosen,
+            "--no-figures",
+            "--budget",
+            "1",
+            "-o",
+            str(folder / "out"),
+        ]
+    return ["info", str(urdf), *chosen]
 
 
 def _with_plan(rng: random.Random, plan: Path, folder: Path) -> list[str]:
