@@ -18,10 +18,10 @@ from measuring import Counts, example, heading, in_turns, planner, stopwatch, ta
 from peers import NODES, Answer, Ipopt, Slsqp
 
 import floatplan as fp
+from floatplan.kernel.stages import QUADRATURE_ERROR
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 from floatplan.optimization import quadratic_program
-from floatplan.planning.transcription.exchange import QUADRATURE_ERROR
 
 PIN_CALLS = ("computeCentroidalMap", "computeCentroidalMapTimeVariation", "rnea", "crba", "buildModelFromXML")
 

@@ -20,15 +20,19 @@ from floatplan.problem.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on."""
+    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on.
+
+    ``is_impossible`` says that no motion whatever can be a plan.
+    """
 
     plan: Plan
     best: Outcome
     others: tuple[Outcome, ...] = ()
+    is_impossible: bool = False
 
 
-def planned(problem: Problem, options: SearchOptions) -> Planned:
-    """Plan a flight and keep where the search ended.
+def planned(problem: Problem, options: SearchOptions, attempts: int | None = None) -> Planned:
+    """Plan a flight and keep where the search ended; ``attempts`` limits the starts.
 
     Raises
     ------
@@ -40,7 +44,7 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
     if not prepared.momentum.free:
         refuse(motion_into_ground(problem, prepared.momentum.centre))
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
-    found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None)
+    found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else attempts)
     best = found.best
     seconds = time.perf_counter() - began
     plan = Plan.of_motion(
@@ -58,7 +62,7 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
             "solved": found.solved,
         },
     )
-    return Planned(plan, best, found.holding[1:])
+    return Planned(plan, best, found.holding[1:], bool(reasons))
 
 
 def alternatives(found: Planned) -> Iterator[Planned]:
