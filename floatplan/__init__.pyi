@@ -3,13 +3,16 @@ from floatplan.certificate.certify import certify as certify
 from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
 from floatplan.motion.flight_state import FlightState as FlightState
+from floatplan.planning.many import plan_many as plan_many
 from floatplan.planning.planner import plan as plan
 from floatplan.plans.contact import Contact as Contact
 from floatplan.plans.contact import landing as landing
 from floatplan.plans.contact import takeoff as takeoff
 from floatplan.plans.plan import Plan as Plan
 from floatplan.plans.plan_file import load_plan as load_plan
+from floatplan.plans.plans import Plans as Plans
 from floatplan.plans.verdicts import Certificate as Certificate
+from floatplan.problem.family import Family as Family
 from floatplan.problem.file import load_problem as load_problem
 from floatplan.problem.file import save_problem as save_problem
 from floatplan.problem.parts import Bar as Bar

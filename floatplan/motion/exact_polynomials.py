@@ -105,18 +105,31 @@ def _fixed_columns(free: int) -> tuple[tuple[int, ...], ...]:
 
 @cache
 def _lost(k: int) -> tuple[tuple[int, int], ...]:
-    """Powers of s of L_k, each with its factor, without the highest and the zeros.
+    """Powers of s of L_k, each with its factor in fixed point, without the highest and the zeros."""
+    return tuple((power, _fixed(value)) for power, value in enumerate(_small_polynomial(k)) if value)
 
-    L_k is ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6. The highest power has the factor 1. For lower k,
-    as many of the factors s and s - 1 as there can be.
+
+def _small_polynomial(k: int) -> list[Fraction]:
+    """Factors of the powers of s of L_k below the highest, whose factor is 1.
+
+    L_k is ``s^3 (s-1)^3`` times the Jacobi polynomial of degree k - 6. For lower k, as many of the factors s and s - 1
+    as there can be.
     """
     if k >= CONDITIONS:
         column = basis_columns(k - CONDITIONS + 1)[:, k].tolist()
-        return tuple((power, _fixed(value / column[k])) for power, value in enumerate(column[:k]) if value)
+        return [value / column[k] for value in column[:k]]
     found = [Fraction(0)] * min(k, 3) + [Fraction(1)]
     for _ in range(k - 3):
         found = _product(found, (-1, 1))
-    return tuple((power, _fixed(value)) for power, value in enumerate(found[:k]) if value)
+    return found[:k]
+
+
+def compensations(size: int) -> npt.NDArray[np.object_]:
+    """Matrix (size, size), as fractions: row k are the factors of the powers below s^k in L_k."""
+    matrix = np.full((size, size), Fraction(0))
+    for k in range(size):
+        matrix[k, :k] = _small_polynomial(k)
+    return matrix
 
 
 def chebyshev_of_seconds(coefficients: Array, duration: float) -> Array:

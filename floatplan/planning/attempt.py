@@ -14,13 +14,15 @@ from itertools import islice
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.stages import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
+from floatplan.planning.compiled import compiled_solution
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.constraints import Constraint, constraints
-from floatplan.planning.transcription.exchange import FINE, QUADRATURE_ERROR, Worst, local_minima, solve
+from floatplan.planning.transcription.exchange import Worst, local_minima, solve
 from floatplan.planning.transcription.objectives import Objective, objective_value
 from floatplan.planning.transcription.program import (
     FlightProgram,
@@ -41,14 +43,12 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import Objective as ObjectiveName
 from floatplan.tolerances import ORIENTATION
 
-EASY_ITERATIONS = 40
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
-UNRESOLVED = 1e-6  # what the nodes may miss of a motion, relative to its size: its square is lost
 
 
 @dataclass(eq=False)
@@ -176,7 +176,8 @@ class Attempts:
             return self._judge(start.variables, solution, number, degrees)
 
         if not self.constraints:
-            return follow(start.x)
+            compiled = compiled_solution(self.problem, self.model, start, degrees, settings, make_objective)
+            return self._judge(start.variables, compiled, number, degrees) if compiled else follow(start.x)
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome

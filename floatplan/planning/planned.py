@@ -23,15 +23,19 @@ LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on."""
+    """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on.
+
+    ``is_impossible`` says that no motion whatever can be a plan.
+    """
 
     plan: Plan
     best: Outcome
     others: tuple[Outcome, ...] = ()
+    is_impossible: bool = False
 
 
-def planned(problem: Problem, options: SearchOptions) -> Planned:
-    """Plan a flight and keep where the search ended.
+def planned(problem: Problem, options: SearchOptions, attempts: int | None = None) -> Planned:
+    """Plan a flight and keep where the search ended; ``attempts`` limits the starts.
 
     Raises
     ------
@@ -45,7 +49,7 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
     for reason in reasons:
         LOG.info("impossible: %s", reason)
-    found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None)
+    found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else attempts)
     best = found.best
     seconds = time.perf_counter() - began
     plan = Plan.of_motion(
@@ -63,7 +67,7 @@ def planned(problem: Problem, options: SearchOptions) -> Planned:
             "solved": found.solved,
         },
     )
-    return Planned(plan, best, found.holding[1:])
+    return Planned(plan, best, found.holding[1:], bool(reasons))
 
 
 def alternatives(found: Planned) -> Iterator[Planned]:

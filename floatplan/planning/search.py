@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from floatplan.errors import InputError
+from floatplan.kernel.stages import WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome, best
@@ -42,7 +43,6 @@ SAME = 1e-6  # [-] relative difference of objectives, below which two attempts e
 STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
 AGREEING = 3  # [-] best solutions that are the same motion, where h is free: then it is taken for the best there is
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
-WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
 STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
 
 

@@ -15,6 +15,7 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.kernel.stages import SECANT_STEPS, SPREADS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
 from floatplan.planning.transcription.program import decision_variables
@@ -25,8 +26,6 @@ from floatplan.problem.problem import Problem
 BATCH = 160  # motions
 LARGEST_BATCH = 640  # where there are constraints: each batch is twice as large as the one before
 BATCH_LEVEL = 2  # of grids
-SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-SECANT_STEPS = 4
 STARTS_PER_BATCH = 2
 MOMENTUM_FRACTIONS = (
     -1.0,

@@ -20,9 +20,9 @@ class Work:
 
     done: float = 0.0
 
-    def evaluated(self, instants: int, bodies: int) -> None:
-        """Count the evaluation of a motion."""
-        self.done += EVALUATION + instants * bodies
+    def evaluated(self, instants: int, bodies: int, motions: int = 1) -> None:
+        """Count the evaluation of a motion, or of several at so many instants in all."""
+        self.done += motions * EVALUATION + instants * bodies
 
     def differentiated(self, entries: int) -> None:
         """Count a Jacobian."""

@@ -165,3 +165,17 @@ def momentum_interval(problem: Problem, changes: Array, duration: float) -> tupl
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     ends = [(c * a, c * b) for c, a, b in zip(changes.tolist(), low.tolist(), high.tolist(), strict=True)]  # (7), (8)
     return sum(map(min, ends)) / duration, sum(map(max, ends)) / duration
+
+
+def monotonic_midpoints(extremes: tuple[Array, Array], changes: Array, durations: Array) -> Array:
+    """Return (10), the middle of :func:`angular_momentum_interval`, of N problems, kg m^2/s.
+
+    Parameters
+    ----------
+    extremes : of :func:`inertia_extremes`
+    changes : (N, n+1) rad, of orientation and positions
+    durations : (N,) s
+    """
+    low, high = extremes
+    ends = changes * low, changes * high
+    return np.asarray((np.minimum(*ends).sum(axis=1) + np.maximum(*ends).sum(axis=1)) / (2 * durations))

@@ -12,6 +12,18 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.stages import (
+    COARSE,
+    COARSELY_RESOLVED,
+    FINE,
+    HOPELESS,
+    MOST_ITERATIONS,
+    MOST_ROUNDS,
+    NEARLY_RESOLVED,
+    QUADRATURE_ERROR,
+    ROUGH,
+    nearly_resolved,
+)
 from floatplan.motion.extrema import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
@@ -37,7 +49,6 @@ from floatplan.planning.transcription.trajectory import (
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tolerances import ORIENTATION
 
-QUADRATURE_ERROR = 1e-13  # rad, of the attitude at landing, at which the nodes are enough
 FIRST_LOOK = 129  # instants of the first look between the nodes
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
 INSIDE_ENOUGH = 0.5  # of what the search aims inside: nothing is nearer to its limit between the nodes
@@ -45,15 +56,7 @@ TIGHT = 10 * BACK_OFF  # of violation: below it there may be no room to be insid
 WATCHED = 0.005  # of a row's scale: local minima below this become instants of the next round
 SAME_INSTANT = 1e-6  # of the duration
 BESIDE = 0.02  # of the duration: how far a local minimum is taken to move from one round to the next
-MOST_ROUNDS = 24
-MOST_ITERATIONS = 240  # in all rounds together
-COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
-ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
-FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
-COARSELY_RESOLVED = 0.02  # what the nodes may miss of the motion, relative to its size
 CHEAP = 192  # bodies times nodes, below which the time of an evaluation hardly depends on them
-NEARLY_RESOLVED = 1e-6  # rad, error of the attitude at landing that nodes may leave before the last stage
-HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +221,7 @@ def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, const
         same = ROUGH.longest_step == settings.longest_step
         yield _Stage(ROUGH if same else replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
     if not constrained and motion.flown.level_needed(QUADRATURE_ERROR) > level:
-        yield _Stage(replace(settings, feasibility=NEARLY_RESOLVED, polish=False), NEARLY_RESOLVED)
+        yield _Stage(nearly_resolved(settings), NEARLY_RESOLVED)
     yield _Stage(settings, QUADRATURE_ERROR)
 
 

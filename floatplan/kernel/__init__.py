@@ -1,0 +1,3 @@
+"""Many plans at once: plans without inequalities, compiled. What it does not find, or cannot do, the search does."""
+
+from floatplan.kernel.library import description as description

@@ -1,0 +1,279 @@
+"""Plans without inequalities for many problems of one robot: arrays in, arrays out."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.kernel import library, stages
+from floatplan.kernel.bodies import merged_bodies
+from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
+from floatplan.motion.planar.flight import LARGEST_TAIL, SMALLEST_TAIL
+from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
+from floatplan.motion.sine_polynomial import basis
+from floatplan.optimization import sqp
+from floatplan.robot.planar.tree import PlanarTree
+from floatplan.tolerances import ORIENTATION
+
+FINER = 2  # levels of grids, from one to the next with twice the nodes
+FINEST = (384, 512)  # nodes to judge by what needs the finest two grids
+USUAL_NODES = 128  # grids of more are made where they are needed
+FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
+LEVEL_OF_STARTS = 1  # of grids
+MOTIONS = 24  # drawn at most for a start, until one turns too much and one too little
+TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
+INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = range(4)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How many starts to follow, and how.
+
+    Attributes
+    ----------
+    starts : solved starts to choose the best from
+    most_starts : starts tried
+    seed : of the random ones
+    longest_step : of the solver, see :class:`floatplan.optimization.nonlinear_program.Settings`
+    """
+
+    starts: int = 1
+    most_starts: int = 1
+    seed: int = 0
+    longest_step: float = stages.FINE.longest_step
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Problems: ``duration`` (N,) s, ``momentum`` (N,) kg m^2/s, ``change`` (N,) of the orientation, rad.
+
+    ``boundary`` (N, n, 6) of :class:`~floatplan.motion.sine_polynomial.SinePolynomials`; ``start`` (N, n, width), the z
+    to begin from, None for zeros.
+    """
+
+    duration: Array
+    momentum: Array
+    change: Array
+    boundary: Array
+    start: Array | None = None
+
+    def __getitem__(self, rows: Any) -> Rows:
+        """Some of the problems."""
+        start = None if self.start is None else self.start[rows]
+        return Rows(self.duration[rows], self.momentum[rows], self.change[rows], self.boundary[rows], start)
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Of N problems, each the best start's, or the nearest motion found.
+
+    Attributes
+    ----------
+    status : (N,) INFEASIBLE, FEASIBLE or OPTIMAL
+    iterations, evaluations, instants, starts, solved : (N,) int
+        Of all starts together; ``instants`` are the nodes of all evaluations.
+    branch : (N, n) int
+        Of the arcsine at landing, against that of the boundary given.
+    objective : (N,) |b|
+    residual : (N,) rad, of (14) with twice the nodes; infinite where these do not resolve the motion
+    z : (N, n, width), coefficients : (N, n, 6+width)
+    """
+
+    status: IntArray
+    iterations: IntArray
+    evaluations: IntArray
+    instants: IntArray
+    starts: IntArray
+    solved: IntArray
+    branch: IntArray
+    objective: Array
+    residual: Array
+    z: Array
+    coefficients: Array
+
+
+class Solver:
+    """The compiled solver for a tree, joint ranges and degrees."""
+
+    def __init__(self, kernel: library.Kernel, tree: PlanarTree, position_limits: Array, free: Sequence[int]) -> None:
+        self._kernel = kernel
+        self._n, self._width = len(free), max(free)
+        self._most_nodes = USUAL_NODES
+        low, high = position_limits.T
+        bodies = merged_bodies(tree, (low + high) / 2, (high - low) / 2)
+        self._robot = _Filled(
+            library.Robot,
+            joints=self._n,
+            bodies=len(bodies.real),
+            width=self._width,
+            free=np.array(free, dtype=np.int64),
+            real=bodies.real,
+            imaginary=bodies.imaginary,
+            is_real=bodies.is_real,
+            from_=bodies.from_,
+            first=bodies.first,
+            joint=bodies.joint,
+            ratio=bodies.ratio,
+        )
+
+    def plan(self, rows: Rows, search: Search) -> Answers:
+        """Plan a batch; the answer to a row depends on that row and on the search alone."""
+        answers = self._plan(rows, search, self._most_nodes)
+        again = np.flatnonzero(answers.status == NEEDS_GRID)
+        if again.size:
+            self._most_nodes = max(FINEST)
+            better = self._plan(rows[again], search, max(FINEST))
+            for name, values in vars(answers).items():
+                values[again] = getattr(better, name)
+        return answers
+
+    def _plan(self, rows: Rows, search: Search, most_nodes: int) -> Answers:
+        count, n, width = len(rows.duration), self._n, self._width
+        counts: Any = {name: np.zeros(count, dtype=np.int64) for name in Answers.__annotations__ if name in COUNTS}
+        answers = Answers(
+            **counts,
+            branch=np.zeros((count, n), dtype=np.int64),
+            objective=np.full(count, np.nan),
+            residual=np.full(count, np.nan),
+            z=np.zeros((count, n, width)),
+            coefficients=np.zeros((count, n, CONDITIONS + width)),
+        )
+        given = {name: values for name, values in vars(rows).items() if values is not None}
+        batch = _Filled(library.Batch, count=count, **given, **vars(answers))
+        grids, nodes = _grids(width, most_nodes)
+        failed = self._kernel.plan(
+            self._robot.structure,
+            grids.structures,
+            nodes.ctypes.data_as(library.Integers),
+            _powers(width).structure,
+            _settings(search),
+            batch.structure,
+            self._kernel.instructions,
+        )
+        if failed:
+            raise MemoryError("no memory for a batch of plans")
+        return answers
+
+
+COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
+
+
+class _Filled:
+    """A structure with what it points to."""
+
+    def __init__(self, kind: type[ctypes.Structure], **values: Any) -> None:
+        self._kept: list[Any] = []
+        self.structure: Any = kind()
+        kinds: dict[str, Any] = dict(field[:2] for field in kind._fields_)
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                dtype = np.int64 if kinds[name] is library.Integers else np.float64
+                array = np.ascontiguousarray(value, dtype=dtype)
+                self._kept.append(array)
+                value = array.ctypes.data_as(kinds[name])
+            setattr(self.structure, name, value)
+
+
+class _Grids:
+    """Grids of all levels, and the finer ones to judge by; those of too many nodes left out."""
+
+    def __init__(self, width: int, counts: Sequence[int], most_nodes: int) -> None:
+        self._kept = [_grid(width, count) if count <= most_nodes else None for count in counts]
+        self.structures = (library.Grid * len(counts))()
+        for index, filled in enumerate(self._kept):
+            if filled:
+                self.structures[index] = filled.structure
+
+
+@lru_cache(maxsize=64)
+def _grid(width: int, count: int) -> _Filled:
+    quadrature = gauss_legendre(count)
+    value, slope, _ = basis(width).values(quadrature.nodes)
+    return _Filled(
+        library.Grid,
+        nodes=count,
+        weights=quadrature.weights,
+        value=value.T,
+        slope=slope.T,
+        tail=quadrature.transform[-3:],
+    )
+
+
+@lru_cache(maxsize=32)
+def _grids(width: int, most_nodes: int) -> tuple[_Grids, IntArray]:
+    counts = (*NODE_COUNTS, *FINEST)
+    return _Grids(width, counts, most_nodes), np.array(counts, dtype=np.int64)
+
+
+@cache
+def _powers(width: int) -> _Filled:
+    columns, columns_low = _doubles(basis_columns(width))
+    lost, lost_low = _doubles(compensations(CONDITIONS + width))
+    return _Filled(library.Powers, columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
+
+
+def _doubles(fractions: Any) -> tuple[Array, Array]:
+    """Fractions as sums of two doubles."""
+    high = fractions.astype(np.float64)
+    exact = np.array([Fraction(value) for value in high.ravel().tolist()], dtype=object).reshape(high.shape)
+    return high, (fractions - exact).astype(np.float64)
+
+
+@lru_cache(maxsize=32)
+def _settings(search: Search) -> library.Settings:
+    """Every constant of the search, from where the Python solver has it."""
+    fine = replace(stages.FINE, longest_step=search.longest_step)
+    steps = (
+        (stages.ROUGH, stages.NEARLY_RESOLVED),
+        (stages.nearly_resolved(fine), stages.NEARLY_RESOLVED),
+        (fine, stages.QUADRATURE_ERROR),
+    )
+    least, most = sqp.SHORTENING
+    return library.Settings(
+        stages=(library.Stage * library.STAGES)(
+            *(library.Stage(each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
+        ),
+        longest_step=search.longest_step,
+        coarsely_resolved=stages.COARSELY_RESOLVED,
+        too_wild=TOO_WILD,
+        hopeless=stages.HOPELESS,
+        tolerance=ORIENTATION,
+        unresolved=stages.UNRESOLVED,
+        smallest_tail=SMALLEST_TAIL,
+        largest_tail=LARGEST_TAIL,
+        armijo=sqp.ARMIJO,
+        penalty_factor=sqp.PENALTY_FACTOR,
+        penalty_kept=sqp.PENALTY_KEPT,
+        shortest_step=sqp.SHORTEST_STEP,
+        shortening_least=least,
+        shortening_most=most,
+        largest_multiplier=sqp.LARGEST_MULTIPLIER,
+        damping=sqp.DAMPING,
+        slack_penalty=sqp.SLACK_PENALTY,
+        largest_curvature=sqp.LARGEST_CURVATURE,
+        polished=sqp.POLISHED,
+        slow_evaluations=sqp.SLOW_EVALUATIONS,
+        slow_steps=sqp.SLOW_STEPS,
+        polishing_steps=sqp.POLISHING_STEPS,
+        most_rounds=stages.MOST_ROUNDS,
+        most_iterations=stages.MOST_ITERATIONS,
+        first_level=FIRST_LEVEL,
+        levels=len(NODE_COUNTS),
+        finer=FINER,
+        level_of_starts=LEVEL_OF_STARTS,
+        motions=MOTIONS,
+        secant_steps=stages.SECANT_STEPS,
+        starts=search.starts,
+        most_starts=search.most_starts,
+        easy_iterations=stages.EASY_ITERATIONS,
+        wanted_after_failure=stages.WANTED_AFTER_FAILURE,
+        seed=search.seed,
+        spreads=(ctypes.c_double * library.SPREADS)(*stages.SPREADS),
+    )

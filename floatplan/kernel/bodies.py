@@ -1,0 +1,88 @@
+"""A planar tree as the kernel sees it: bodies that turn alike merged, what is constant folded into the coupling.
+
+With ``q_i = centre_i + amplitude_i sin p_i`` the angle of body a is a constant and ``sum_i turns_ai amplitude_i sin
+p_i``. The constants go into C of :mod:`floatplan.motion.planar.momentum`, and so do the senses of rotation and the
+moments of inertia. Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right,
+are then one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.robot.planar.tree import PlanarTree
+
+NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Bodies (m,) that turn differently, body 0 not at all against the base.
+
+    Attributes
+    ----------
+    real, imaginary : (m, m) kg m^2
+        C, with the moments of inertia on its diagonal.
+    from_ : (m,) int
+        The body before it that each one's angle is built on.
+    first : (m+1,) int
+        Where the terms ``ratio[e] sin p`` of ``joint[e]`` of each body begin.
+    joint, ratio : (E,) int, (E,) rad
+    """
+
+    real: Array
+    imaginary: Array
+    from_: IntArray
+    first: IntArray
+    joint: IntArray
+    ratio: Array
+
+    @property
+    def is_real(self) -> bool:
+        """Whether C has no imaginary part, but for rounding."""
+        return bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
+
+
+def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
+    """Return a tree's bodies for joint ranges of the given centres and amplitudes (n,), rad."""
+    constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
+    coupling = constant.conj()[:, None] * centroidal_coupling(tree) * constant + np.diag(tree.inertia)
+    if tree.turn < 0:
+        coupling = coupling.conj()
+    turns, group = _distinct(tree.turns)
+    gather = np.eye(len(turns))[group].T
+    coupling = gather @ coupling @ gather.T
+    from_, terms = _built_up(turns)
+    first = np.cumsum([0, *map(len, terms)])
+    entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
+    return Bodies(
+        np.ascontiguousarray(coupling.real),
+        np.ascontiguousarray(coupling.imag),
+        np.array(from_, dtype=np.int64),
+        first.astype(np.int64),
+        np.array([joint for joint, _ in entries], dtype=np.int64),
+        np.array([ratio for _, ratio in entries], dtype=np.float64),
+    )
+
+
+def _distinct(turns: Array) -> tuple[Array, IntArray]:
+    """Rows that differ, in the order of their first appearance, and which of them each row is."""
+    known: dict[tuple[float, ...], int] = {}
+    group = [known.setdefault(row, len(known)) for row in map(tuple, (turns + 0.0).tolist())]
+    return np.array(list(known)), np.array(group)
+
+
+def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
+    """Each row as the one before it that needs fewest terms to become it, and those terms: joint, ratio."""
+    from_, terms = [0], [[]]  # type: tuple[list[int], list[list[tuple[int, float]]]]
+    for body in range(1, len(turns)):
+        differences = turns[body] - turns[:body]
+        nearest = int(np.argmin((differences != 0).sum(axis=1)))
+        joints = np.flatnonzero(differences[nearest])
+        from_.append(nearest)
+        terms.append(list(zip(joints.tolist(), differences[nearest, joints].tolist(), strict=True)))
+    return from_, terms

@@ -1,0 +1,172 @@
+// Plans without inequalities, compiled: batches of problems of one robot, one after the other.
+//
+// plan.hpp is compiled for each set of instructions; which one runs is chosen when the library is called. Nothing here
+// relies on unsafe floating-point transformations: compile with -ffp-contract=off.
+#include "kernel.hpp"
+
+#include <cmath>
+#include <initializer_list>
+#include <cstdlib>
+#include <cstring>
+
+namespace {
+
+constexpr int MOST_COLUMNS = 32;  // degree + 1
+
+// ---- sums of two doubles, for coefficients in powers of seconds
+
+struct Double2 {
+    double high, low;
+};
+
+Double2 quick_sum(double a, double b) {  // |a| >= |b|
+    double s = a + b;
+    return {s, b - (s - a)};
+}
+
+Double2 exact_sum(double a, double b) {
+    double s = a + b, t = s - a;
+    return {s, (a - (s - t)) + (b - t)};
+}
+
+double upper_half(double a) {
+    std::uint64_t bits;
+    std::memcpy(&bits, &a, sizeof bits);
+    bits &= ~std::uint64_t{0x7ffffff};
+    std::memcpy(&a, &bits, sizeof bits);
+    return a;
+}
+
+Double2 exact_product(double a, double b) {
+    double p = a * b, ah = upper_half(a), al = a - ah, bh = upper_half(b), bl = b - bh;
+    return {p, ((ah * bh - p) + ah * bl + al * bh) + al * bl};
+}
+
+Double2 operator+(Double2 a, Double2 b) {
+    Double2 s = exact_sum(a.high, b.high), t = exact_sum(a.low, b.low);
+    s = quick_sum(s.high, s.low + t.high);
+    return quick_sum(s.high, s.low + t.low);
+}
+
+Double2 operator*(Double2 a, Double2 b) {
+    Double2 p = exact_product(a.high, b.high);
+    return quick_sum(p.high, p.low + (a.high * b.low + a.low * b.high));
+}
+
+double quotient(Double2 a, Double2 b) {  // correctly rounded but for near ties
+    double first = a.high / b.high;
+    Double2 rest = a + b * Double2{-first, 0};
+    return first + (rest.high + rest.low) / b.high;
+}
+
+// Coefficients b (columns) in powers of seconds of a combination of the basis, see powers_of_seconds() of
+// floatplan/motion/exact_polynomials.py.
+void write_coefficients(const double *combination, const Double2 *time, const Powers &powers, std::int64_t columns,
+                        double *b) {
+    Double2 rest[MOST_COLUMNS];
+    for (std::int64_t k = 0; k < columns; ++k) {
+        rest[k] = {0, 0};
+        for (std::int64_t c = 0; c < columns; ++c) {
+            double high = powers.columns[k * columns + c];
+            if (high != 0 && combination[c] != 0)
+                rest[k] = rest[k] + Double2{high, powers.columns_low[k * columns + c]} * Double2{combination[c], 0};
+        }
+    }
+    for (std::int64_t k = columns - 1; k >= 0; --k) {
+        b[k] = quotient(rest[k], time[k]);
+        Double2 rounding = rest[k] + time[k] * Double2{-b[k], 0};
+        for (std::int64_t index = 0; index < k; ++index) {
+            double high = powers.lost[k * columns + index];
+            if (high != 0)
+                rest[index] =
+                    rest[index] + rounding * Double2{-high, -powers.lost_low[k * columns + index]};
+        }
+    }
+}
+
+// ---- random numbers: SplitMix64 (Steele, Lea and Flood 2014), normal ones by Box and Muller
+
+struct Random {
+    std::uint64_t state;
+
+    std::uint64_t next() {
+        std::uint64_t z = state += 0x9e3779b97f4a7c15u;
+        z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+        z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+        return z ^ (z >> 31);
+    }
+    double uniform() { return (next() >> 11) * 0x1p-53 + 0x1p-54; }
+    double normal() { return std::sqrt(-2 * std::log(uniform())) * std::cos(6.283185307179586 * uniform()); }
+};
+
+}  // namespace
+
+// ---- plan.hpp for each set of instructions
+
+namespace baseline {
+constexpr int LANES = 2;
+typedef double Vector __attribute__((vector_size(16)));
+static inline Vector multiply_add(Vector a, Vector b, Vector c) {
+#if defined(__aarch64__) && defined(__clang__)
+    return __builtin_elementwise_fma(a, b, c);
+#elif defined(__aarch64__)
+    return Vector{__builtin_fma(a[0], b[0], c[0]), __builtin_fma(a[1], b[1], c[1])};
+#else
+    return a * b + c;
+#endif
+}
+#include "plan.hpp"
+#include "batch.hpp"
+}  // namespace baseline
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#define FLOATPLAN_AVX2
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
+#else
+#pragma GCC push_options
+#pragma GCC target("avx2,fma")
+#endif
+namespace avx2 {
+constexpr int LANES = 4;
+typedef double Vector __attribute__((vector_size(32)));
+static inline Vector multiply_add(Vector a, Vector b, Vector c) {
+    return (Vector)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
+}
+#include "plan.hpp"
+#include "batch.hpp"
+}  // namespace avx2
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
+#pragma GCC pop_options
+#endif
+#endif
+
+#ifndef FLOATPLAN_SOURCES
+#define FLOATPLAN_SOURCES ""
+#endif
+#define EXPORT extern "C" __attribute__((visibility("default")))
+
+EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
+
+// Sets of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA.
+EXPORT std::int64_t floatplan_instructions() {
+#ifdef FLOATPLAN_AVX2
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return 1;
+#endif
+    return 0;
+}
+
+// Plans a batch; returns 0, or 1 where there was no memory for it.
+EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const std::int64_t *nodes,
+                                   const Powers *powers, const Settings *settings, Batch *batch,
+                                   std::int64_t instructions) {
+#ifdef FLOATPLAN_AVX2
+    if (instructions == 1) return avx2::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
+#endif
+    (void)instructions;
+    return baseline::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
+}

@@ -1,0 +1,58 @@
+// What the kernel is given and gives back: the structures of library.py, member by member.
+#pragma once
+#include <cstdint>
+
+// A planar tree as its momentum needs it. Bodies that turn alike are one; body 0 is the base and turns by nothing.
+struct Robot {
+    std::int64_t joints, bodies, width;  // width: free polynomials of the joint that has most
+    const std::int64_t *free;            // (joints)
+    const double *real, *imaginary;      // C (bodies, bodies), kg m^2, moments of inertia on its diagonal
+    std::int64_t is_real;                // whether C is
+    // The angle of body a is that of body from[a] < a, and ratio[e] sin p of joint[e], e from first[a] to first[a+1].
+    const std::int64_t *from, *first, *joint;
+    const double *ratio;
+};
+
+// Gauss-Legendre nodes on [0, 1]; a grid that there is not has no nodes.
+struct Grid {
+    std::int64_t nodes;
+    const double *weights;        // (nodes)
+    const double *value, *slope;  // (6 + width, nodes): basis of p, and its derivative by s
+    const double *tail;           // (3, nodes): the last Legendre coefficients
+};
+
+// Columns of the basis in powers of s, and by which powers a rounding is made up for; each as a sum of two doubles.
+struct Powers {
+    const double *columns, *columns_low;  // (6 + width, 6 + width)
+    const double *lost, *lost_low;        // the same shape
+};
+
+struct Stage {
+    double feasibility, optimality, quadrature_error;
+    std::int64_t iterations;
+};
+
+struct Settings {
+    Stage stages[3];  // rough, nearly resolved, fine
+    double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
+    double armijo, penalty_factor, penalty_kept, shortest_step, shortening_least, shortening_most, largest_multiplier;
+    double damping, slack_penalty, largest_curvature, polished;
+    std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
+    std::int64_t first_level, levels, finer;  // finer: levels up to twice the nodes
+    std::int64_t level_of_starts, motions, secant_steps;
+    std::int64_t starts, most_starts, easy_iterations, wanted_after_failure;
+    std::uint64_t seed;
+    double spreads[6];
+};
+
+// One row for each problem; coefficients (joints, 6 + width), z (joints, width), boundary (joints, 6).
+struct Batch {
+    std::int64_t count;
+    const double *duration, *momentum, *change, *boundary;
+    const double *start;  // z to begin from; null: the plain motion
+    std::int64_t *status, *iterations, *evaluations, *instants, *starts, *solved;
+    std::int64_t *branch;  // (joints), at landing, against the boundary given
+    double *objective, *residual, *z, *coefficients;
+};
+
+enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };

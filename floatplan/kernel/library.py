@@ -1,0 +1,137 @@
+"""The compiled kernel as ctypes sees it: found beside this file, or not there; the structures of ``kernel.hpp``."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from ctypes import POINTER, Structure, c_double, c_int64, c_uint64
+from functools import cache
+
+from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
+
+SWITCH = "FLOATPLAN_KERNEL"  # environment variable: "off" for the Python solver
+INSTRUCTIONS = ("baseline instructions", "AVX2")
+STAGES = 3
+SPREADS = 6
+
+Doubles = POINTER(c_double)
+Integers = POINTER(c_int64)
+
+
+class Robot(Structure):
+    """Of :mod:`floatplan.kernel.bodies`."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("joints", "bodies", "width")),
+        ("free", Integers),
+        ("real", Doubles),
+        ("imaginary", Doubles),
+        ("is_real", c_int64),
+        *((name, Integers) for name in ("from_", "first", "joint")),
+        ("ratio", Doubles),
+    )
+
+
+class Grid(Structure):
+    """Nodes of a quadrature, and the basis of p there."""
+
+    _fields_ = (("nodes", c_int64), *((name, Doubles) for name in ("weights", "value", "slope", "tail")))
+
+
+class Powers(Structure):
+    """The basis in powers of s, as sums of two doubles."""
+
+    _fields_ = tuple((name, Doubles) for name in ("columns", "columns_low", "lost", "lost_low"))
+
+
+class Stage(Structure):
+    """When a stage of the search ends."""
+
+    _fields_ = (
+        *((name, c_double) for name in ("feasibility", "optimality", "quadrature_error")),
+        ("iterations", c_int64),
+    )
+
+
+class Settings(Structure):
+    """Every constant of the search."""
+
+    _fields_ = (
+        ("stages", Stage * STAGES),
+        *(
+            (name, c_double)
+            for name in (
+                *("longest_step", "coarsely_resolved", "too_wild", "hopeless", "tolerance", "unresolved"),
+                *("smallest_tail", "largest_tail", "armijo", "penalty_factor", "penalty_kept", "shortest_step"),
+                *("shortening_least", "shortening_most", "largest_multiplier", "damping", "slack_penalty"),
+                *("largest_curvature", "polished"),
+            )
+        ),
+        *(
+            (name, c_int64)
+            for name in (
+                *("slow_evaluations", "slow_steps", "polishing_steps", "most_rounds", "most_iterations"),
+                *("first_level", "levels", "finer", "level_of_starts", "motions", "secant_steps"),
+                *("starts", "most_starts", "easy_iterations", "wanted_after_failure"),
+            )
+        ),
+        ("seed", c_uint64),
+        ("spreads", c_double * SPREADS),
+    )
+
+
+class Batch(Structure):
+    """Problems and their answers."""
+
+    _fields_ = (
+        ("count", c_int64),
+        *((name, Doubles) for name in ("duration", "momentum", "change", "boundary", "start")),
+        *(
+            (name, Integers)
+            for name in ("status", "iterations", "evaluations", "instants", "starts", "solved", "branch")
+        ),
+        *((name, Doubles) for name in ("objective", "residual", "z", "coefficients")),
+    )
+
+
+class Kernel:
+    """The library, loaded."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self.plan = library.floatplan_plan
+        self.plan.argtypes = [
+            *(POINTER(Robot), POINTER(Grid), Integers, POINTER(Powers), POINTER(Settings), POINTER(Batch)),
+            c_int64,
+        ]
+        self.plan.restype = c_int64
+        library.floatplan_instructions.restype = c_int64
+        self.instructions = int(library.floatplan_instructions())
+
+
+@cache
+def _loaded() -> tuple[Kernel | None, str]:
+    """The kernel, and why it is not there."""
+    path = FOLDER / LIBRARY
+    if not path.is_file():
+        return None, "not compiled"
+    try:
+        library = ctypes.CDLL(str(path))
+        library.floatplan_sources.restype = ctypes.c_char_p
+        if library.floatplan_sources().decode() != sources_digest():
+            return None, "compiled from other sources: python -m floatplan.kernel.build"
+        return Kernel(library), ""
+    except (OSError, AttributeError) as error:
+        return None, f"cannot be loaded: {error}"
+
+
+def kernel() -> Kernel | None:
+    """Return the compiled kernel; None where it is not built, or switched off by ``FLOATPLAN_KERNEL=off``."""
+    return None if os.environ.get(SWITCH, "").lower() == "off" else _loaded()[0]
+
+
+def description() -> str:
+    """Say in a few words which solver makes plans without inequalities."""
+    found = kernel()
+    if found:
+        return f"compiled kernel ({INSTRUCTIONS[found.instructions]})"
+    return f"Python solver (compiled kernel {_loaded()[1] or f'switched off by {SWITCH}'})"

@@ -1,0 +1,173 @@
+"""Many plans at once: batches through the compiled kernel, and what it does not solve through the search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import IntArray
+from floatplan.kernel import rows as plain
+from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, OPTIMAL, Answers, Search
+from floatplan.planning.one_of_many import Effort, Task, answers
+from floatplan.planning.search import SearchOptions
+from floatplan.plans.plans import SOLVED, Plans
+from floatplan.problem.family import Family
+from floatplan.problem.problem import Problem
+
+CHUNK = 2048  # problems of a batch
+MOST_STARTS = 65  # [-] the plain one, and random ones
+WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
+NOT_FOUND = f"No plan was found from {MOST_STARTS} starts; search=True tries more."
+
+
+def plan_many(
+    problems: Sequence[Problem] | Family,
+    *,
+    starts: int = 1,
+    jobs: int = 1,
+    search: bool = False,
+    prove: bool = False,
+    seed: int = 0,
+) -> Plans:
+    """Plan many flights.
+
+    Problems without inequalities, at a given angular momentum and with the objective "coefficients", are planned in
+    batches by the compiled kernel where it is built: from the plain motion, and from up to 64 random starts where that
+    fails or converges slowly. All others have the whole search of :func:`floatplan.plan`, each on its own. The answer
+    to a problem depends on that problem, ``starts``, ``search``, ``prove`` and ``seed`` alone.
+
+    Parameters
+    ----------
+    problems : sequence of Problem, or Family
+        Those of a family are not made, unless one needs the whole search.
+    starts : int
+        Solved starts to choose the best from, as of :func:`floatplan.plan`.
+    jobs : int
+        Threads of the kernel, processes of the search.
+    search : bool
+        Whether what the batches do not solve goes to the whole search, which is bounded by its work, not by a clock.
+    prove : bool
+        Whether to prove each plan found, and to correct it where little is missing.
+    seed : int
+        Of the random starts.
+
+    Returns
+    -------
+    Plans
+        A problem that is wrong is an answer too, of status "error".
+
+    Raises
+    ------
+    InputError
+        ``starts``, ``jobs`` or ``seed`` cannot be.
+    """
+    options = SearchOptions(seed=seed, starts=starts, jobs=jobs)
+    plans = Plans.of(problems, *_shape(problems), seed)
+    whole, few = Effort(seed, starts), Effort(seed, starts, MOST_STARTS)
+    batches, others = _sorted_out(problems)
+    tasks = [Task(index, whole) for index in others]
+    for batch in batches:
+        if batch.can_be_compiled:
+            doubtful = _plan_batch(plans, batch, options)
+            _finish(plans, [Task(index, few) for index in doubtful], jobs)
+        else:
+            tasks += [Task(index, whole if search else few) for index in batch.indices.tolist()]
+    _finish(plans, tasks, jobs)
+    if search:
+        searched = {task.index for task in tasks}
+        missed = np.flatnonzero(plans.status == "not_found").tolist()
+        _finish(plans, [Task(index, whole) for index in missed if index not in searched], jobs)
+    if prove:
+        found = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
+        _finish(plans, [Task(index, whole, plans.answer(index)) for index in found], jobs)
+    return plans
+
+
+def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
+    """Most joints, and most coefficients of one."""
+    degrees = [problems.base.degrees] if isinstance(problems, Family) else [each.degrees for each in problems]
+    return max(map(len, degrees), default=0), max((max(each, default=0) for each in degrees), default=0) + 1
+
+
+def _finish(plans: Plans, tasks: Sequence[Task], jobs: int) -> None:
+    """Answer problems one by one."""
+    for index, answer in answers(plans.problems, tasks, jobs):
+        plans.keep(index, answer)
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Plain problems of one robot, joint ranges and degrees: their indices (M,) among all, and the numbers of some."""
+
+    indices: IntArray
+    like: Problem
+    numbers: Callable[[IntArray], plain.Numbers]
+
+    @property
+    def can_be_compiled(self) -> bool:
+        """Whether the kernel is there."""
+        return plain.solver(self.like, self.like.degrees) is not None
+
+
+def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], list[int]]:
+    """Batches of plain problems, and the indices of the others."""
+    if isinstance(problems, Family):
+        indices = np.arange(len(problems))
+        if not (plain.is_plain_family(problems) and len(problems)):
+            return [], indices.tolist()
+        return [_Batch(indices, problems.base, lambda some: plain.Numbers.of_family(problems, some))], []
+    groups: dict[object, list[int]] = {}
+    others = []
+    for index, problem in enumerate(problems):
+        if plain.is_plain(problem):
+            groups.setdefault(plain.key(problem), []).append(index)
+        else:
+            others.append(index)
+
+    def numbers(some: IntArray) -> plain.Numbers:
+        return plain.Numbers.of_problems([problems[index] for index in some.tolist()])
+
+    return [_Batch(np.array(group), problems[group[0]], numbers) for group in groups.values()], others
+
+
+def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions) -> list[int]:
+    """Plan a batch in chunks; indices of the problems whose numbers may be bad are returned, not planned."""
+    solver = plain.solver(batch.like, batch.like.degrees)
+    assert solver is not None, "the kernel was there"
+    search = Search(starts=options.starts, most_starts=max(MOST_STARTS, 2 * options.starts), seed=options.seed)
+
+    def planned(chunk: IntArray) -> tuple[IntArray, plain.Numbers, Answers, list[int]]:
+        numbers = batch.numbers(chunk)
+        doubtful = numbers.doubtful()
+        if doubtful.any():
+            good = np.flatnonzero(~doubtful)
+            numbers = numbers.some(good)
+            return chunk[good], numbers, solver.plan(numbers.rows(), search), chunk[doubtful].tolist()
+        return chunk, numbers, solver.plan(numbers.rows(), search), []
+
+    chunks = [batch.indices[first : first + CHUNK] for first in range(0, len(batch.indices), CHUNK)]
+    doubtful: list[int] = []
+    with ThreadPoolExecutor(options.jobs) as pool:
+        found_in_order = map(planned, chunks) if options.jobs == 1 else pool.map(planned, chunks)
+        for indices, numbers, found, doubted in found_in_order:
+            doubtful += doubted
+            _keep(plans, indices, numbers, found)
+    return doubtful
+
+
+def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, found: Answers) -> None:
+    """Take the answers of a chunk."""
+    for code, word in WORDS.items():
+        plans.status[indices[found.status == code]] = word
+    solved = found.status != INFEASIBLE
+    plans.objective[indices[solved]] = found.objective[solved]
+    plans.angular_momentum[indices] = numbers.angular_momentum()
+    plans.residual[indices] = found.residual
+    _, n, columns = found.coefficients.shape
+    plans.coefficients[indices, :n, :columns] = found.coefficients
+    for name in ("evaluations", "iterations", "starts", "solved"):
+        getattr(plans, name)[indices] = getattr(found, name)
+    plans.messages.update(dict.fromkeys(indices[~solved].tolist(), NOT_FOUND))

@@ -1,0 +1,208 @@
+"""Many answers at once, as arrays; each a :class:`~floatplan.Plan` when asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array, IntArray, read_only
+from floatplan.errors import InputError
+from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.plans.plan import Plan
+from floatplan.problem.problem import Problem
+
+SOLVED = ("optimal", "feasible")
+GOAL_MET = "The goal is met."
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The answer to one problem; as of :class:`Plans`, ``coefficients`` (n, k+1)."""
+
+    status: str
+    objective: float = np.nan
+    angular_momentum: float = np.nan
+    residual: float = np.nan
+    coefficients: Array = field(default_factory=lambda: np.empty((0, 0)))
+    evaluations: int = 0
+    iterations: int = 0
+    starts: int = 0
+    solved: int = 0
+    verdict: str = ""
+    message: str = ""
+    certificate: Mapping[str, Any] | None = None
+
+    @classmethod
+    def of_plan(cls, plan: Plan, status: str) -> Answer:
+        """Of a plan, with its certificate where it has one."""
+        certificate = plan.certificate
+        return cls(
+            status=status,
+            objective=plan.objective_value if plan.ok else np.nan,
+            angular_momentum=plan.angular_momentum,
+            residual=abs(plan.final_orientation - plan.problem.final.orientation),
+            coefficients=plan.coefficients,
+            **{name: plan.solver[name] for name in ("evaluations", "iterations", "starts", "solved")},
+            verdict="" if certificate is None else certificate.verdict,
+            message=plan.explanation,
+            certificate=plan.record.certificate,
+        )
+
+    def plan(self, problem: Problem, seed: int) -> Plan:
+        """Return the answer as a plan; the clock was not asked, so ``solver["seconds"]`` is NaN."""
+        low, high = problem.position_limits.T
+        ok = self.status in SOLVED and self.verdict != "refuted"
+        plan = Plan(
+            problem=problem,
+            centre=read_only((low + high) / 2),
+            amplitude=read_only((high - low) / 2),
+            coefficients=read_only(self.coefficients),
+            angular_momentum=self.angular_momentum,
+            ballistics=ballistics(problem),
+            angular_momentum_bounds=angular_momentum_interval(problem),
+            status=self.status if ok else "infeasible",
+            ok=ok,
+            explanation=self.message or GOAL_MET,
+            solver={
+                "iterations": self.iterations,
+                "evaluations": self.evaluations,
+                "seconds": np.nan,
+                "seed": seed,
+                "starts": self.starts,
+                "solved": self.solved,
+            },
+        )
+        if self.certificate is None:
+            return plan
+        return plan.with_record(plan.record.with_checks(certificate=self.certificate))
+
+
+@dataclass(frozen=True, eq=False)
+class Plans(Sequence[Plan]):
+    """Answers to N problems, in their order: what :func:`floatplan.plan_many` returns.
+
+    ``plans[i]`` is a :class:`~floatplan.Plan`, made when asked for; of a problem that is wrong it raises what is.
+
+    Attributes
+    ----------
+    problems : sequence of N
+    status : (N,) of str
+        "optimal" or "feasible", where a plan was found; "not_found"; "impossible", where no motion whatever meets the
+        problem; "error", where the problem is wrong.
+    objective : (N,)
+        Value of the problem's objective; NaN where no plan was found.
+    angular_momentum : (N,) kg m^2/s
+    residual : (N,) rad
+        By how much the orientation at landing misses the goal, with twice as many nodes as the search had.
+    coefficients : (N, n, k+1)
+        b of (12), of the nearest motion where no plan was found; NaN where a problem has fewer joints, or a lower
+        degree, than another, or is wrong.
+    evaluations : (N,) int
+        Motions evaluated.
+    verdict : (N,) of str
+        "proved", "undecided" or "refuted" with ``prove``; else empty.
+    messages : index -> str
+        Why there is no plan, where there is none.
+    """
+
+    problems: Sequence[Problem]
+    status: npt.NDArray[np.str_]
+    objective: Array
+    angular_momentum: Array
+    residual: Array
+    coefficients: Array
+    evaluations: IntArray
+    iterations: IntArray
+    starts: IntArray
+    solved: IntArray
+    verdict: npt.NDArray[np.str_]
+    seed: int = 0
+    messages: dict[int, str] = field(default_factory=dict)
+    certificates: dict[int, Mapping[str, Any]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, problems: Sequence[Problem], joints: int, columns: int, seed: int) -> Plans:
+        """Return room for answers of so many joints and coefficients, all of them "not_found" yet."""
+        count = len(problems)
+        numbers: dict[str, Any] = {
+            name: np.full(count, np.nan) for name in ("objective", "angular_momentum", "residual")
+        }
+        counts: dict[str, Any] = {
+            name: np.zeros(count, np.int64) for name in ("evaluations", "iterations", "starts", "solved")
+        }
+        return cls(
+            problems,
+            status=np.full(count, "not_found", dtype="<U10"),
+            verdict=np.full(count, "", dtype="<U10"),
+            coefficients=np.full((count, joints, columns), np.nan),
+            seed=seed,
+            **numbers,
+            **counts,
+        )
+
+    def keep(self, index: int, answer: Answer) -> None:
+        """Take the answer to one problem."""
+        for name in ("status", "objective", "angular_momentum", "residual", "verdict"):
+            getattr(self, name)[index] = getattr(answer, name)
+        for name in ("evaluations", "iterations", "starts", "solved"):
+            getattr(self, name)[index] = getattr(answer, name)
+        n, columns = answer.coefficients.shape
+        missing = columns - self.coefficients.shape[2]
+        if missing > 0:  # a degree that was raised
+            wider = np.pad(self.coefficients, ((0, 0), (0, 0), (0, missing)), constant_values=np.nan)
+            object.__setattr__(self, "coefficients", wider)
+        self.coefficients[index] = np.nan
+        self.coefficients[index, :n, :columns] = answer.coefficients
+        self.messages.pop(index, None)
+        if answer.message:
+            self.messages[index] = answer.message
+        if answer.certificate is not None:
+            self.certificates[index] = answer.certificate
+
+    @property
+    def ok(self) -> npt.NDArray[np.bool_]:
+        """Whether (N,) a plan was found, and not refuted."""
+        return np.asarray(np.isin(self.status, SOLVED) & (self.verdict != "refuted"))
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @overload
+    def __getitem__(self, index: int) -> Plan: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Plan]: ...
+    def __getitem__(self, index: int | slice) -> Plan | list[Plan]:
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(len(self)))]
+        index = range(len(self))[index]
+        problem = self.problems[index]
+        if self.status[index] == "error":
+            raise InputError(self.messages[index], element=f"problem {index}")
+        return self.answer(index).plan(problem, self.seed)
+
+    def __iter__(self) -> Iterator[Plan]:
+        return (self[index] for index in range(len(self)))
+
+    def answer(self, index: int) -> Answer:
+        """Return the answer to one problem, on its own."""
+        coefficients = self.coefficients[index]
+        there = np.isfinite(coefficients)
+        return Answer(
+            status=str(self.status[index]),
+            objective=float(self.objective[index]),
+            angular_momentum=float(self.angular_momentum[index]),
+            residual=float(self.residual[index]),
+            coefficients=coefficients[there.any(axis=1)][:, there.any(axis=0)],
+            evaluations=int(self.evaluations[index]),
+            iterations=int(self.iterations[index]),
+            starts=int(self.starts[index]),
+            solved=int(self.solved[index]),
+            verdict=str(self.verdict[index]),
+            message=self.messages.get(index, ""),
+            certificate=self.certificates.get(index),
+        )

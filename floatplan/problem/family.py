@@ -1,0 +1,161 @@
+"""Families of problems: arrays over one base problem, by the paths of a problem file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.errors import InputError
+from floatplan.problem.problem import Problem
+
+MOST_PROBLEMS = 10_000_000  # of a family
+FIELDS = {
+    "start": "start",
+    "goal": "goal",
+    "flight": "flight",
+    "motion": "motion",
+    "limits": "limits",
+    "obstacles": "obstacles",
+    "self_clearance": "self_clearances",
+}
+BY_JOINT = ("positions", "velocities", "accelerations")
+BY_MOTOR = ("velocity", "acceleration", "torque")
+
+
+@dataclass(frozen=True, eq=False)
+class Family(Sequence[Problem]):
+    """N problems that differ from a base problem in a few numbers.
+
+    ``family[i]`` is the i-th :class:`~floatplan.Problem`, made and checked when asked for; ``family[i:j]`` is a family.
+
+    Parameters
+    ----------
+    base : Problem
+    varied : mapping
+        Paths of a problem file, such as ``"flight.duration"``, ``"goal.positions.q1"``, ``"obstacles.0.center.0"`` or
+        ``"limits.torque.q2"``, each with its N values, in the unit of the base: rad in Python. The values of one index
+        belong together: there is no outer product.
+
+    Raises
+    ------
+    InputError
+        A path leads to nothing that a problem has, or the arrays are not of one length N.
+    """
+
+    base: Problem
+    varied: Mapping[str, npt.ArrayLike]
+
+    def __post_init__(self) -> None:
+        """Check paths and shapes; numbers are checked row by row."""
+        if not self.varied:
+            raise InputError("varies nothing", element="Family", advice='give a path such as "flight.duration"')
+        arrays: dict[str, npt.NDArray[Any]] = {}
+        for path, values in self.varied.items():
+            array = np.array(values)
+            array.setflags(write=False)
+            if array.ndim != 1 or array.dtype.kind not in "iuf":
+                raise InputError("must be an array (N,) of numbers", element=path)
+            arrays[path] = array
+            _with_values(self.base, {path: 0.0})
+        lengths = {len(array) for array in arrays.values()}
+        if len(lengths) > 1:
+            told = ", ".join(f"{path} has {len(array)}" for path, array in arrays.items())
+            raise InputError(f"the arrays differ in length: {told}", element="Family")
+        if max(lengths) > MOST_PROBLEMS:
+            raise InputError(f"{max(lengths)} problems, more than {MOST_PROBLEMS}", element="Family")
+        object.__setattr__(self, "varied", arrays)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.arrays.values())))
+
+    @property
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """The values (N,) by their paths."""
+        found: Any = self.varied
+        return dict(found)
+
+    @overload
+    def __getitem__(self, index: int) -> Problem: ...
+    @overload
+    def __getitem__(self, index: slice) -> Family: ...
+    def __getitem__(self, index: int | slice) -> Problem | Family:
+        if isinstance(index, slice):
+            return Family(self.base, {path: array[index] for path, array in self.arrays.items()})
+        values = {path: array[index].item() for path, array in self.arrays.items()}
+        return replace(self.base, **_with_values(self.base, values))
+
+    def __iter__(self) -> Iterator[Problem]:
+        return (self[index] for index in range(len(self)))
+
+
+def _with_values(base: Problem, values: Mapping[str, float]) -> dict[str, Any]:
+    """Fields of a problem with numbers set by their paths; not checked."""
+    found: dict[str, Any] = {}
+    for path, value in values.items():
+        head, *rest = path.split(".")
+        if head not in FIELDS or not rest:
+            raise InputError("is no number of a problem file that can be varied", element=path)
+        name = FIELDS[head]
+        current = found.get(name, getattr(base, name))
+        found[name] = _set(_spelt_out(base, head, "", current), rest, value, base, path)
+    return found
+
+
+def _set(current: Any, parts: Sequence[str], value: float, base: Problem, path: str) -> Any:
+    """``current`` with the number at the end of a path set."""
+    if not parts:
+        return value
+    key, *rest = parts
+    if isinstance(current, Mapping):
+        if key not in (*base.robot.joints, *base.robot.motors):
+            known = dict.fromkeys((*base.robot.joints, *base.robot.motors))
+            raise InputError(f"no joint {key!r}", element=path, advice=f"joints: {', '.join(known)}")
+        if key not in current and rest:
+            raise InputError(f"the base problem gives {key!r} nothing that could be varied", element=path)
+        return {**current, key: _set(current.get(key), rest, value, base, path)}
+    if is_dataclass(current) and not isinstance(current, type):
+        if key not in {each.name for each in fields(current)}:
+            raise InputError(f"there is no {key!r}", element=path)
+        inner = _spelt_out(base, path, key, getattr(current, key))
+        return replace(current, **{key: _set(inner, rest, value, base, path)})
+    if isinstance(current, tuple | list):
+        names = base.robot.joints
+        index = names.index(key) if key in names and len(names) == len(current) else _index(key, len(current), path)
+        changed = list(current)
+        changed[index] = _set(changed[index], rest, value, base, path)
+        return tuple(changed)
+    raise InputError("is no number of a problem file that can be varied", element=path)
+
+
+def _index(key: str, length: int, path: str) -> int:
+    if not (key.isascii() and key.isdecimal() and int(key) < length):
+        raise InputError(f"{key!r} is not one of 0 to {length - 1}" if length else "there is none", element=path)
+    return int(key)
+
+
+def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
+    """What a path may lead into, where the base has a word, one number for all, or nothing for it."""
+    head, robot = path.split(".")[0], base.robot
+    if head in ("start", "goal") and key in BY_JOINT and not isinstance(value, str):
+        if isinstance(value, Mapping):
+            return value
+        return dict(zip(robot.joints, np.broadcast_to(value, len(robot.joints)).tolist(), strict=True))
+    if head == "flight" and key in ("takeoff", "landing"):
+        return value or getattr(base, key)
+    if head == "limits" and key == "position" and path.count(".") > 1:
+        if isinstance(value, str):
+            return dict(zip(robot.joints, map(tuple, base.position_limits.tolist()), strict=True))
+        return value if isinstance(value, Mapping) else tuple(map(tuple, value))
+    if head == "limits" and key in BY_MOTOR and path.count(".") > 1:
+        if isinstance(value, str):
+            given = {"velocity": robot.motor_velocity_limits, "torque": robot.motor_torque_limits}.get(key)
+            limits = [] if value == "none" or given is None else given.tolist()
+            return {name: limit for name, limit in zip(robot.motors, limits, strict=False) if np.isfinite(limit)}
+        if isinstance(value, int | float):
+            return dict.fromkeys(robot.motors, value)
+        return value if isinstance(value, Mapping) else tuple(value)
+    return value

@@ -1,0 +1,34 @@
+"""Compiles the kernel when floatplan is built or installed; where that cannot be done, floatplan is pure Python."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from packaging.tags import sys_tags
+
+KERNEL = Path(__file__).parent / "floatplan" / "kernel"
+
+
+class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Puts the library beside the module that loads it: into a wheel, and into the checkout that is installed."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, and say of a wheel for which platform it then is."""
+        if self.target_name != "wheel":
+            return
+        spec = importlib.util.spec_from_file_location("kernel_build", KERNEL / "build.py")
+        assert spec is not None, "the file is there"
+        assert spec.loader is not None, "and is Python"
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        if module.build() is None:
+            (KERNEL / module.LIBRARY).unlink(missing_ok=True)
+            return
+        if version != "editable":
+            here = (tag.platform for tag in sys_tags())
+            platform = next(name for name in here if not name.startswith(("manylinux", "musllinux")))
+            build_data["pure_python"] = False
+            build_data["tag"] = f"py3-none-{platform}"  # no Python headers are used: any Python will do
