@@ -196,8 +196,8 @@ class Trajectory:
         by_all = by_p.reshape(nodes, -1).T @ value
         by_all += by_rate.reshape(nodes, -1).T @ derivative
         by_h = np.tensordot(sampling.weights, by_momentum, 1) if self.variables.momentum.free else None
-        directions = by_position.shape[1]
-        by_z, by_axes = self._split(by_all.reshape(directions, -1, by_all.shape[-1]))
+        directions, joints = by_position.shape[1:]
+        by_z, by_axes = self._split(by_all.reshape(directions, joints, by_all.shape[-1]))
         return self.duration * self.variables.flat_gradient(by_z.reshape(directions, -1), by_h, by_axes)
 
     def _split(self, by_all: Array) -> tuple[Array, Array | None]:
