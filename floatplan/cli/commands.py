@@ -16,6 +16,7 @@ import typer
 
 from floatplan.cli.common import DONE, FAILED, Commands, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
 from floatplan.cli.contact import takeoff as takeoff_command
+from floatplan.cli.init import init as init_command
 from floatplan.cli.show import export, show
 from floatplan.errors import InputError
 from floatplan.tables import OBJECTIVES
@@ -314,3 +315,4 @@ def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
 for command in (show, export):
     app.command()(command)
 app.command("takeoff")(takeoff_command)
+app.command("init")(init_command)
