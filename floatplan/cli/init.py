@@ -35,7 +35,9 @@ def init(
     if path.suffix != ".toml":
         raise InputError("a problem file ends in .toml", source=path, element="--output")
     if path.exists() and not force:
-        raise InputError("is there already", source=path, advice="give --force to overwrite it, or another name with -o")
+        raise InputError(
+            "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
+        )
 
     def progress(message: str) -> None:
         if not quiet:

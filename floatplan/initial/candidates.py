@@ -1,4 +1,4 @@
-"""Flights that can begin and end, searched for by ballistics and the rates of the frame at rest alone: no motion yet."""
+"""Flights that can begin and end, found by ballistics and the rates of the frame at rest alone: no motion yet."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ ENOUGH = 0.35  # [-] of the rates' limits: less is not sought
 ENOUGH_OF_A_LEAP = 0.7  # [-] the same where the flight is to turn as far as it can
 MOST = 0.95  # [-] of the rates' limits: more is not taken
 EXCESS = 10.0  # [-] of a leap's rates over what is enough
+SMOOTH_PEAK = 1.875  # [-] of a smooth motion's mean rate, see (13)
 UNBOUNDED = 1e3  # [-] the ratio where there are no rates
 SAMPLES = 128  # [-] postures that a search begins with
 BEGINNINGS = 2  # [-] of them that are followed
@@ -161,7 +162,9 @@ class Flights:
         """Least for a flight well within the limits, above the ground, in natural postures, that turns far."""
         low, high = self.ranges.T
         unnatural = float(np.sqrt(np.mean(((candidate.positions - self.robot.resting) / (high - low)) ** 2)))
-        worst = min(float(candidate.ratios.max()), UNBOUNDED)
+        swing = np.abs(candidate.positions[1] - candidate.positions[0]) / self.stance.limits
+        hurry = SMOOTH_PEAK * float(swing.max()) / candidate.duration
+        worst = min(max(float(candidate.ratios.max()), hurry), UNBOUNDED)
         used = max(worst, ENOUGH) if self.turns else EXCESS * max(worst - ENOUGH_OF_A_LEAP, 0.0)
         sunk = PENALTY * (SUNK + candidate.depth) if candidate.depth else 0.0
         return used + sunk + UNNATURAL * unnatural - (0.0 if self.turns else abs(candidate.turn))
@@ -191,4 +194,4 @@ class Flights:
         values = low + row * (high - low)
         middle = np.concatenate((rest, rest))
         values[: len(middle)] = np.clip((values[: len(middle)] + middle) / 2, low[: len(middle)], high[: len(middle)])
-        return values
+        return np.asarray(values)

@@ -1,4 +1,4 @@
-"""A first flight of any robot: a flip that it can push off and land, else the largest turn, else a turn in free fall."""
+"""A first flight of any robot: a flip that it can push off and land, else the largest turn, else one afloat."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from floatplan.problem.limits import position_limits
 from floatplan.problem.parts import Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
 
-LONG, SHORT, LEAPING = (3.0, 3.8), (2.3, 3.0), (0.5, 2.4)  # [-] durations over sqrt(height / g)
+LONG, SHORT, LEAPING = (3.0, 3.8), (2.3, 3.0), (1.2, 2.4)  # [-] durations over sqrt(height / g)
 WORK = 8e6  # [instants of one body] of a search for one flight's motion
 LEAN = math.radians(35)  # [rad] of the base at both ends of a flip
-LEANS_OF_LEAPS = (math.radians(60), math.radians(30), math.radians(12))  # [rad] the same of leaps, which turn by it
+LEANS_OF_LEAPS = tuple(math.radians(lean) for lean in (60, 30, 12, 4))  # [rad] the same of leaps, which turn by it
 FLIPS = 4  # [-] motions tried of flips, and
 LEAPS = 6  # [-] of leaps
 CORRECTIONS = 2  # [-] with lower accelerations, where a locked joint cannot be held
@@ -136,12 +136,9 @@ def _families(chosen: ChosenRobot) -> Iterator[tuple[str, Iterator[Flights], int
 
 
 def _problem(chosen: ChosenRobot, flights: Flights, candidate: Candidate) -> Problem:
-    start, goal = (
-        Posture(float(orientation), positions, word, "free")
-        for orientation, positions, word in zip(
-            candidate.orientations, candidate.positions, ("takeoff", "landing"), strict=True
-        )
-    )
+    begin, end = candidate.orientations.tolist()
+    start = Posture(begin, candidate.positions[0], "takeoff", "free")
+    goal = Posture(end, candidate.positions[1], "landing", "free")
     frame = flights.stance.frame
     return Problem(
         chosen.robot,
@@ -149,7 +146,7 @@ def _problem(chosen: ChosenRobot, flights: Flights, candidate: Candidate) -> Pro
         goal,
         Flight(
             candidate.duration,
-            angular_momentum=candidate.angular_momentum,
+            angular_momentum=candidate.angular_momentum if flights.turns else "free",
             takeoff=Takeoff(frame),
             landing=Landing(frame),
             horizontal_velocity=candidate.horizontal_velocity,
@@ -185,7 +182,8 @@ def _planned(problem: Problem, seed: int) -> tuple[Problem, Plan] | None:
         if len(shares) < len(plan.warnings):
             return None
         acceleration = CALMER * min(shares) * float(plan.peaks.joints["acceleration"].max())
-        problem = replace(problem, limits=replace(problem.limits, acceleration=float(f"{acceleration:.2g}")))
+        rounded = math.radians(float(f"{math.degrees(acceleration):.2g}"))
+        problem = replace(problem, limits=replace(problem.limits, acceleration=rounded))
     return None
 
 

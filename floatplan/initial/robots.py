@@ -20,7 +20,7 @@ from floatplan.robot.urdf.srdf import reference_postures
 
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin
-LIGHT = 0.005  # [-] of the robot's mass: joints that carry less, such as fingers, stay locked
+LIGHT = 0.01  # [-] of the robot's mass: joints that carry less, such as fingers, stay locked
 
 
 @dataclass(frozen=True, eq=False)

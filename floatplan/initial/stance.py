@@ -1,19 +1,23 @@
-"""How a robot stands at one end of a flight: on one frame at rest, with nothing else in the ground or going into it."""
+"""How a robot stands at one end of a flight: on a frame at rest, with nothing else in the ground or going into it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.motion.planar.contact_rates import ContactRates, equations_at, rates_at
 from floatplan.motion.planar.contact import STILL
+from floatplan.motion.planar.contact_rates import ContactRates, equations_at, rates_at
 from floatplan.problem.ground import contact_shapes
 from floatplan.robot.robot import Robot
+
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
 SOON = 0.03  # [s] after takeoff, or before landing, when everything still has to be above the ground
@@ -32,11 +36,11 @@ class Stance:
     def limits(self) -> Array:
         """Velocity limits (n,) rad/s of the planned joints: the URDF's, where that has sensible ones."""
         fast = FAST / np.abs(self.robot.motor_ratios).max(axis=0)
-        return np.minimum(self.robot.velocity_limits, fast)
+        return np.asarray(np.minimum(self.robot.velocity_limits, fast))
 
     @cached_property
-    def _points(self) -> tuple[Array, Array, Array, Array]:
-        """Weights (P, m) of the ends of all shapes, their radii (P,), m; which stand, and which are a foot's, mirrored or not."""
+    def _points(self) -> tuple[ComplexArray, Array, BoolArray, BoolArray]:
+        """Weights (P, m) of the ends of all shapes, radii (P,), m; which stand, and which are on a foot's body."""
         robot, frame = self.robot, self.robot.frames[self.frame]
         standing = {id(shape) for shape in contact_shapes(robot, frame.link)}
         if not standing:
@@ -54,10 +58,8 @@ class Stance:
         heights = (weights[stands] @ self._rotations(orientation, positions)).imag - radii[stands]
         return -float(heights.min())
 
-    def rates(
-        self, orientation: float, positions: Array, com_velocity: Array, momentum: float | None
-    ) -> ContactRates:
-        """Least rates with which the frame is at rest; ``com_velocity`` (2,) m/s, momentum kg m^2/s, None for the best."""
+    def rates(self, orientation: float, positions: Array, com_velocity: Array, momentum: float) -> ContactRates:
+        """Least rates with which the frame is at rest; ``com_velocity`` (2,) m/s, momentum kg m^2/s."""
         equations = equations_at(self.robot, self.robot.frames[self.frame], orientation, positions, com_velocity)
         return rates_at(self.robot, equations, self.limits, momentum)
 

@@ -6,16 +6,16 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array
 from floatplan.initial.flight import FirstFlight
 from floatplan.initial.robots import ChosenRobot
+from floatplan.initial.stance import FAST
 from floatplan.problem.limits import position_limits
 from floatplan.problem.parts import Posture
 from floatplan.robot.robot import Robot
@@ -62,7 +62,9 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     assert robot.path is not None
     relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
     lines = ["[robot]", f"urdf = {_value(robot.source if robot.source.startswith(PREFIX) else relative)}"]
-    lines.append(f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base")
+    lines.append(
+        f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base"
+    )
     choices = chosen.choices
     if "joints" in choices:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
@@ -95,7 +97,9 @@ def _joints(robot: Robot) -> list[str]:
             )
         )
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [f"# {'  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()}" for row in rows]
+    return [
+        f"# {'  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()}" for row in rows
+    ]
 
 
 def _known(limit: float) -> str:
@@ -123,7 +127,8 @@ def _flight(flight: FirstFlight) -> list[str]:
     if not problem.ground:
         return [*lines, "angular_momentum = 0", "gravity = 0"]
     shares = [f"{100 * (contact.ratio or 0):.0f} %" for contact in flight.plan.contacts]
-    lines.append(f"angular_momentum = {asked.angular_momentum:g}  # kg m^2/s")
+    free = asked.angular_momentum == "free"
+    lines.append(f"angular_momentum = {_value(asked.angular_momentum)}{'' if free else '  # kg m^2/s'}")
     lines.append(f"horizontal_velocity = {asked.horizontal_velocity:g}  # m/s")
     lines.append(f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}  # with {shares[0]} of the velocity limits")
     lines.append(f"landing = {{ frame = {_value(problem.landing.frame)} }}  # with {shares[1]}")
@@ -138,11 +143,15 @@ def _limits(flight: FirstFlight) -> list[str]:
     if limits.velocity == "urdf":
         lines.append('velocity = "urdf"')
     else:
-        degrees = math.degrees(float(limits.velocity))  # type: ignore[arg-type]
+        degrees = math.degrees(FAST)
         lines.append(f"velocity = {round(degrees, 6):g}  # degrees/s: the URDF gives none")
-    lines.append('torque = "urdf"' if limits.torque == "urdf" else '# torque: the URDF gives none; a number is for all, N m')
-    if limits.acceleration != "none":
-        lines.append(f"acceleration = {round(math.degrees(float(limits.acceleration)))}  # degrees/s^2: locked joints hold then")
+    lines.append(
+        'torque = "urdf"' if limits.torque == "urdf" else "# torque: the URDF gives none; a number is for all, N m"
+    )
+    if isinstance(limits.acceleration, int | float):
+        lines.append(
+            f"acceleration = {round(math.degrees(limits.acceleration))}  # degrees/s^2: locked joints hold then"
+        )
     return lines
 
 
