@@ -1,4 +1,4 @@
-"""Prints a table of what ``floatplan init`` finds for much-used robots: Usage: ``python scripts/first_flights.py [NAME ..]``.
+"""Prints a table of what ``floatplan init`` finds for much-used robots. Names choose some of them.
 
 Each file is written, read again and planned as it stands: the table says whether that is proved, and without warnings.
 """

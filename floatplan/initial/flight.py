@@ -93,7 +93,7 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
                 least = min(least, float(candidate.ratios.max()) if not candidate.depth else math.inf)
                 continue
             tries += 1
-            answer = _planned(_problem(chosen, family, candidate), seed)
+            answer = _planned(_problem(chosen, family, candidate))
             if answer is not None:
                 return FirstFlight(*answer, () if kind == "flip" else tuple(reasons))
             if tries == most:
@@ -102,7 +102,7 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
     if not chosen.feet:
         reasons.append("No feet were found that it could stand on.")
     for problem in _in_free_fall(chosen):
-        answer = _planned(problem, seed)
+        answer = _planned(problem)
         if answer is not None:
             return FirstFlight(*answer, tuple(reasons))
     raise FloatplanError(f"{chosen.robot.source}: no flight was found that is proved and without warnings")
@@ -167,11 +167,16 @@ def _limits(chosen: ChosenRobot) -> Limits:
     )
 
 
-def _planned(problem: Problem, seed: int) -> tuple[Problem, Plan] | None:
-    """A proved plan without warnings; where only a locked joint cannot be held, one that moves more calmly."""
+def _planned(problem: Problem) -> tuple[Problem, Plan] | None:
+    """A proved plan without warnings; where only a locked joint cannot be held, one that moves more calmly.
+
+    A short search tells whether the whole one, which the file will have, is worth while.
+    """
     for _ in range(1 + CORRECTIONS):
         try:
-            plan = proved_plan(planned(problem, SearchOptions(seed, work=WORK)))
+            if not planned(problem, SearchOptions(work=WORK)).plan.ok:
+                return None
+            plan = proved_plan(planned(problem, SearchOptions()))
         except InputError:
             return None
         if not plan.ok or plan.certificate is None or not plan.certificate.proved:
