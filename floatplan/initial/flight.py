@@ -37,7 +37,7 @@ WIDEST_SWING = math.radians(60)  # [rad]
 UNHURRIED = 3.0  # [-] times the duration at the velocity limits
 SLOWER = (1.0, 2.0, 4.0)  # [-] of that duration
 SHORTEST = 1.0  # [s] of a turn in free fall
-STEPS = 200  # [-] of the turn that straight swings make
+NODES = 40  # [-] of the turn that straight swings make
 INSIDE = 0.05  # [-] of a joint's range, kept free at its ends
 
 
@@ -101,6 +101,8 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
         reasons.append(_why(kind, tries, least))
     if not chosen.feet:
         reasons.append("No feet were found that it could stand on.")
+    elif len(chosen.robot.joints) == 1:
+        reasons.append("For a flip one joint is too few: no rates of it and the base stop the foot.")
     for problem in _in_free_fall(chosen):
         answer = _planned(problem)
         if answer is not None:
@@ -119,7 +121,7 @@ def _why(kind: str, tries: int, least: float) -> str:
 def _families(chosen: ChosenRobot) -> Iterator[tuple[str, Iterator[Flights], int]]:
     """What to try: flips backwards, then forwards, then leaps; each on all feet, long flights first."""
     robot = chosen.robot
-    if not chosen.feet:
+    if not chosen.feet or len(robot.joints) == 1:
         return
     stances = {foot: (Stance(robot, foot), upright(robot, foot)) for foot in chosen.feet}
     backwards = int(robot.plane.turn)
@@ -222,6 +224,7 @@ def _in_free_fall(chosen: ChosenRobot) -> Iterator[Problem]:
 
 def _turn(chosen: ChosenRobot, start: Array, goal: Array) -> float:
     """What straight swings from one posture to another make of the orientation, rad, without angular momentum."""
-    shares = (np.arange(STEPS) + 0.5) / STEPS
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    shares = (nodes + 1) / 2
     rows = momentum_mapping(chosen.robot.tree)(start + shares[:, None] * (goal - start)).rows
-    return -float((rows[:, 1:] @ (goal - start) / rows[:, 0]).mean())
+    return -float(weights @ (rows[:, 1:] @ (goal - start) / rows[:, 0])) / 2
