@@ -31,6 +31,7 @@ from floatplan.cli.common import (
 )
 from floatplan.cli.contact import takeoff as takeoff_command
 from floatplan.cli.info import InfoCommand, info
+from floatplan.cli.init import init as init_command
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.robots import robots
 from floatplan.cli.schema import schema
@@ -318,3 +319,4 @@ app.command(cls=InfoCommand)(info)
 for command in (robots, schema, show, export):
     app.command()(command)
 app.command("takeoff")(takeoff_command)
+app.command("init")(init_command)
