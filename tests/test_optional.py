@@ -36,7 +36,7 @@ def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyP
     near = tmp_path.name
     assert refusal(monkeypatch) == f"{start}{near}/.venv/bin/python -m pip install -e '{near}[view]'"
     monkeypatch.chdir("/")
-    words = shlex.split(refusal(monkeypatch).partition("install it: ")[2])
+    words = shlex.split(optional.install_advice("view").partition("install it: ")[2])
     assert (Path("/") / words[0]).resolve() == (tmp_path / ".venv" / "bin" / "python").resolve()
     assert words[1:5] == ["-m", "pip", "install", "-e"]
 

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 import floatplan as fp
+from floatplan import kernel
 from floatplan.cli import common, progress
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,7 +132,8 @@ class TestLog:
 
 def test_the_version(floatplan: Callable[..., Any]) -> None:
     run = floatplan("--version")
-    assert (run.code, run.stdout, run.stderr) == (0, f"floatplan {fp.__version__}\n", "")
+    solver = f"floatplan {fp.__version__}, {kernel.description()}\n"
+    assert (run.code, run.stdout, run.stderr) == (0, solver, "")
 
 
 def test_shells_complete_commands() -> None:

@@ -68,7 +68,8 @@ def _sound(rng: random.Random, command: str, spoiled: set[str]) -> list[str]:
     words: list[str] = []
     for parameter in _commands()[command]:
         if parameter.param_type_name == "argument":
-            words.append("plan.json" if "PLAN" in parameter.metavar else "problem.toml")
+            if parameter.required:
+                words.append("plan.json" if "PLAN" in (parameter.metavar or "") else "problem.toml")
         elif parameter.required and parameter.name not in spoiled:
             words += [parameter.opts[0], rng.choice(FORMATS)]
     if "ROBOT" in (_commands()[command][0].metavar or "") and rng.random() < 0.3:

@@ -36,6 +36,7 @@ from floatplan.files import write_atomically
 LONGEST_MESSAGE = 2000  # characters
 GRACE = 2.0  # s of CPU beyond the budget
 UNBUDGETED = 10.0  # s of CPU that other commands may take
+SEARCHING = 40.0  # s of CPU that the search of a first flight may take
 PATIENCE = 60  # s until a run counts as hanging
 LARGEST = 2 * 1024**3  # bytes
 
@@ -61,7 +62,7 @@ def limit_of(arguments: Sequence[str]) -> float:
     if "plan" in arguments[:1] and budgets:
         with contextlib.suppress(ValueError):
             return min(max(float(budgets[-1]), 0.0), UNBUDGETED) + GRACE
-    return UNBUDGETED + GRACE
+    return (SEARCHING if "init" in arguments[:1] else UNBUDGETED) + GRACE
 
 
 def judge(seed: int, arguments: Sequence[str], code: object, output: str, errors: str, seconds: float) -> list[Finding]:

@@ -70,7 +70,7 @@ def robots_kept(robots: int) -> int:
             path.write_text(text.replace('<mass value="', f'<mass value="{number + 1}'), encoding="utf-8")
             fp.plan(fp.Problem(fp.Robot.from_urdf(path), *postures, fp.Flight(duration=1.0)))
     gc.collect()
-    return sum(type(each) is fp.Robot for each in gc.get_objects())
+    return sum(type(each) is fp.Robot and each.path == path for each in gc.get_objects())
 
 
 def fork_agrees() -> bool:
