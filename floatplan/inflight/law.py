@@ -1,0 +1,88 @@
+"""The law of corrections: least miss at the landing, change of the accelerations, and breach of limits, softly.
+
+With the miss c, the change y of the motion and the rows g of the limits that are near, a few Gauss-Newton steps on
+
+    c^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
+
+tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for it
+both go to zero, and the minimal-norm correction's torque would grow like ``1 / tau^2``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.inflight.limits import Rows
+from floatplan.inflight.outlook import Outlook
+
+STEPS = 3  # [-] of Gauss-Newton at most
+SETTLED = 0.1  # [-] of sigma, and of the rows' softness: a smaller step changes nothing
+MOST_ROWS = 24  # [-] of a block that are looked at in a step
+KEPT = 1e-3  # [-] a row that is less below zero counts as kept
+SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
+
+
+@dataclass(frozen=True)
+class Law:
+    """The weights of the law: ``sigma`` rad of the landing, ``acceleration`` rad/s^2 of a correction."""
+
+    sigma: float
+    acceleration: float
+    rows: tuple[Rows, ...]
+
+    def corrected(self, present: Outlook) -> tuple[Outlook, float]:
+        """Return the outlook after the correction, and the share of the correction that was taken."""
+        y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - 6))
+        stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
+        best, outlook, least = y, present, self._cost(present, y, stiffness)
+        tried = present
+        for _ in range(STEPS):
+            step, expected = self._step(tried, y, stiffness)
+            y = y + step
+            tried = present.changed(y)
+            cost = self._cost(tried, y, stiffness)
+            if cost < least:
+                best, outlook, least = y, tried, cost
+            if not np.isfinite(cost) or cost <= expected + SETTLED**2:
+                break
+        if self._keeps(outlook, present):
+            return outlook, 1.0
+        for scale in SCALES:
+            part = present.changed(scale * best)
+            if self._keeps(part, present):
+                return part, scale
+        return present, 0.0
+
+    @staticmethod
+    def _keeps(outlook: Outlook, present: Outlook) -> bool:
+        """Whether a correction breaks no limit, or none further than it is broken without."""
+        return bool((outlook.worst >= np.minimum(-KEPT, present.worst - KEPT)).all())
+
+    def _cost(self, outlook: Outlook, y: Array, stiffness: float) -> float:
+        cost = (outlook.miss / self.sigma) ** 2 + stiffness * float(y @ y)
+        for block, values in zip(self.rows, outlook.values, strict=True):
+            near = np.minimum(values - block.aim, 0.0) / block.softness
+            cost += float((near * near).sum())
+        return cost
+
+    def _step(self, outlook: Outlook, y: Array, stiffness: float) -> tuple[Array, float]:
+        """One step, and the cost that it would have if everything were linear."""
+        rows = [outlook.miss_by_y[None, :] / self.sigma]
+        residual = [np.array([outlook.miss / self.sigma])]
+        for block, values in zip(self.rows, outlook.values, strict=True):
+            near = np.flatnonzero(values.ravel() < block.aim)
+            if near.size > MOST_ROWS:
+                near = near[np.argpartition(values.ravel()[near], MOST_ROWS)[:MOST_ROWS]]
+            if near.size:
+                instants, columns = np.divmod(near, values.shape[1])
+                rows.append(outlook.rows_by_y(block, instants, columns) / block.softness)
+                residual.append((values.ravel()[near] - block.aim) / block.softness)
+        jacobian, residuals = np.concatenate(rows), np.concatenate(residual)
+        hessian = jacobian.T @ jacobian
+        hessian.flat[:: len(y) + 1] += stiffness
+        step = np.linalg.solve(hessian, -(jacobian.T @ residuals + stiffness * y))
+        after = residuals + jacobian @ step
+        return step, float(after @ after + stiffness * (y + step) @ (y + step))
