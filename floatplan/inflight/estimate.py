@@ -1,9 +1,8 @@
-"""The robot's state in flight, from measurements: what does not change in flight is what is filtered.
+"""The robot's state in flight, from measurements: orientation, place of the centre of mass, momentum and masses.
 
 Between measurements the orientation goes on by (4) along the joints' reference, the centre of mass on its parabola.
 What is measured beside that corrects them: the first measurements are averaged, later ones weigh as
-``dt / time constant``. The angular momentum is ``D(q) . (theta0', q')`` with the plan's masses: it is what turns *that*
-robot as the real one turns, and follows slowly where real masses are others.
+``dt / time constant``.
 """
 
 from __future__ import annotations
@@ -14,24 +13,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.inflight.identification import Identification
 from floatplan.inflight.measurement import Measurement
 from floatplan.motion.planar.ballistics import Ballistics
 
-MOMENTUM_TIME = 0.05  # [s] time constants of the low-pass filters
-ORIENTATION_TIME = 0.01
+ORIENTATION_TIME = 0.01  # [s] time constants of the low-pass filters
 PLACE_TIME = 0.02
 
 
 @dataclass
 class Estimate:
-    """Orientation, rad, with the joints on their reference, and h, kg m^2/s, at ``time``; place and velocity of the CM.
+    """Orientation, rad, with the joints on their reference, at ``time``; place and velocity of the CM; h and masses.
 
     ``seen`` and ``placed`` count measurements, of the centre of mass the latter.
     """
 
     time: float
     orientation: float
-    angular_momentum: float
+    inertial: Identification
     com_position: Array
     com_velocity: Array
     gravity: float
@@ -54,10 +53,15 @@ class Estimate:
         self.orientation += turn
         self.time = time
 
-    def learn(self, measured: Measurement, dt: float, orientation: float, momentum: float) -> None:
+    @property
+    def angular_momentum(self) -> float:
+        """About the centre of mass, kg m^2/s."""
+        return self.inertial.angular_momentum
+
+    def learn(self, measured: Measurement, dt: float, orientation: float) -> None:
         """Take in a measurement made at the estimate's time, ``dt`` s after the last."""
         self.seen += 1
-        self.angular_momentum += _weight(self.seen, dt, MOMENTUM_TIME) * (momentum - self.angular_momentum)
+        self.inertial.learn(measured.positions, measured.velocities, measured.orientation_rate, dt)
         self.orientation += _weight(self.seen, dt, ORIENTATION_TIME) * (orientation - self.orientation)
         if measured.com_position is not None and measured.com_velocity is not None:
             self.placed += 1

@@ -12,6 +12,7 @@ from floatplan.inflight.limits import RowPartials, Rows, distance_rows, limit_ro
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Distances, LinkShapes, Segments
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, PlanarFlown, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import CONDITIONS, Form, SinePolynomials, basis
@@ -26,12 +27,13 @@ SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 @dataclass(frozen=True, eq=False)
 class Present:
-    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on."""
+    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on, masses."""
 
     time: float
     orientation: float
     angular_momentum: float
     com: Ballistics
+    dynamics: Dynamics
 
 
 class Views:
@@ -119,7 +121,7 @@ class Outlook:
         shape = SinePolynomials(motion.centre, motion.amplitude, motion.remaining, np.empty((n, 0)), (0,) * n)
         flight = PlanarFlight(
             views.flight.tree,
-            views.flight.equations,
+            present.dynamics,
             views.flight.link_shapes,
             present.com,
             present.orientation,

@@ -13,10 +13,12 @@ import numpy.typing as npt
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.estimate import Estimate
+from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import Law
 from floatplan.inflight.measurement import Measurement, Plausibility, read
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 
@@ -51,7 +53,7 @@ class Correction:
     landing : s
         When the robot lands.
     angular_momentum : kg m^2/s
-        As it is estimated, with the plan's masses.
+        As it is estimated.
     """
 
     status: Status
@@ -121,7 +123,6 @@ class Replanner:
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
         self._law = Law(float(sigma), scale, self._views.rows)
         self._plausible = Plausibility(plan)
-        self._dynamics = self._views.flight.equations
         tree = plan.robot.tree
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         self._gap = gauss_legendre(GAP_NODES)
@@ -135,8 +136,11 @@ class Replanner:
         plan = self.plan
         self._motions: deque[RemainingMotion] = deque([self._rewriting.first], maxlen=MEMORY)
         path = plan.ballistics
+        nominal = self._views.flight.equations
+        start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
+        inertial = Identification(plan.robot.tree, nominal, plan.angular_momentum, start)
         self._estimate = Estimate(
-            0.0, plan.problem.initial.orientation, plan.angular_momentum, path.position0, path.velocity0, path.gravity
+            0.0, plan.problem.initial.orientation, inertial, path.position0, path.velocity0, path.gravity
         )
         self._measured = -math.inf
         self._now = 0.0
@@ -234,9 +238,8 @@ class Replanner:
         ):
             return False
         estimate.advance(measured.time, turn)
-        momentum = inertia[1, 0] * measured.orientation_rate + inertia[1, 1:] @ measured.velocities
         on_reference = estimate.orientation + measured.orientation - expected
-        estimate.learn(measured, measured.time - began, on_reference, float(momentum))
+        estimate.learn(measured, measured.time - began, on_reference)
         self._measured = measured.time
         return True
 
@@ -275,7 +278,7 @@ class Replanner:
         """The robot at a time not before the last measurement."""
         estimate = self._estimate
         orientation = estimate.orientation + self._turned(estimate.time, now)
-        return Present(now, orientation, estimate.angular_momentum, estimate.path(now))
+        return Present(now, orientation, estimate.angular_momentum, estimate.path(now), self._dynamics)
 
     def _turned(self, begin: float, end: float) -> float:
         """By how much the base turns between two times, with the joints on their reference, rad."""
@@ -299,6 +302,11 @@ class Replanner:
             if motion.begin <= time:
                 return motion
         return self._motions[-1 if math.isnan(time) else 0]
+
+    @property
+    def _dynamics(self) -> Dynamics:
+        """The robot's, with the masses that were found."""
+        return self._estimate.inertial.dynamics
 
     def _base_rate(self, positions: Array, velocities: Array) -> Array:
         return self._dynamics.base_rate(positions, velocities, self._estimate.angular_momentum)

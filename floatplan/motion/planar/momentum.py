@@ -11,6 +11,7 @@ many by the rotation of each.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -37,6 +38,9 @@ class MomentumMapping(Protocol):
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
 
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> MomentumMapping:
+        """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
+
 
 def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
     """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
@@ -56,13 +60,24 @@ class PairCosines:
     """
 
     def __init__(self, tree: PlanarTree) -> None:
-        coupling, rates = centroidal_coupling(tree), body_rates(tree)
-        i, j = np.triu_indices(len(tree.mass), 1)
-        phasor = coupling[i, j] * np.exp(1j * tree.turn * (tree.offsets[j] - tree.offsets[i]))
-        self.constant = (tree.inertia + coupling.diagonal().real) @ rates
+        self._pairs = i, j = np.triu_indices(len(tree.mass), 1)
+        self._turn, self._rates = tree.turn, body_rates(tree)
+        self._pair_rates = self._rates[i] + self._rates[j]
+        self._offsets = np.exp(1j * tree.turn * (tree.offsets[j] - tree.offsets[i]))
         self.frequency = tree.turns[j] - tree.turns[i]
-        self.amplitude = np.abs(phasor)[:, None] * (rates[i] + rates[j])
-        self.phase = tree.turn * np.angle(phasor)
+        self._set(centroidal_coupling(tree), tree.inertia)
+
+    def _set(self, coupling: ComplexArray, inertia: Array) -> None:
+        phasor = coupling[self._pairs] * self._offsets
+        self.constant = (inertia + coupling.diagonal().real) @ self._rates
+        self.amplitude = np.abs(phasor)[:, None] * self._pair_rates
+        self.phase = self._turn * np.angle(phasor)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> PairCosines:
+        """The same tree's with other masses."""
+        other = copy(self)
+        other._set(coupling, inertia)
+        return other
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
@@ -80,8 +95,14 @@ class BodyRotations:
 
     def __init__(self, tree: PlanarTree) -> None:
         self._tree = tree
-        self._coupling = centroidal_coupling(tree)
+        self._coupling, self._inertia = centroidal_coupling(tree), np.asarray(tree.inertia)
         self._rates = body_rates(tree)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> BodyRotations:
+        """The same tree's with other masses."""
+        other = copy(self)
+        other._coupling, other._inertia = coupling, inertia
+        return other
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
@@ -95,7 +116,7 @@ class BodyRotations:
             moving = back * ((rotations * rates) @ self._coupling.T)
             return np.asarray(tree.turn * ((moving.imag - rates * gathered.imag) @ tree.turns))
 
-        return MomentumMap((gathered.real + tree.inertia) @ self._rates, momentum_by_position)
+        return MomentumMap((gathered.real + self._inertia) @ self._rates, momentum_by_position)
 
 
 def momentum_mapping(tree: PlanarTree) -> MomentumMapping:
