@@ -17,9 +17,11 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.inflight.limits import Rows
 from floatplan.inflight.outlook import Outlook
+from floatplan.motion.sine_polynomial import CONDITIONS
 
-STEPS = 3  # [-] of Gauss-Newton at most
-SETTLED = 0.1  # [-] of sigma, and of the rows' softness: a smaller step changes nothing
+EVALUATIONS = 3  # [-] of motions at most
+SETTLED = 0.1  # [-] of sigma, and of the cost: less changes nothing
+SHORTER = 0.3  # [-] of a step that is no better
 MOST_ROWS = 24  # [-] of a block that are looked at in a step
 KEPT = 1e-3  # [-] a row that is less below zero counts as kept
 SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
@@ -33,33 +35,42 @@ class Law:
     acceleration: float
     rows: tuple[Rows, ...]
 
-    def corrected(self, present: Outlook) -> tuple[Outlook, float]:
-        """Return the outlook after the correction, and the share of the correction that was taken."""
-        y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - 6))
+    def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
+        """Return the outlook after the correction, and the share of the correction that was taken.
+
+        ``evaluations`` are made of motions at most, each a Gauss-Newton step from the best one so far, or a shorter one
+        where that was no better.
+        """
+        y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
         stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
         best, outlook, least = y, present, self._cost(present, y, stiffness)
-        tried = present
-        for _ in range(STEPS):
-            step, expected = self._step(tried, y, stiffness)
-            y = y + step
+        step, expected = self._step(outlook, best, stiffness)
+        for _ in range(evaluations):
+            y = best + step
             tried = present.changed(y)
             cost = self._cost(tried, y, stiffness)
-            if cost < least:
-                best, outlook, least = y, tried, cost
-            if not np.isfinite(cost) or cost <= expected + SETTLED**2:
+            if not cost < least:
+                step = SHORTER * step
+                if not np.isfinite(cost) or stiffness * (step @ step) < SETTLED**2:
+                    break
+                continue
+            settled = cost <= expected + SETTLED**2 or least - cost < SETTLED * least
+            best, outlook, least = y, tried, cost
+            if settled:
                 break
+            step, expected = self._step(outlook, best, stiffness)
         if self._keeps(outlook, present):
             return outlook, 1.0
         for scale in SCALES:
             part = present.changed(scale * best)
-            if self._keeps(part, present):
+            if self._keeps(part, present) and self._cost(part, scale * best, stiffness) < self._cost(present, 0 * y, 0.0):
                 return part, scale
         return present, 0.0
 
     @staticmethod
     def _keeps(outlook: Outlook, present: Outlook) -> bool:
-        """Whether a correction breaks no limit, or none further than it is broken without."""
-        return bool((outlook.worst >= np.minimum(-KEPT, present.worst - KEPT)).all())
+        """Whether a correction keeps what the present motion keeps; what that breaks, the cost has weighed."""
+        return bool(((outlook.worst >= -KEPT) | (present.worst < -KEPT)).all())
 
     def _cost(self, outlook: Outlook, y: Array, stiffness: float) -> float:
         cost = (outlook.miss / self.sigma) ** 2 + stiffness * float(y @ y)

@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
-from floatplan.inflight.law import Law
+from floatplan.inflight.law import EVALUATIONS, Law
 from floatplan.inflight.measurement import Measurement, Plausibility, read
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
@@ -27,6 +27,7 @@ Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 SIGMA = 0.003  # [rad] miss that is worth a correction of the plan's own accelerations
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 8  # [-] of the quadrature between measurements
+FIRST = 12  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
@@ -244,13 +245,13 @@ class Replanner:
         return True
 
     def _corrected_motion(self, now: float) -> Correction:
-        self._corrected = now
+        first, self._corrected = self._corrected < 0.0, now
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         motion = self._rewriting.from_now(self.motion, now, landing)
         present = Outlook(self._views, motion, self._present(now))
-        outlook, share = self._law.corrected(present)
+        outlook, share = self._law.corrected(present, FIRST if first else EVALUATIONS)
         self._landing = landing
         self._motions.append(outlook.motion)
         status, reason = _judged(outlook, share)
