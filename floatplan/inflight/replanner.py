@@ -119,25 +119,25 @@ class Replanner:
         if not plan.ok:
             raise InputError("the plan does not reach its goal", element="plan", advice="plan again")
         self.plan, self.rate = plan, float(rate)
-        self._rewriting = Rewriting(plan)
-        self._views = Views(plan, self._rewriting.form)
+        self.rewriting = Rewriting(plan)
+        self.views = Views(plan, self.rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
-        self._law = Law(float(sigma), scale, self._views.rows)
+        self._law = Law(float(sigma), scale, self.views.rows)
         self._plausible = Plausibility(plan)
         tree = plan.robot.tree
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         self._gap = gauss_legendre(GAP_NODES)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
-        self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates(), now=0.0)
+        self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
 
     def reset(self) -> None:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
-        self._motions: deque[RemainingMotion] = deque([self._rewriting.first], maxlen=MEMORY)
+        self._motions: deque[RemainingMotion] = deque([self.rewriting.first], maxlen=MEMORY)
         path = plan.ballistics
-        nominal = self._views.flight.equations
+        nominal = self.views.flight.equations
         start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
         inertial = Identification(plan.robot.tree, nominal, plan.angular_momentum, start)
         self._estimate = Estimate(
@@ -147,7 +147,7 @@ class Replanner:
         self._now = 0.0
         self._corrected = -math.inf
         self._landing = plan.duration
-        outlook = Outlook(self._views, self.motion, self._present(0.0))
+        outlook = Outlook(self.views, self.motion, self._present(0.0))
         self._last = Correction(
             "applied", self.motion, outlook.miss, outlook.torque_peak, "", plan.duration, plan.angular_momentum
         )
@@ -249,8 +249,8 @@ class Replanner:
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
-        motion = self._rewriting.from_now(self.motion, now, landing)
-        present = Outlook(self._views, motion, self._present(now))
+        motion = self.rewriting.from_now(self.motion, now, landing)
+        present = Outlook(self.views, motion, self._present(now))
         outlook, share = self._law.corrected(present, FIRST if first else EVALUATIONS)
         self._landing = landing
         self._motions.append(outlook.motion)

@@ -29,7 +29,7 @@ from floatplan.simulation.replay import Engine, check_engine
 from floatplan.simulation.stepping import Stepper, mujoco_stepper, pinocchio_stepper
 
 PERIOD = 1e-3  # [s] of the joints' control
-BANDWIDTH = 60.0  # [rad/s] of their feedback
+BANDWIDTH = 90.0  # [rad/s] of their feedback
 MOST_FLIGHTS = 10_000
 MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
 TRACED = 24  # [-] flights whose paths are kept
