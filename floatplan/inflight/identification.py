@@ -17,6 +17,7 @@ from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.robot.planar.tree import PlanarTree
 
 MASS_ERROR = 0.05  # [-] of what is known of masses and inertias beforehand
+LARGEST_ERROR = 0.3  # [-] of them that is believed
 MOMENTUM_ERROR = 0.2  # [-] of the plan's h
 SLOWEST_TURN = 1.0  # [rad/s] whose momentum is the least scale of h
 RATE_NOISE = 0.02  # [rad/s] of measured rates
@@ -59,6 +60,7 @@ class Identification:
         gain = covariance @ row
         gain /= row @ gain + RATE_NOISE**2 * float(inertia @ inertia)
         self.state = self.state + gain * (momentum - row @ self.state)
+        np.clip(self.state[1:], -LARGEST_ERROR, LARGEST_ERROR, out=self.state[1:])
         self._covariance = covariance - np.outer(gain, row @ covariance)
         self._adapt()
 

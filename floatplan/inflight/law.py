@@ -19,8 +19,8 @@ from floatplan.inflight.limits import Rows
 from floatplan.inflight.outlook import Outlook
 from floatplan.motion.sine_polynomial import CONDITIONS
 
-EVALUATIONS = 3  # [-] of motions at most
-SETTLED = 0.1  # [-] of sigma, and of the cost: less changes nothing
+EVALUATIONS = 2  # [-] of motions at most
+SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
 SHORTER = 0.3  # [-] of a step that is no better
 MOST_ROWS = 24  # [-] of a block that are looked at in a step
 KEPT = 1e-3  # [-] a row that is less below zero counts as kept
@@ -46,6 +46,8 @@ class Law:
         best, outlook, least = y, present, self._cost(present, y, stiffness)
         step, expected = self._step(outlook, best, stiffness)
         for _ in range(evaluations):
+            if least - expected < SETTLED**2:
+                break
             y = best + step
             tried = present.changed(y)
             cost = self._cost(tried, y, stiffness)
@@ -54,7 +56,7 @@ class Law:
                 if not np.isfinite(cost) or stiffness * (step @ step) < SETTLED**2:
                     break
                 continue
-            settled = cost <= expected + SETTLED**2 or least - cost < SETTLED * least
+            settled = cost <= expected + SETTLED * least
             best, outlook, least = y, tried, cost
             if settled:
                 break

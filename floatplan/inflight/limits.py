@@ -209,16 +209,21 @@ def _torque_rows(problem: Problem) -> list[Rows]:
     blocks = [
         (robot.tree.motor_turns, robot.motor_ratios, problem.motor_torque_limits, still),
         (robot.tree.motor_turns, robot.motor_ratios, problem.motor_stall, problem.motor_slope),
-        (robot.tree.turns, np.eye(len(robot.joints)), problem.torque_limits, np.zeros(len(robot.joints))),
+        (robot.tree.turns, np.eye(len(robot.joints)), _generalized_limits(problem), np.zeros(len(robot.joints))),
     ]
-    if len(robot.motors) == len(robot.joints):  # the generalised torques are the motors' own
-        blocks.pop()
     rows: list[Rows] = []
     for turns, ratios, limit, slope in blocks:
         limited = np.flatnonzero(np.isfinite(limit))
         if limited.size:
             rows.append(TorqueRows(turns[:, limited], ratios[limited], limit[limited], slope[limited]))
     return rows
+
+
+def _generalized_limits(problem: Problem) -> Array:
+    """Limits (n,) of the generalised torques; infinite where the motors' own imply them."""
+    robot, own = problem.robot, np.isfinite(problem.motor_torque_limits)
+    implied = ((robot.motor_ratios == 0) | own[:, None]).all(axis=0)
+    return np.where(implied, np.inf, problem.torque_limits)
 
 
 def _joint_rows(problem: Problem) -> list[Rows]:
