@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError
 from floatplan.files import plain
-from floatplan.inflight.replanner import Replanner
 from floatplan.inflight.outlook import Outlook, Present
+from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.momentum import centroidal_coupling
@@ -20,9 +19,9 @@ from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
-SHARES = (0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)  # [-] of the flight, when corrections begin
+SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried
-RESOLUTION = 0.005  # [-] of an interval's ends
+RESOLUTION = 0.01  # [-] of an interval's ends
 RATE = 40  # [-] corrections per flight
 ALLOWED = 0.01  # [-] by which a limit may be broken; of distances, of 0.1 m, beyond the margin
 NODES = 6  # [-] of the quadrature from correction to correction
@@ -100,19 +99,19 @@ def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
         if not lands(0.0, begin):
             found.append((np.nan, np.nan))
             continue
-        reach = [_farthest(lambda size, sign=sign: lands(sign * size, begin), most) for sign, most in zip((-1.0, 1.0), reach, strict=True)]
+        reach = [_farthest(lands, sign, begin, most) for sign, most in zip((-1.0, 1.0), reach, strict=True)]
         found.append((-reach[0], reach[1]))
     return read_only(found)
 
 
-def _farthest(lands: Callable[[float], bool], most: float) -> float:
-    """Largest size up to ``most`` that lands, by bisection."""
+def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
+    """Largest size up to ``most`` of an error of that sign from which a flight lands, by bisection."""
     low, high = 0.0, most
-    if most <= RESOLUTION or lands(most):
+    if most <= RESOLUTION or lands(sign * most, begin):
         return most
     while high - low > RESOLUTION:
         middle = (low + high) / 2
-        low, high = (middle, high) if lands(middle) else (low, middle)
+        low, high = (middle, high) if lands(sign * middle, begin) else (low, middle)
     return low
 
 

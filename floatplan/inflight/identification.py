@@ -1,8 +1,8 @@
 """Momentum and masses as they are, from the rates measured in flight: a Kalman filter of what does not change.
 
 What is measured of a flight obeys ``h = D(q) . (theta0', q')`` with the real robot's D. The angular momentum and,
-relative to the plan's, every body's mass and inertia are the state. D is linear in the inertias, and by a mass m_b the
-coupling C of :mod:`floatplan.motion.planar.momentum` changes by ``conj(w_b) w_b``, w_b the weights of that body's centre
+relative to the plan's, every body's mass and inertia are the state. D is linear in the inertias; by a mass m_b the
+coupling C of :mod:`floatplan.motion.planar.momentum` changes by ``conj(w_b) w_b``, w_b the weights of its centre
 of mass. With masses alone wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while
 the robot tucks and stretches: a filter of h alone would lag behind it.
 """

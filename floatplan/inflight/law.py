@@ -65,7 +65,9 @@ class Law:
             return outlook, 1.0
         for scale in SCALES:
             part = present.changed(scale * best)
-            if self._keeps(part, present) and self._cost(part, scale * best, stiffness) < self._cost(present, 0 * y, 0.0):
+            if self._keeps(part, present) and self._cost(part, scale * best, stiffness) < self._cost(
+                present, 0 * y, 0.0
+            ):
                 return part, scale
         return present, 0.0
 

@@ -13,8 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.motion.dynamics import Distances
-from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
+from floatplan.motion.planar.clearance import Distances, Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import BaseRate
 from floatplan.motion.planar.flight import PlanarFlown
 from floatplan.problem.parts import Obstacle

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,17 +42,17 @@ def read(
 ) -> Measurement | None:
     """Return a measurement of ``size`` joints; None where anything is no finite number or of another shape."""
     try:
-        base = [float(value) for value in (t, orientation, orientation_rate)]
+        time, angle, rate = float(t), float(orientation), float(orientation_rate)
         positions, velocities = (np.array(values, dtype=np.float64).reshape(size) for values in joints)
         place, speed = (None if value is None else np.array(value, dtype=np.float64).reshape(2) for value in com)
     except (TypeError, ValueError, OverflowError):
         return None
     if (place is None) != (speed is None):
         return None
-    arrays = [base, positions, velocities, *([] if place is None or speed is None else [place, speed])]
-    if not all(np.isfinite(values).all() for values in arrays):
+    arrays = [positions, velocities, *([] if place is None or speed is None else [place, speed])]
+    if not all(map(math.isfinite, (time, angle, rate))) or not all(np.isfinite(values).all() for values in arrays):
         return None
-    return Measurement(*base, positions, velocities, place, speed)
+    return Measurement(time, angle, rate, positions, velocities, place, speed)
 
 
 class Plausibility:
@@ -73,9 +74,10 @@ class Plausibility:
     def base(self, measured: Measurement, orientation: float, rate: float, unseen: float) -> bool:
         """Whether the base is near what is expected, ``unseen`` s after the last measurement."""
         reach = min(ORIENTATION_JUMP + self._drift * unseen, LARGEST_JUMP)
-        return abs(measured.orientation - orientation) <= reach and abs(
-            measured.orientation_rate - rate
-        ) <= self._base_rate
+        return (
+            abs(measured.orientation - orientation) <= reach
+            and abs(measured.orientation_rate - rate) <= self._base_rate
+        )
 
     @staticmethod
     def com(measured: Measurement, position: Array, velocity: Array) -> bool:

@@ -25,8 +25,8 @@ class RemainingMotion:
     begin, end : s
         The landing is at ``end``.
     coefficients : (6+m, n)
-        Of p in ``basis``: p and its first two derivatives by u = (t - begin) / (end - begin) at both ends, then those of
-        the m free polynomials.
+        Of p in ``basis``: p and two derivatives by u = (t - begin) / (end - begin) at both ends, then those of the m
+        free polynomials.
     basis : Basis
     """
 
@@ -87,7 +87,7 @@ class Rewriting:
         )
 
     def from_now(self, motion: RemainingMotion, now: float, end: float) -> RemainingMotion:
-        """Return the motion from ``now`` on, s, to a landing at ``end``: positions to accelerations go on at ``now``."""
+        """Return the motion from ``now``, s, to a landing at ``end``: positions to accelerations go on at ``now``."""
         points = now + self._points * (motion.end - now)
         instants = np.append(points, now)
         p, rate, curvature = motion.p(instants)

@@ -69,7 +69,8 @@ def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCa
 def _level(plan: Plan) -> int:
     """Level of nodes that resolves theta0' of the plan well enough."""
     flight = planar_flight(plan.problem)
-    for level, count in enumerate(NODE_COUNTS):
+    level = 0
+    for level, count in enumerate(NODE_COUNTS):  # noqa: B007
         quadrature = gauss_grid(count).quadrature
         positions, velocities, _ = plan.joint_motion(quadrature.nodes * plan.duration)
         rates = flight.equations.base_rate(positions, velocities, plan.angular_momentum)
@@ -192,7 +193,7 @@ class Outlook:
             part = partials.by_acceleration * joints.acceleration_by_rate[instants]
             by_rate = part if by_rate is None else by_rate + part
             by_curvature = partials.by_acceleration * joints.acceleration_by_curvature[instants]
-        total = 0.0
+        total: Array | float = 0.0
         for weight, free in zip((by_value, by_rate, by_curvature), self._views.free, strict=True):
             if weight is not None:
                 total = total + (weight / amplitude)[:, :, None] * free[instants][:, None, :]
@@ -204,7 +205,5 @@ class Outlook:
         coefficients = motion.coefficients.copy()
         change = y.reshape(len(motion.amplitude), -1) / motion.amplitude[:, None]
         coefficients[CONDITIONS:] += self._views.whitening @ change.T
-        changed = RemainingMotion(
-            motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.basis
-        )
+        changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.basis)
         return Outlook(self._views, changed, self._present)

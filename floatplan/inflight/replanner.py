@@ -170,9 +170,7 @@ class Replanner:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
         time = float(t)
         positions, velocities, accelerations = self._motion_at(time).at(time if math.isfinite(time) else self._now)
-        moments = self._dynamics.moments(
-            positions, velocities, accelerations, self._base_rate(positions, velocities)
-        )
+        moments = self._dynamics.moments(positions, velocities, accelerations, self._base_rate(positions, velocities))
         torques = (moments @ self._turns)[0]
         n = positions.shape[1]
         return Reference(positions[0], velocities[0], accelerations[0], torques[:n], torques[n:])
@@ -203,9 +201,7 @@ class Replanner:
             Of the centre of mass; with both, the time of the landing is estimated again.
         """
         size = len(self.plan.robot.joints)
-        measured = read(
-            t, orientation, orientation_rate, (positions, velocities), (com_position, com_velocity), size
-        )
+        measured = read(t, orientation, orientation_rate, (positions, velocities), (com_position, com_velocity), size)
         if measured is None:
             return self._unchanged("invalid", "not finite numbers of the right shapes")
         present = _time(measured.time if now is None else now)
@@ -230,7 +226,9 @@ class Replanner:
         positions, velocities, _ = self._motion_at(measured.time).at(measured.time)
         inertia = self._dynamics.momentum_map(np.stack((positions[0], measured.positions)))
         rate = (estimate.angular_momentum - inertia[0, 1:] @ velocities[0]) / inertia[0, 0]
-        expected = estimate.orientation + turn - float(inertia[0, 1:] @ (measured.positions - positions[0])) / inertia[0, 0]
+        expected = (
+            estimate.orientation + turn - float(inertia[0, 1:] @ (measured.positions - positions[0])) / inertia[0, 0]
+        )
         unseen = measured.time - max(self._measured, 0.0)
         if not (
             self._plausible.joints(measured, positions[0], velocities[0])

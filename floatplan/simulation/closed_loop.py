@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
-from floatplan.files import plain
-from floatplan.inflight.replanner import Replanner
+from floatplan.inflight.replanner import Correction, Replanner
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.disturbance import feedback_of
+from floatplan.simulation.flights import ClosedLoop, Landings, Path
 from floatplan.simulation.perturbation import Drawn, Perturbation, parse_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
@@ -29,133 +29,19 @@ from floatplan.simulation.replay import Engine, check_engine
 from floatplan.simulation.stepping import Stepper, mujoco_stepper, pinocchio_stepper
 
 PERIOD = 1e-3  # [s] of the joints' control
-BANDWIDTH = 90.0  # [rad/s] of their feedback
+BANDWIDTH = 100.0  # [rad/s] of their feedback
+PERTURBED = "h=10%,inertia=5%,noise=0.1deg,delay=5ms"
 MOST_FLIGHTS = 10_000
 MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
 TRACED = 24  # [-] flights whose paths are kept
 TRACE_STEP = 5  # [-] periods between the points of a path
 
 
-@dataclass(frozen=True, eq=False)
-class Landings:
-    """How F flights ended.
-
-    Attributes
-    ----------
-    orientation : (F,) rad
-        Orientation at landing less the goal.
-    joints : (F,) rad
-        The largest error of a joint at landing.
-    torque_peak : (F, m) N m
-        Largest magnitude of each moving joint's torque, feedback and noise included.
-    clearance : (F,) m
-        Least distance to an obstacle or the asked ground; infinite without any.
-    """
-
-    orientation: Array
-    joints: Array
-    torque_peak: Array
-    clearance: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; of its corrections when and by what.
-
-    ``corrections`` (C, 3): time, predicted miss at once (rad), and whether the motion was changed (1 or 0).
-    """
-
-    times: Array
-    orientation: Array
-    positions: Array
-    corrections: Array
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedLoop:
-    """Result of :func:`closed_loop`.
-
-    Attributes
-    ----------
-    corrected, uncorrected : Landings
-        With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
-    statuses : how often a correction had which
-    update_seconds : (U,) s
-        Processor time of each call of ``update`` that corrected something.
-    plan_torque_peak : (m,) N m of each moving joint
-    effort : (m,) N m
-        What its motor can; infinite where the URDF does not say.
-    paths, uncorrected_paths : of the first flights
-    """
-
-    engine: Engine
-    rate: float
-    flights: int
-    seed: int
-    perturbation: Perturbation
-    joints: tuple[str, ...]
-    corrected: Landings
-    uncorrected: Landings
-    statuses: dict[str, int]
-    update_seconds: Array
-    plan_torque_peak: Array
-    effort: Array
-    paths: tuple[Path, ...]
-    uncorrected_paths: tuple[Path, ...]
-    seconds: float
-
-    @property
-    def touched(self) -> int:
-        """Number of corrected flights that touched an obstacle."""
-        return int((self.corrected.clearance < 0).sum())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``floatplan replay --replan --json`` prints."""
-        facts: dict[str, Any] = plain(
-            {
-                "engine": self.engine,
-                "replan": self.rate,
-                "flights": self.flights,
-                "seed": self.seed,
-                "perturbation": asdict(self.perturbation) | {"rate_noise": self.perturbation.noise_of_rates},
-                "corrected": self._landings(self.corrected),
-                "uncorrected": self._landings(self.uncorrected),
-                "statuses": self.statuses,
-                "update_milliseconds": dict(zip(("median", "p99"), self.update_milliseconds, strict=True)),
-                "torque_joints": self.joints,
-                "plan_torque_peak": self.plan_torque_peak,
-                "seconds": self.seconds,
-            }
-        )
-        return facts
-
-    @property
-    def update_milliseconds(self) -> tuple[float, float]:
-        """Median and 99th percentile of the processor time of a correction, ms."""
-        median, most = 1e3 * np.percentile(self.update_seconds, (50, 99)) if self.update_seconds.size else (0.0, 0.0)
-        return float(median), float(most)
-
-    def _landings(self, landings: Landings) -> dict[str, Any]:
-        off = np.abs(landings.orientation)
-        clearance = landings.clearance[np.isfinite(landings.clearance)]
-        return {
-            "orientation_error": landings.orientation,
-            "orientation_error_median": float(np.median(off)),
-            "orientation_error_worst": float(off.max()),
-            "joint_error_worst": float(landings.joints.max()),
-            "joint_error": landings.joints,
-            "torque_peak_median": np.median(landings.torque_peak, axis=0),
-            "torque_peak_worst": landings.torque_peak.max(axis=0),
-            "clearance_min": float(clearance.min()) if clearance.size else None,
-            "touched": int((landings.clearance < 0).sum()),
-        }
-
-
 def closed_loop(
     plan: Plan,
     rate: float = 200.0,
     *,
-    perturb: str | Perturbation = "h=10%,inertia=5%,noise=0.1deg,delay=5ms",
+    perturb: str | Perturbation = PERTURBED,
     flights: int = 100,
     seed: int = 0,
     engine: Engine = "pinocchio",
@@ -191,7 +77,9 @@ def closed_loop(
         raise InputError(f"must be above 0 and at most {MOST_RATE:g} Hz, not {rate:g}", element="replan")
     perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else perturb
     loop = _Loop(plan, rate, perturbation, feedback, engine)
-    with_corrections, without, statuses, seconds = [], [], Counter[str](), []
+    with_corrections: list[_Flown] = []
+    without: list[_Flown] = []
+    statuses, seconds = Counter[str](), list[float]()
     for flight in range(flights):
         for correct, ended in ((True, with_corrections), (False, without)):
             ended.append(loop.fly(seed, flight, correct, statuses, seconds))
@@ -230,6 +118,11 @@ def _gathered(flown: list[_Flown]) -> Landings:
         read_only([one.torque_peak for one in flown]),
         read_only([one.clearance for one in flown]),
     )
+
+
+def _updated(replanner: Replanner, now: float, measured: tuple[Any, ...]) -> Correction:
+    t, orientation, rate, positions, velocities, place, speed = measured[:7]
+    return replanner.update(t, orientation, rate, positions, velocities, now, place, speed)
 
 
 class _Loop:
@@ -273,7 +166,7 @@ class _Loop:
             measured.append(self._measurement(now, state, drawn, model))
             if correct and tick % self.every == 0 and tick >= delay:
                 began = clock.process_time()
-                correction = replanner.update(*measured[tick - delay][:5], now, *measured[tick - delay][5:7])
+                correction = _updated(replanner, now, measured[tick - delay])
                 seconds.append(clock.process_time() - began)
                 statuses[correction.status] += 1
                 changed = correction.status in ("applied", "limited")
@@ -312,7 +205,7 @@ class _Loop:
         return mujoco_stepper(self.plan.robot, self.reduced, self.plan.ballistics.gravity, drawn.mass, drawn.inertia)
 
     def _measurement(self, now: float, state: tuple[Array, Array], drawn: Drawn, model: Any) -> tuple[Any, ...]:
-        """Time, orientation, its rate, planned positions and velocities, place and velocity of the CM; then all joints."""
+        """Arguments of ``update`` but for ``now``; then positions and velocities of all joints."""
         positions, velocities = state
         size = len(self.names) + 1
         noise = drawn.noise.standard_normal((2, size))

@@ -1,4 +1,4 @@
-"""What a flight may have that its plan does not know: another momentum, other masses, noise and delay; drawn by seed."""
+"""What the plan of a flight does not know: another momentum, other masses, noise and delay; drawn by seed."""
 
 from __future__ import annotations
 
