@@ -77,24 +77,24 @@ class Law:
         return bool(((outlook.worst >= -KEPT) | (present.worst < -KEPT)).all())
 
     def _cost(self, outlook: Outlook, y: Array, stiffness: float) -> float:
-        cost = (outlook.miss / self.sigma) ** 2 + stiffness * float(y @ y)
-        for block, values in zip(self.rows, outlook.values, strict=True):
-            near = np.minimum(values - block.aim, 0.0) / block.softness
-            cost += float((near * near).sum())
-        return cost
+        violation = outlook.violation
+        return (outlook.miss / self.sigma) ** 2 + stiffness * float(y @ y) + float(violation @ violation)
 
     def _step(self, outlook: Outlook, y: Array, stiffness: float) -> tuple[Array, float]:
         """One step, and the cost that it would have if everything were linear."""
         rows = [outlook.miss_by_y[None, :] / self.sigma]
         residual = [np.array([outlook.miss / self.sigma])]
+        first, violation = 0, outlook.violation
         for block, values in zip(self.rows, outlook.values, strict=True):
-            near = np.flatnonzero(values.ravel() < block.aim)
+            below = violation[first : first + values.size]
+            first += values.size
+            near = np.flatnonzero(below)
             if near.size > MOST_ROWS:
-                near = near[np.argpartition(values.ravel()[near], MOST_ROWS)[:MOST_ROWS]]
+                near = near[np.argpartition(-below[near], MOST_ROWS)[:MOST_ROWS]]
             if near.size:
                 instants, columns = np.divmod(near, values.shape[1])
                 rows.append(outlook.rows_by_y(block, instants, columns) / block.softness)
-                residual.append((values.ravel()[near] - block.aim) / block.softness)
+                residual.append(-below[near])
         jacobian, residuals = np.concatenate(rows), np.concatenate(residual)
         hessian = jacobian.T @ jacobian
         hessian.flat[:: len(y) + 1] += stiffness

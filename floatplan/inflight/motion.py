@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.polynomial import chebyshev
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.quadrature import chebyshev_values
-from floatplan.motion.sine_polynomial import CONDITIONS, Basis, Form, WrittenMotion, basis
+from floatplan.motion.sine_polynomial import CONDITIONS, Form, WrittenMotion, basis
 from floatplan.plans.plan import Plan
 
 LEAST_FREE = 3  # [-] free polynomials of each joint, also where the plan has fewer
@@ -27,7 +29,8 @@ class RemainingMotion:
     coefficients : (6+m, n)
         Of p in ``basis``: p and two derivatives by u = (t - begin) / (end - begin) at both ends, then those of the m
         free polynomials.
-    basis : Basis
+    table : (k+1, 3 (6+m))
+        Of their values and two derivatives by u, in Chebyshev polynomials of 2 u - 1.
     """
 
     centre: Array
@@ -35,7 +38,7 @@ class RemainingMotion:
     begin: float
     end: float
     coefficients: Array
-    basis: Basis
+    table: Array
 
     @property
     def remaining(self) -> float:
@@ -57,7 +60,8 @@ class RemainingMotion:
     def p(self, times: Array) -> tuple[Array, Array, Array]:
         """Return p, p', p'' (N, n) by time at times (N,); at the nearer end outside of its time."""
         u = np.minimum(np.maximum((times - self.begin) / self.remaining, 0.0), 1.0)
-        value, first, second = (part @ self.coefficients for part in self.basis.values(u))
+        values = chebyshev_values(2 * u - 1, len(self.table) - 1) @ self.table
+        value, first, second = values.reshape(len(u), 3, -1).transpose(1, 0, 2) @ self.coefficients
         return value, first / self.remaining, second / self.remaining**2
 
 
@@ -70,9 +74,11 @@ class Rewriting:
     def __init__(self, plan: Plan) -> None:
         size = max(plan.coefficients.shape[1], CONDITIONS + LEAST_FREE)
         self.form = Form(size - CONDITIONS)
-        self.basis = basis(self.form)
+        functions = basis(self.form)
+        derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
+        self._table = read_only(np.concatenate([_padded(part, size) for part in derivatives], axis=1))
         self._points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
-        self._of_values = np.linalg.inv(self.basis.values(self._points)[0])
+        self._of_values = np.linalg.inv(functions.values(self._points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
         self._plan = plan
         p, rate, curvature = written.chebyshev
@@ -83,7 +89,7 @@ class Rewriting:
         self._set_boundary(coefficients, [part[0] for part in boundary], [part[1] for part in boundary], plan.duration)
         self._landing = [part[1] for part in boundary]
         self.first = RemainingMotion(
-            np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self.basis
+            np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
         )
 
     def from_now(self, motion: RemainingMotion, now: float, end: float) -> RemainingMotion:
@@ -93,7 +99,7 @@ class Rewriting:
         p, rate, curvature = motion.p(instants)
         coefficients = self._of_values @ p[:-1]
         self._set_boundary(coefficients, [p[-1], rate[-1], curvature[-1]], self._landing, end - now)
-        return RemainingMotion(motion.centre, motion.amplitude, now, end, coefficients, self.basis)
+        return RemainingMotion(motion.centre, motion.amplitude, now, end, coefficients, self._table)
 
     @staticmethod
     def _set_boundary(coefficients: Array, begin: list[Array], end: list[Array], duration: float) -> None:
@@ -101,3 +107,8 @@ class Rewriting:
         for order in range(3):
             coefficients[order] = begin[order] * duration**order
             coefficients[3 + order] = end[order] * duration**order
+
+
+def _padded(columns: npt.NDArray[np.floating[Any]], size: int) -> Array:
+    """The same polynomials with so many coefficients, zeros at the end."""
+    return np.concatenate((columns, np.zeros((size - len(columns), columns.shape[1]))))

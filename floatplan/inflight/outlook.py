@@ -54,6 +54,15 @@ class Views:
         self.whitening = np.linalg.inv(np.linalg.cholesky(gram)).T
         self.free = tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in self.values)
         self.motor_turns = plan.robot.tree.motor_turns
+        self._weights: tuple[Array, Array] | None = None
+
+    def weights(self, values: tuple[Array, ...]) -> tuple[Array, Array]:
+        """Return aim and softness of each value, one block after the other; they are made once."""
+        if self._weights is None:
+            sizes = [block.size for block in values]
+            aim, softness = ([getattr(block, name) for block in self.rows] for name in ("aim", "softness"))
+            self._weights = np.repeat(aim, sizes), np.repeat(softness, sizes)
+        return self._weights
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
@@ -140,8 +149,16 @@ class Outlook:
 
     @cached_property
     def values(self) -> tuple[Array, ...]:
-        """Values (K, r) of each block of rows."""
+        """Values (K, r) or (W, r) of each block of rows."""
         return tuple(block.values(self) for block in self._views.rows)
+
+    @cached_property
+    def violation(self) -> Array:
+        """By how much all values, one block after the other, are below their aim, over the softness."""
+        if not self.values:
+            return np.zeros(0)
+        aim, softness = self._views.weights(self.values)
+        return np.asarray(np.maximum(aim - np.concatenate([block.ravel() for block in self.values]), 0.0) / softness)
 
     @cached_property
     def worst(self) -> Array:
@@ -205,5 +222,5 @@ class Outlook:
         coefficients = motion.coefficients.copy()
         change = y.reshape(len(motion.amplitude), -1) / motion.amplitude[:, None]
         coefficients[CONDITIONS:] += self._views.whitening @ change.T
-        changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.basis)
+        changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.table)
         return Outlook(self._views, changed, self._present)

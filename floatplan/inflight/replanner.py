@@ -26,7 +26,7 @@ Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 
 SIGMA = 0.003  # [rad] miss that is worth a correction of the plan's own accelerations
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
-GAP_NODES = 8  # [-] of the quadrature between measurements
+GAP_NODES = 5  # [-] of the quadrature between measurements
 FIRST = 12  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once

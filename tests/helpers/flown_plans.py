@@ -47,7 +47,8 @@ class Drifting:
         step = (until - self.time) / parts
         times = self.time + step * (np.arange(parts) + 0.5)
         positions, velocities, _ = replanner.motion.at(times)
-        turned = step * np.cumsum(self.plan.dynamics.base_rate(positions, velocities, self.momentum))
-        orientations = self.orientation + turned
+        turned = np.asarray(step * np.cumsum(self.plan.dynamics.base_rate(positions, velocities, self.momentum)))
+        orientations: Array = np.asarray(self.orientation + turned, dtype=np.float64)
         self.time, self.orientation = until, float(orientations[-1])
-        return times + step / 2, orientations, replanner.motion.at(times + step / 2)[0]
+        ends = np.asarray(times + step / 2, dtype=np.float64)
+        return ends, orientations, replanner.motion.at(ends)[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +31,9 @@ def shared(plan: fp.Plan) -> fp.Replanner:
 
 
 @pytest.fixture
-def replanner(shared: fp.Replanner) -> Iterator[fp.Replanner]:
+def replanner(shared: fp.Replanner) -> fp.Replanner:
     shared.reset()
-    yield shared
+    return shared
 
 
 def instants(plan: fp.Plan, count: int) -> list[float]:
