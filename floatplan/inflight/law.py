@@ -20,6 +20,8 @@ from floatplan.inflight.outlook import Outlook
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 EVALUATIONS = 2  # [-] of motions at most
+EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
+FAR = 20.0  # [-] sigmas
 SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
 SHORTER = 0.3  # [-] of a step that is no better
 MOST_ROWS = 24  # [-] of a block that are looked at in a step
@@ -38,9 +40,24 @@ class Law:
     def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
         """Return the outlook after the correction, and the share of the correction that was taken.
 
-        ``evaluations`` are made of motions at most, each a Gauss-Newton step from the best one so far, or a shorter one
-        where that was no better.
+        Motions are evaluated so many times at most, twice as often where the landing is far from the goal: then first
+        as if the base were to reach it, see :meth:`Outlook.as_landed`.
         """
+        if self.rows and abs(present.miss) > FAR * self.sigma:
+            outlook = self._solved(present.as_landed(), max(evaluations, EVALUATIONS_FAR))[0].as_it_is()
+            if abs(outlook.miss) < abs(present.miss) / 2 and self._keeps(outlook, present):
+                return outlook, 1.0
+        outlook, best = self._solved(present, evaluations)
+        if self._keeps(outlook, present):
+            return outlook, 1.0
+        for scale in SCALES:
+            part = present.changed(scale * best)
+            if self._keeps(part, present) and abs(part.miss) < abs(present.miss):
+                return part, scale
+        return present, 0.0
+
+    def _solved(self, present: Outlook, evaluations: int) -> tuple[Outlook, Array]:
+        """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better."""
         y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
         stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
         best, outlook, least = y, present, self._cost(present, y, stiffness)
@@ -61,15 +78,7 @@ class Law:
             if settled:
                 break
             step, expected = self._step(outlook, best, stiffness)
-        if self._keeps(outlook, present):
-            return outlook, 1.0
-        for scale in SCALES:
-            part = present.changed(scale * best)
-            if self._keeps(part, present) and self._cost(part, scale * best, stiffness) < self._cost(
-                present, 0 * y, 0.0
-            ):
-                return part, scale
-        return present, 0.0
+        return outlook, best
 
     @staticmethod
     def _keeps(outlook: Outlook, present: Outlook) -> bool:

@@ -102,8 +102,19 @@ class Outlook:
     by u whose root mean square is at most ``|y|``.
     """
 
-    def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
-        self._views, self.motion, self._present = views, motion, present
+    def __init__(self, views: Views, motion: RemainingMotion, present: Present, landed: bool = False) -> None:
+        self._views, self.motion, self._present, self._landed = views, motion, present, landed
+
+    def as_landed(self) -> Outlook:
+        """Return the same, its distances those of a base that turns to the goal: the miss is taken off, by time.
+
+        So that a base far from its goal, whose feet would be in the ground, is not kept from turning through there.
+        """
+        return Outlook(self._views, self.motion, self._present, landed=True)
+
+    def as_it_is(self) -> Outlook:
+        """Return the same, its distances those of the base as it turns."""
+        return Outlook(self._views, self.motion, self._present)
 
     @cached_property
     def watched(self) -> Array:
@@ -116,7 +127,10 @@ class Outlook:
         """The links' shapes at these."""
         flown, motion, nodes = self.flown, self.motion, self._views.grid.nodes
         com = self._present.com.positions(self.watched - motion.begin)
-        return flown.flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], flown.angles[nodes:])
+        angles = flown.angles[nodes:]
+        if self._landed:
+            angles = angles - (self.miss * self._views.grid.s[nodes:])[:, None]
+        return flown.flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
 
     @cached_property
     def measured(self) -> dict[object, Distances]:
@@ -191,7 +205,10 @@ class Outlook:
             instants = grid.nodes + instants
         derivatives = self._chained(partials, instants)
         if partials.by_attitude is not None:
-            turned = grid.integrals[instants] @ self._rate_by_y
+            integrals = grid.integrals[instants]
+            if self._landed:
+                integrals = integrals - grid.s[instants, None] * grid.weights
+            turned = integrals @ self._rate_by_y
             derivatives += (self.motion.remaining * partials.by_attitude)[:, None] * turned
         return derivatives
 
@@ -223,4 +240,4 @@ class Outlook:
         change = y.reshape(len(motion.amplitude), -1) / motion.amplitude[:, None]
         coefficients[CONDITIONS:] += self._views.whitening @ change.T
         changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.table)
-        return Outlook(self._views, changed, self._present)
+        return Outlook(self._views, changed, self._present, self._landed)

@@ -109,7 +109,7 @@ def authority_picture(found: Authority) -> Figure:
         entries.append((Patch(facecolor=colour, alpha=0.5), name))
     axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.set(xlabel="corrections begin at (s)", ylabel="error that is corrected (%)")
-    axes.set_xlim(float(found.times[0]), float(found.times[-1]))
+    axes.margins(x=0.0)
     legend_above(figure, entries)
     return figure
 
