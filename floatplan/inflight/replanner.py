@@ -41,8 +41,8 @@ class Correction:
     Attributes
     ----------
     status : "applied", "limited", "refused" or "invalid"
-        The motion was corrected and keeps all limits; it was corrected in part, or breaks a limit that it would have
-        broken further without; no part of a correction keeps the limits and the last motion stays; the measurement
+        The motion was corrected and keeps all limits; it was corrected in part, or breaks a limit that the last one
+        breaks too; no part of a correction keeps the limits and the last motion stays; the measurement
         cannot be one, or comes too late, and changes nothing.
     motion : RemainingMotion
         The joints' motion from now on.
@@ -330,7 +330,7 @@ def _judged(outlook: Outlook, share: float) -> tuple[Status, str]:
     if share < 1.0:
         return "limited", "the whole correction breaks a limit"
     if (outlook.worst < -1e-3).any():
-        return "limited", "a limit will be broken, less than without the correction"
+        return "limited", "a limit will be broken, as without the correction"
     return "applied", ""
 
 

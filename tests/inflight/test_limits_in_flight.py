@@ -86,8 +86,9 @@ def test_an_impossible_correction_is_told() -> None:
 NAMES = ["obstacle", "somersault_motors", "moving_hoop", "high_jump", "torque_limited", "handstand_ground"]
 
 
+@pytest.mark.parametrize("landed", [False, True])
 @pytest.mark.parametrize("name", NAMES)
-def test_rows_change_as_their_derivatives_say(name: str) -> None:
+def test_rows_change_as_their_derivatives_say(name: str, landed: bool) -> None:
     problem = fp.load_problem(PROBLEMS / f"{name}.toml")
     problem = replace(problem, limits=replace(problem.limits, acceleration=50.0, orientation_rate=9.0, velocity=8.0))
     plan = forward_plan(problem, size=0.3)
@@ -98,7 +99,7 @@ def test_rows_change_as_their_derivatives_say(name: str) -> None:
     start = float(plan.orientation(np.array([begin]))[0])
     present = Present(begin, start + 0.1, 1.05 * plan.angular_momentum, com, replanner.views.flight.equations)
     motion = replanner.rewriting.from_now(replanner.motion, begin, plan.duration)
-    outlook = Outlook(replanner.views, motion, present)
+    outlook = Outlook(replanner.views, motion, present, landed)
     size = motion.amplitude.size * (len(motion.coefficients) - 6)
     rng, step = np.random.default_rng(0), 1e-5
     direction = rng.standard_normal(size)
