@@ -16,11 +16,13 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.planar.clearance import Distances, Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import BaseRate
 from floatplan.motion.planar.flight import PlanarFlown
+from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import LinkCapsule
 from floatplan.tables import JOINT_LIMITS
 
+SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
 
 
@@ -177,6 +179,21 @@ class DistanceRows:
 def limit_rows(problem: Problem) -> tuple[Rows, ...]:
     """Return the rows of all limits of a problem but distances; joint ranges need none."""
     return (*_torque_rows(problem), *_joint_rows(problem))
+
+
+def sensible_rows(plan: Plan) -> tuple[Rows, ...]:
+    """Return a bound of the accelerations of joints that the problem does not limit: a multiple of the plan's largest.
+
+    Without it a goal that cannot be reached any more would be chased harder and harder until the landing.
+    """
+    problem, ratios = plan.problem, plan.robot.motor_ratios != 0
+    held = np.isfinite(np.minimum(problem.motor_torque_limits, problem.motor_stall))
+    limited = (~ratios | held[:, None]).all(axis=0) | np.isfinite(problem.joint_limits["acceleration"])
+    free = np.flatnonzero(~limited & ~np.isfinite(problem.torque_limits))
+    largest = float(plan.peaks.joints["acceleration"].max())
+    if not free.size or not largest:
+        return ()
+    return (JointRows("accelerations", free, np.full(free.size, SENSIBLE * largest)),)
 
 
 def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Rows]:

@@ -14,7 +14,7 @@ from floatplan.motion.quadrature import chebyshev_values
 from floatplan.motion.sine_polynomial import CONDITIONS, Form, WrittenMotion, basis
 from floatplan.plans.plan import Plan
 
-LEAST_FREE = 3  # [-] free polynomials of each joint, also where the plan has fewer
+LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.inflight.limits import RowPartials, Rows, distance_rows, limit_rows
+from floatplan.inflight.limits import RowPartials, Rows, distance_rows, limit_rows, sensible_rows
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Distances, LinkShapes, Segments
@@ -45,7 +45,7 @@ class Views:
         shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
         self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes))
         distances = distance_rows(problem, shapes)
-        self.rows = (*distances, *limit_rows(problem))
+        self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
         self.grid: GaussGrid = gauss_grid(NODE_COUNTS[_level(plan)]).also(
             np.linspace(0.0, 1.0, WATCHED if distances else LIMITED)
         )

@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
-from floatplan.inflight.law import EVALUATIONS, Law
+from floatplan.inflight.law import EVALUATIONS, KEPT, Law
 from floatplan.inflight.measurement import Measurement, Plausibility, read
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
@@ -27,6 +27,7 @@ Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 SIGMA = 0.003  # [rad] miss that is worth a correction of the plan's own accelerations
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
+MISSED = 10.0  # [-] sigmas of a landing that is not the planned one
 FIRST = 12  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
@@ -252,7 +253,7 @@ class Replanner:
         outlook, share = self._law.corrected(present, FIRST if first else EVALUATIONS)
         self._landing = landing
         self._motions.append(outlook.motion)
-        status, reason = _judged(outlook, share)
+        status, reason = _judged(outlook, share, MISSED * self._law.sigma)
         self._last = Correction(
             status,
             outlook.motion,
@@ -324,13 +325,15 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _judged(outlook: Outlook, share: float) -> tuple[Status, str]:
+def _judged(outlook: Outlook, share: float, miss: float) -> tuple[Status, str]:
     if share == 0.0:
         return "refused", "any correction breaks a limit"
     if share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if (outlook.worst < -1e-3).any():
+    if (outlook.worst < -KEPT).any():
         return "limited", "a limit will be broken, as without the correction"
+    if abs(outlook.miss) > miss:
+        return "limited", "the goal is out of reach"
     return "applied", ""
 
 
