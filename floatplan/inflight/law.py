@@ -73,7 +73,7 @@ class Law:
                 if not np.isfinite(cost) or stiffness * (step @ step) < SETTLED**2:
                     break
                 continue
-            settled = cost <= expected + SETTLED * least
+            settled = cost - expected <= SETTLED * cost + SETTLED**2
             best, outlook, least = y, tried, cost
             if settled:
                 break
