@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -43,11 +44,18 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
         ("obstacle", "cut into the margin"),
         ("witness", "violated between instants: 0"),
         ("growth", "time grows as n^"),
+        ("inflight", "B, obstacle"),
         ("startup", "processor s"),
         ("many", "plans/s"),
     ],
 )
-def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_section_runs(
+    section: str,
+    expected: str,
+    benchmark: ModuleType,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tiny = benchmark.Counts(
         turns=1,
         slow_turns=1,
@@ -60,10 +68,12 @@ def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys
         free=1,
         scanned=21,
         subprocesses=1,
+        flights=1,
         instants=400,
         chains=(3,),
         long_chains=(3, 4),
     )
+    monkeypatch.delitem(sys.modules["inflight_sections"].FLOWN, "Go2's backflip")  # planned for seconds
     benchmark.SECTIONS[section](tiny)
     assert expected in capsys.readouterr().out
 

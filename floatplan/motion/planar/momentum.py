@@ -12,7 +12,7 @@ by the rotation of each.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -39,6 +39,9 @@ class MomentumMapping(Protocol):
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
 
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> MomentumMapping:
+        """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
+
 
 def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
     """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
@@ -51,26 +54,36 @@ class TurningBodies:
     """The g bodies of a tree that turn differently.
 
     ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
-    the moments of inertia on its diagonal; ``turn`` the tree's.
+    the moments of inertia on its diagonal; ``turn`` the tree's; ``rotations`` (m, g) of the tree's bodies by these.
     """
 
     turns: Array
     coupling: ComplexArray
     turn: float
+    rotations: ComplexArray
 
     @classmethod
     def of(cls, tree: PlanarTree) -> TurningBodies:
         """Put together what turns alike: rotations are the same there but for a constant."""
         known: dict[tuple[float, ...], int] = {}
         group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
-        apart = tree.rotations(tree.offsets)[:, None] * np.eye(len(known))[group]
-        coupling = apart.conj().T @ (centroidal_coupling(tree) + np.diag(tree.inertia)) @ apart
-        return cls(np.array(list(known)).reshape(len(known), -1), coupling, tree.turn)
+        rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(known))[group]
+        turns = np.array(list(known)).reshape(len(known), -1)
+        coupling = _put_together(centroidal_coupling(tree), tree.inertia, rotations)
+        return cls(turns, coupling, tree.turn, rotations)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:
+        """The same with other masses: C (m, m) and inertias (m,), kg m^2, of all bodies of the tree."""
+        return replace(self, coupling=_put_together(coupling, inertia, self.rotations))
 
     @property
     def rates(self) -> Array:
         """Derivatives (g, n+1) of the absolute angles by (orientation, planned positions)."""
         return np.concatenate((np.ones((len(self.turns), 1)), self.turns), axis=1)
+
+
+def _put_together(coupling: ComplexArray, inertia: Array, rotations: ComplexArray) -> ComplexArray:
+    return np.asarray(rotations.conj().T @ (coupling + np.diag(inertia)) @ rotations)
 
 
 class PairCosines:
@@ -80,13 +93,17 @@ class PairCosines:
     """
 
     def __init__(self, bodies: TurningBodies) -> None:
-        rates = bodies.rates
+        self._bodies, rates = bodies, bodies.rates
         i, j = np.triu_indices(len(rates), 1)
         phasor = bodies.coupling[i, j]
         self.constant = bodies.coupling.diagonal().real @ rates
         self.frequency = bodies.turns[j] - bodies.turns[i]
         self.amplitude = np.abs(phasor)[:, None] * (rates[i] + rates[j])
         self.phase = bodies.turn * np.angle(phasor)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> PairCosines:
+        """The same tree's with other masses."""
+        return PairCosines(self._bodies.adapted(coupling, inertia))
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
@@ -107,6 +124,10 @@ class BodyRotations:
         self._turns_transposed = bodies.turns.T.copy()
         self._coupling_transposed = bodies.coupling.T.copy()
         self._rates = bodies.rates
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> BodyRotations:
+        """The same tree's with other masses."""
+        return BodyRotations(self._bodies.adapted(coupling, inertia))
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
