@@ -71,7 +71,7 @@ class SearchOptions:
     budget : s, or None: the usual work
     jobs : processes
     progress : told in a few words what the search is doing
-    work : instants of one body, the usual work where there is no budget
+    work : instants of one body, where there is no budget; None: the usual work
 
     Raises
     ------
@@ -84,7 +84,7 @@ class SearchOptions:
     budget: float | None = None
     jobs: int = 1
     progress: Callable[[str], None] | None = None
-    work: float = DEFAULT_WORK
+    work: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -104,7 +104,7 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
-    allowance = Allowance(options.work if options.budget is None else np.inf)
+    allowance = Allowance((options.work or DEFAULT_WORK) if options.budget is None else np.inf)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
