@@ -92,9 +92,7 @@ def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_pen
     equality, inequality, rows = current.equality_jacobian, current.inequality, active
     if active.size:
         rows = _most_violated(inequality, np.inf)
-        if active.size <= ACTIVE_PER_VARIABLE * len(
-            hessian
-        ):  # more only after an elastic step, which pulls at all rows
+        if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
             rows = _union(len(inequality), active, rows)
     for _ in range(GENERATIONS):
         if rows.size:
