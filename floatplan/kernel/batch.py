@@ -20,7 +20,7 @@ from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.optimization import sqp
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 FINER = 2  # levels of grids, from one to the next with twice the nodes
 FINEST = (384, 512)  # nodes to judge by what needs the finest two grids

@@ -40,8 +40,8 @@ from floatplan.planning.transcription.trajectory import (
 )
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
+from floatplan.tables import ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
-from floatplan.tolerances import ORIENTATION
 
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle

@@ -14,7 +14,7 @@ from floatplan.planning.transcription.constraints import applies
 from floatplan.planning.transcription.program import changes_at_ends
 from floatplan.planning.transcription.trajectory import sample_also, trajectory
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 

@@ -16,7 +16,7 @@ from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rat
 from floatplan.motion.planar.reachable import reachable
 from floatplan.plans.contact_advice import FAST, Momentum, advice, size, told
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import RELATIVE
+from floatplan.tables import RELATIVE
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
 

@@ -17,7 +17,7 @@ from floatplan.kernel import library
 from floatplan.kernel.batch import FIRST_LEVEL
 from floatplan.planning import many
 from floatplan.planning.transcription import exchange
-from floatplan.tolerances import BOUNDARY, ORIENTATION
+from floatplan.tables import BOUNDARY, ORIENTATION
 
 
 @pytest.fixture(params=["compiled", "python"])

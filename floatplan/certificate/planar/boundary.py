@@ -16,7 +16,7 @@ from floatplan.certificate.planar.shapes import turned
 from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tolerances import AT_REST, BOUNDARY, ORIENTATION, PLACE
+from floatplan.tables import AT_REST, BOUNDARY, ORIENTATION, PLACE
 
 ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")

@@ -20,8 +20,7 @@ from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
-from floatplan.tolerances import CLEARANCE, RELATIVE
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitRow
 
 LENGTH_SCALE = 0.1  # m: a clearance that is worth as much as the whole of a torque or rate limit
 

@@ -47,7 +47,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 FIRST_LOOK = 129  # instants of the first look between the nodes
 NEAR = 0.05  # of a row's scale: local minima above this are left alone

@@ -17,7 +17,7 @@ from floatplan.planning.transcription.objectives import Objective, objective_ter
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 
