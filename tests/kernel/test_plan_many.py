@@ -196,7 +196,8 @@ def test_every_kind_of_path(root):
 def test_the_answer_does_not_depend_on_jobs_or_neighbours(implementation, monkeypatch):
     monkeypatch.setattr(many, "CHUNK", 7)
     problems = plain_problems(96)[::4]
-    one, two = fp.plan_many(problems), fp.plan_many(problems[::-1], jobs=2)
+    jobs = 2 if implementation == "compiled" else 1  # other processes keep the environment that they began with
+    one, two = fp.plan_many(problems), fp.plan_many(problems[::-1], jobs=jobs)
     assert one.status.tolist() == two.status[::-1].tolist()
     np.testing.assert_array_equal(one.coefficients, two.coefficients[::-1])
     np.testing.assert_array_equal(one.evaluations, two.evaluations[::-1])
