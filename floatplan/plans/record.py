@@ -226,6 +226,7 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
     if not (angles <= LARGEST_ANGLE).all():
         raise InputError(f"give terms of more than {LARGEST_ANGLE:g} rad", element="coefficients")
     others = {name: value for name, value in content.items() if name not in ("coefficients", "certificate", "replay")}
+    others["solver"] = {name: value for name, value in content["solver"].items() if name != "seed"}
     _check_size(others, "")
 
 
