@@ -28,5 +28,7 @@ from floatplan.robot.robot import Coupling as Coupling
 from floatplan.robot.robot import Robot as Robot
 from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
+from floatplan.studies.study import Study as Study
+from floatplan.studies.study import study as study
 
 __version__: str

@@ -16,6 +16,7 @@ import typer
 
 from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
 from floatplan.cli.show import export, show
+from floatplan.cli.study import study
 from floatplan.errors import InputError
 from floatplan.tables import OBJECTIVES
 
@@ -294,5 +295,5 @@ def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
         yield status.update
 
 
-for command in (show, export):
+for command in (show, export, study):
     app.command()(command)

@@ -33,7 +33,7 @@ BY_JOINT = {
     "limits": ("position",),
 }
 
-AnyProblemTable = TypeVar("AnyProblemTable", bound=ProblemTable)
+AnyTable = TypeVar("AnyTable", bound=BaseModel)
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -50,9 +50,9 @@ def load_problem(path: str | Path) -> Problem:
         The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
     """
     path = Path(path)
-    content = _read_toml(path)
+    content = read_toml(path)
     try:
-        tables = _validated(ProblemFileTable, content)
+        tables = validated(ProblemFileTable, content)
         robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
         return _problem(tables, robot, path.stem)
     except InputError as error:
@@ -76,7 +76,7 @@ def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Pa
         As :func:`load_problem`.
     """
     try:
-        return _problem(_validated(RecordedProblemTable, content), robot, "flight")
+        return _problem(validated(RecordedProblemTable, content), robot, "flight")
     except InputError as error:
         raise error.within(source=source) from None
 
@@ -166,14 +166,21 @@ def problem_text(problem: Problem, path: str | Path) -> str:
     return tomli_w.dumps(_without_gaps(content))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    text = read_text(path, LARGEST_PROBLEM, "a problem file")
+def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
+    """Read a problem file, or another ``kind`` of no larger TOML files.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is not TOML.
+    """
+    text = read_text(path, LARGEST_PROBLEM, kind)
     try:
         return tomllib.loads(text)
     except ValueError as error:
         raise InputError(f"is not TOML: {error}", source=path) from None
     except RecursionError:
-        raise InputError("is not a problem: nested too deeply", source=path) from None
+        raise InputError(f"is not {kind}: nested too deeply", source=path) from None
 
 
 def _urdf_source(urdf: str, path: Path) -> str | Path:
@@ -227,7 +234,14 @@ def _without_gaps(value: Any) -> Any:
     return {key: item for key, item in kept.items() if item is not None and item not in ({}, [])}
 
 
-def _validated(model: type[AnyProblemTable], content: Mapping[str, Any]) -> AnyProblemTable:
+def validated(model: type[AnyTable], content: Mapping[str, Any]) -> AnyTable:
+    """Check the content of a file.
+
+    Raises
+    ------
+    ProblemError
+        All that is wrong with it, each with its path.
+    """
     try:
         return model.model_validate(content, context={"degrees": content.get("angles") == "deg"})
     except ValidationError as error:
@@ -293,13 +307,13 @@ def _keys(model: type[BaseModel], table: Sequence[str | int]) -> list[str]:
     """Keys of the table at a location, found by walking the models' fields."""
     candidates = [model]
     for part in table:
-        fields = [candidate.model_fields[part] for candidate in candidates if part in candidate.model_fields]
+        fields = [candidate.model_fields[str(part)] for candidate in candidates if part in candidate.model_fields]
         if fields:
             candidates = [inner for field in fields for inner in _models(field.annotation)]
         elif _is_tag(part):
             kind = str(part).strip("<>")
             candidates = [c for c in candidates if "kind" not in c.model_fields or kind in _kinds(c)] or candidates
-    return sorted({name for candidate in candidates for name in candidate.model_fields})
+    return sorted({field.alias or name for candidate in candidates for name, field in candidate.model_fields.items()})
 
 
 def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:
