@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -15,6 +15,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.view.style import ALARM, SEQUENCE, new_figure, styled
 
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
+LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
 STATUS_COLOURS = {
     "optimal": "#0072B2",
     "feasible": "#56B4E9",
@@ -103,13 +104,9 @@ def _draw_colours(figure: Figure, axes: Axes, shown: HeatMap) -> None:
     if not finite.size:
         return
     low, high = float(finite.min()), float(finite.max())
+    spreads = low > 0 and high > LOGARITHMIC * low
+    norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
     mesh = axes.pcolormesh(
-        shown.x.edges,
-        shown.y.edges,
-        np.ma.masked_invalid(shown.colour),
-        cmap=SEQUENCE,
-        vmin=low,
-        vmax=high if high > low else low + 1,
-        rasterized=True,
+        shown.x.edges, shown.y.edges, np.ma.masked_invalid(shown.colour), cmap=SEQUENCE, norm=norm, rasterized=True
     )
     figure.colorbar(mesh, ax=axes, label=shown.label)

@@ -2,6 +2,7 @@
 /* The map: rows gathered into cells, each of which shows its best row. */
 
 const MARGIN = { left: 62, right: 12, top: 8, bottom: 46 };
+const LOGARITHMIC = 30; // times the least colour: where the largest is more, the scale is logarithmic
 const SOLVED = 2; // statuses below it hold a plan
 const WORST_FIRST = [0, 0, 1, 2, 3]; // which status a cell without a plan shows: impossible only where all are
 
@@ -57,6 +58,7 @@ class HeatMap {
     }
     shown.sort((a, b) => a - b);
     this.range = shown.length ? [shown[0], shown[Math.floor((cut ? 0.98 : 1) * (shown.length - 1))]] : null;
+    this.isLogarithmic = this.range !== null && this.range[0] > 0 && this.range[1] > LOGARITHMIC * this.range[0];
     this.isCut = cut && shown.length > 0 && this.range[1] < shown[shown.length - 1];
   }
 
@@ -66,7 +68,8 @@ class HeatMap {
     if (!this.values || status >= SOLVED) return this.rows.statuses[status].colour;
     if (!Number.isFinite(value)) return "#ffffff";
     const [low, high] = this.range;
-    const share = high > low ? Math.min((value - low) / (high - low), 1) : 0;
+    const at = this.isLogarithmic ? Math.log : (number) => number;
+    const share = high > low ? Math.min((at(value) - at(low)) / (at(high) - at(low)), 1) : 0;
     return this.rows.scale[Math.round(share * (this.rows.scale.length - 1))];
   }
 
@@ -180,7 +183,7 @@ class HeatMap {
     pen.textAlign = "right";
     pen.fillText(`${this.isCut ? "≥ " : ""}${shortNumber(this.range[1])}`, right, 28);
     pen.textAlign = "center";
-    pen.fillText(this.rows.label(this.z), (left + right) / 2, 42);
+    pen.fillText(this.rows.label(this.z) + (this.isLogarithmic ? ", logarithmic" : ""), (left + right) / 2, 42);
   }
 
   placeOf(row) {
