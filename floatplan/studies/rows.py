@@ -30,6 +30,7 @@ from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 LONGEST_EXPLANATION = 400  # characters
+SEEDS = 10**12  # of rows: no number of a plan file is larger
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +234,7 @@ def _used(use: Utilisation) -> float | None:
 
 def row_seed(seed: int, index: int) -> int:
     """The seed of a row that has a search of its own: of the study's and the row's index."""
-    return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0] >> np.uint64(1))
+    return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) % SEEDS
 
 
 def _statuses(plans: Plans) -> list[str]:

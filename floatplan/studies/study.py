@@ -14,6 +14,7 @@ import numpy as np
 
 from floatplan.certificate.certify import certify
 from floatplan.errors import InputError
+from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
@@ -105,7 +106,7 @@ class Study:
         """
         index = range(len(self))[index]
         row = self.table.slice(index, 1).to_pylist()[0]
-        problem = self._asked.family(index, index + 1)[0]
+        family, seed = self._asked.family(index, index + 1), self._asked.samples.seed
         if row["coefficients"] is None:
             raise InputError(row["explanation"], element=f"row {index}")
         solved = row["status"] in SOLVED
@@ -117,7 +118,7 @@ class Study:
             starts=row["starts"],
             message="" if row["explanation"] == GOAL_MET else row["explanation"],
         )
-        plan = answer.plan(problem, row_seed(self._asked.samples.seed, index))
+        plan = answer.plan(family[0], seed if is_plain_family(family) else row_seed(seed, index))
         if not solved:
             return plan
         return judged(plan, certify(plan))

@@ -33,7 +33,7 @@ COLUMNS = [
 WHOLE = """
 [vary]
 "obstacles.0.center.0" = { from = 0.9, to = 1.7, count = 3 }
-"obstacles.0.radius" = [0.2, -0.1]
+"goal.positions.q1" = [0, 200]
 """
 
 
@@ -113,7 +113,7 @@ def test_the_table_does_not_depend_on_chunks(done, tmp_path, monkeypatch, sizes)
     monkeypatch.setattr(driver, "FIRST_TOGETHER", first)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", most)
     again = fp.study(path, folder=tmp_path / "out", jobs=1)
-    assert len(list((tmp_path / "out" / "chunks").iterdir())) > 2
+    assert len(list((tmp_path / "out" / "chunks").iterdir())) >= 2
     assert timeless(again.table).equals(timeless(study.table))
 
 
@@ -127,12 +127,12 @@ def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
     study = fp.study(study_file(WHOLE, "obstacle"), folder=tmp_path / "out", jobs=1)
     table = study.table.to_pylist()
     assert [row["status"] for row in table[1::2]] == ["error"] * 3
-    assert all("obstacles[0].radius" in row["explanation"] for row in table[1::2])
+    assert all("goal.positions.q1" in row["explanation"] for row in table[1::2])
     found = [row for row in table[::2] if row["status"] in ("optimal", "feasible")]
     assert found
     for row in found:
         assert row["clearance"] >= 0.02 - 1e-8
-    with pytest.raises(InputError, match="radius"):
+    with pytest.raises(InputError, match="goal.positions.q1"):
         study.plan(1)
 
 
@@ -205,10 +205,10 @@ def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
     monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
     real = os.fdopen
-    left = [4]
+    left = [3]
 
     def full(*arguments, **options):
-        left[0] -= 1
+        left[0] -= arguments[1:] == ("wb",)
         if left[0] < 0:
             os.close(arguments[0])
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -274,7 +274,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     command = [sys.executable, "-c", SLOWLY, str(path), str(tmp_path / "out")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     kept = 0
-    for _ in range(4):
+    for _ in range(3):
         with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as process:
             more = kept + rng.randint(1, 4)
             while process.poll() is None and kept < more:
@@ -282,7 +282,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
                 kept = len(list((tmp_path / "out" / "chunks").glob("*.parquet")))
             time.sleep(rng.uniform(0, 0.05))
             process.send_signal(signal.SIGKILL)
-    assert 0 < kept < 24
+    assert 0 < kept < 24, "killed in the middle"
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
@@ -344,4 +344,4 @@ def test_without_pyarrow_it_says_what_to_install(study_file, tmp_path, monkeypat
 def test_rows_of_a_whole_search_have_seeds_of_their_own():
     seeds = {rows.row_seed(seed, index) for seed in range(3) for index in range(100)}
     assert len(seeds) == 300
-    assert all(0 <= seed < 2**63 for seed in seeds)
+    assert all(0 <= seed <= 1e12 for seed in seeds)
