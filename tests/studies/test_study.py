@@ -132,7 +132,7 @@ def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
     assert found
     for row in found:
         assert row["clearance"] >= 0.02 - 1e-8
-    with pytest.raises(InputError, match="goal.positions.q1"):
+    with pytest.raises(InputError, match="outside the joint"):
         study.plan(1)
 
 
