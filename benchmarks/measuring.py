@@ -38,6 +38,7 @@ class Counts:
     slow_turns: int = 5
     generated: int = 300
     compared: int = 50
+    many: int = 2000
     witnesses: int = 400
     starts: int = 12
     repeated: int = 100
@@ -55,6 +56,7 @@ QUICK = Counts(
     slow_turns=2,
     generated=30,
     compared=6,
+    many=100,
     witnesses=30,
     repeated=12,
     free=6,

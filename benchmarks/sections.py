@@ -1,7 +1,7 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random forward
-obstacle witness growth startup; all of them where none is named. Needs the extra ``bench``.
+obstacle witness growth startup many; all of them where none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from constraint_sections import forward, obstacle, witness
+from many_section import many
 from measuring import FULL, QUICK, Counts
 from search_sections import free_section, random_section, starts_section
 from speed_sections import growth, quality, speed
@@ -30,6 +31,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "witness": witness,
     "growth": growth,
     "startup": startup,
+    "many": many,
 }
 
 

@@ -39,6 +39,7 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
         ("witness", "violated between instants: 0"),
         ("growth", "time grows as n^"),
         ("startup", "processor s"),
+        ("many", "plans/s"),
     ],
 )
 def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,6 +48,7 @@ def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys
         slow_turns=1,
         generated=1,
         compared=1,
+        many=3,
         witnesses=1,
         starts=2,
         repeated=1,

@@ -10,7 +10,7 @@ from floatplan import errors, files, tables
 from floatplan.export import table
 from floatplan.planning import search
 from floatplan.plans import record
-from floatplan.problem import checks, file, limits
+from floatplan.problem import checks, family, file, limits
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, values
 from floatplan.simulation import disturbance, forward, replay
@@ -21,10 +21,11 @@ SIZES = {
     "planned joints": checks.MOST_JOINTS,
     "joints of a URDF": check.MOST_JOINTS,
     "polynomial degree": checks.HIGHEST_DEGREE,
+    "problems of a family": family.MOST_PROBLEMS,
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": checks.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
-    "processes of a search or a study": search.MOST_JOBS,
+    "processes of a search or a study, threads of a batch": search.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "keys that a study varies": study_file.MOST_VARIED,
     "solved starts of a study's row": study_file.MOST_STARTS,

@@ -47,6 +47,26 @@ def main() -> None:
     app(prog_name="floatplan")
 
 
+def _print_version(asked: bool) -> None:
+    """Print the version, and which solver makes plans without inequalities."""
+    if asked:
+        from importlib.metadata import version
+
+        from floatplan.kernel import description
+
+        typer.echo(f"floatplan {version('floatplan')}, {description()}")
+        raise typer.Exit(DONE)
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Plan the flight phase of robots that have left the ground."""
+
+
 @app.command()
 @reporting_errors
 def plan(

@@ -71,6 +71,7 @@ static inline void draw(Planner &planner, const Robot &robot, const Settings &se
             planner.variables(m.z, m.trial);
         }
         double missed = planner.evaluate(m.trial).equality;
+        if (planner.unresolved() > settings.too_wild) continue;
         if (std::fabs(missed) < nearest) {
             nearest = std::fabs(missed);
             std::memcpy(m.x, m.trial, size * sizeof(double));

@@ -28,6 +28,7 @@ USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
 LEVEL_OF_STARTS = 1  # of grids
 MOTIONS = 24  # drawn at most for a start, until one turns too much and one too little
+TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = range(4)
 
 
@@ -104,6 +105,7 @@ class Solver:
     def __init__(self, kernel: library.Kernel, tree: PlanarTree, position_limits: Array, free: Sequence[int]) -> None:
         self._kernel = kernel
         self._n, self._width = len(free), max(free)
+        self._most_nodes = USUAL_NODES
         low, high = position_limits.T
         bodies = merged_bodies(tree, (low + high) / 2, (high - low) / 2)
         self._robot = _Filled(
@@ -123,9 +125,10 @@ class Solver:
 
     def plan(self, rows: Rows, search: Search) -> Answers:
         """Plan a batch; the answer to a row depends on that row and on the search alone."""
-        answers = self._plan(rows, search, USUAL_NODES)
+        answers = self._plan(rows, search, self._most_nodes)
         again = np.flatnonzero(answers.status == NEEDS_GRID)
         if again.size:
+            self._most_nodes = max(FINEST)
             better = self._plan(rows[again], search, max(FINEST))
             for name, values in vars(answers).items():
                 values[again] = getattr(better, name)
@@ -239,6 +242,7 @@ def _settings(search: Search) -> library.Settings:
         ),
         longest_step=search.longest_step,
         coarsely_resolved=stages.COARSELY_RESOLVED,
+        too_wild=TOO_WILD,
         hopeless=stages.HOPELESS,
         tolerance=ORIENTATION,
         unresolved=stages.UNRESOLVED,

@@ -34,7 +34,7 @@ struct Stage {
 
 struct Settings {
     Stage stages[3];  // rough, nearly resolved, fine
-    double longest_step, coarsely_resolved, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
+    double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
     double armijo, penalty_factor, penalty_kept, shortest_step, shortening_least, shortening_most, largest_multiplier;
     double damping, slack_penalty, largest_curvature, polished;
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;

@@ -61,7 +61,7 @@ class Settings(Structure):
         *(
             (name, c_double)
             for name in (
-                *("longest_step", "coarsely_resolved", "hopeless", "tolerance", "unresolved"),
+                *("longest_step", "coarsely_resolved", "too_wild", "hopeless", "tolerance", "unresolved"),
                 *("smallest_tail", "largest_tail", "armijo", "penalty_factor", "penalty_kept", "shortest_step"),
                 *("shortening_least", "shortening_most", "largest_multiplier", "damping", "slack_penalty"),
                 *("largest_curvature", "polished"),

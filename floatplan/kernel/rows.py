@@ -25,7 +25,13 @@ from floatplan.tables import RANGES
 
 ENDS = {"start": "initial", "goal": "final"}
 QUANTITIES = ("positions", "velocities", "accelerations")
-BALLISTIC = ("flight.gravity", "flight.horizontal_velocity", "flight.takeoff.position", "flight.landing.height")
+BALLISTIC = {  # what the path of the centre of mass alone depends on, and the range of its numbers
+    "flight.gravity": "gravity",
+    "flight.horizontal_velocity": "horizontal_velocity",
+    "flight.takeoff.position.0": "position",
+    "flight.takeoff.position.1": "position",
+    "flight.landing.height": "height",
+}
 NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
 
 
@@ -52,7 +58,7 @@ def is_plain_family(family: Family) -> bool:
     base = family.base
     if not is_plain(base) or any(_follows_from_others(posture) for posture in (base.start, base.goal)):
         return False
-    return all(_place(path, base.robot) or path.startswith(BALLISTIC) for path in family.arrays)
+    return all(_place(path, base.robot) or path in BALLISTIC for path in family.arrays)
 
 
 def _follows_from_others(posture: Posture) -> bool:
@@ -79,7 +85,7 @@ class Numbers:
     """What N plain problems of one robot, joint ranges and degrees differ in.
 
     ``duration`` (N,) s; ``momentum`` (N,) kg m^2/s, None for the middle of (9); at both ends ``orientation`` (2, N) rad
-    and ``positions, velocities, accelerations`` (2, N, n).
+    and ``positions, velocities, accelerations`` (2, N, n). ``sound`` (N,) says whether all else is in its range.
     """
 
     like: Problem
@@ -89,6 +95,7 @@ class Numbers:
     positions: Array
     velocities: Array
     accelerations: Array
+    sound: BoolArray
 
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
@@ -96,12 +103,16 @@ class Numbers:
         ends = [[getattr(problem, name) for problem in problems] for name in ENDS.values()]
         flights = [problem.flight for problem in problems]
         given = None if flights[0].angular_momentum == "midpoint" else [flight.angular_momentum for flight in flights]
+        numbers: dict[str, Any] = {
+            name: np.array([[getattr(state, name) for state in states] for states in ends])
+            for name in ("orientation", *QUANTITIES)
+        }
         return cls(
             problems[0],
             np.array([flight.duration for flight in flights], dtype=np.float64),
             None if given is None else np.array(given, dtype=np.float64),
-            np.array([[state.orientation for state in states] for states in ends]),
-            *(np.array([[getattr(state, name) for state in states] for states in ends]) for name in QUANTITIES),
+            **numbers,
+            sound=np.ones(len(problems), dtype=np.bool_),
         )
 
     @classmethod
@@ -120,11 +131,12 @@ class Numbers:
         asked = base.flight.angular_momentum
         numbers["duration"] = np.full(count, base.flight.duration, dtype=np.float64)
         numbers["momentum"] = None if isinstance(asked, str) else np.full(count, asked, dtype=np.float64)
+        numbers["sound"] = np.ones(count, dtype=np.bool_)
         for path, array in family.arrays.items():
-            place = _place(path, base.robot)
+            place, values = _place(path, base.robot), array[rows]
             if place is None:
+                numbers["sound"] &= _within(BALLISTIC[path], values)
                 continue
-            values = array[rows]
             end, name, joint = place
             if not end:
                 numbers["momentum" if name == "angular_momentum" else name] = values.astype(np.float64)
@@ -139,7 +151,7 @@ class Numbers:
         """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
         low, high = self.like.position_limits.T
         margin = NEAR_EDGE * (high - low)
-        good = _within("duration", self.duration)
+        good = self.sound & _within("duration", self.duration)
         if self.momentum is not None:
             good &= _within("angular_momentum", self.momentum)
         good &= _within("orientation", self.orientation).all(axis=0)
@@ -150,12 +162,9 @@ class Numbers:
 
     def some(self, rows: IntArray) -> Numbers:
         """Return those of some rows."""
-        return Numbers(
-            self.like,
-            self.duration[rows],
-            None if self.momentum is None else self.momentum[rows],
-            *(getattr(self, name)[:, rows] for name in ("orientation", *QUANTITIES)),
-        )
+        numbers: dict[str, Any] = {name: getattr(self, name)[:, rows] for name in ("orientation", *QUANTITIES)}
+        momentum = None if self.momentum is None else self.momentum[rows]
+        return Numbers(self.like, self.duration[rows], momentum, **numbers, sound=self.sound[rows])
 
     def rows(self) -> Rows:
         """As the solver takes them: the plain motion's boundary, arcsines on their first branch."""

@@ -151,7 +151,8 @@ def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions) -> list[int
     chunks = [batch.indices[first : first + CHUNK] for first in range(0, len(batch.indices), CHUNK)]
     doubtful: list[int] = []
     with ThreadPoolExecutor(options.jobs) as pool:
-        for indices, numbers, found, doubted in pool.map(planned, chunks):
+        found_in_order = map(planned, chunks) if options.jobs == 1 else pool.map(planned, chunks)
+        for indices, numbers, found, doubted in found_in_order:
             doubtful += doubted
             _keep(plans, indices, numbers, found)
     return doubtful
