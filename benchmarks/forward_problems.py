@@ -14,7 +14,7 @@ from generated_problems import random_chain
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import PlanarFlown, gauss_grid, momentum_set
-from floatplan.planning.transcription.program import decision_variables, sine_polynomials
+from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.parts import Obstacle
@@ -85,8 +85,8 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
     problem = replace(problem, flight=flight)
     model = flight_model(problem)
     branches = np.zeros((2, joints), dtype=np.int64)
-    polynomials = sine_polynomials(problem, problem.degrees, branches)
-    variables = decision_variables(problem, polynomials, momentum_set(problem))
+    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    polynomials = variables.polynomials
     x = variables.variables(rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape), momentum)
     motion = _look(model, variables, x)
     goal = fp.Posture(problem.final.orientation + motion.residual.item(), postures[1])
@@ -95,7 +95,7 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
 
 
 def _look(model: FlightModel, variables: DecisionVariables, x: np.ndarray) -> Trajectory:
-    return trajectory(model, variables, sample_nodes(gauss_grid(DENSE), variables.polynomials.width), x)
+    return trajectory(model, variables, sample_nodes(gauss_grid(DENSE), variables.polynomials.form), x)
 
 
 def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:

@@ -45,6 +45,7 @@ class Counts:
     free: int = 50
     scanned: int = free_problems.SCANNED
     subprocesses: int = 5
+    flights: int = 100
     instants: int = INSTANTS
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
@@ -62,6 +63,7 @@ QUICK = Counts(
     free=6,
     scanned=7,
     subprocesses=2,
+    flights=10,
     instants=4000,
 )
 

@@ -21,7 +21,7 @@ from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_se
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.planning.transcription.constraints import constraints
-from floatplan.planning.transcription.program import FlightProgram, decision_variables, objective, sine_polynomials
+from floatplan.planning.transcription.program import FlightProgram, decision_variables, objective
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes
 
 NODES = 64
@@ -51,9 +51,9 @@ class Answer:
 def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
     """Return floatplan's program at a fixed number of nodes, arcsine branches 0."""
     model = flight_model(problem)
-    polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), dtype=np.int64))
-    variables = decision_variables(problem, polynomials, momentum_set(problem))
-    sampling = sample_nodes(gauss_grid(nodes), polynomials.width)
+    branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
+    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    sampling = sample_nodes(gauss_grid(nodes), variables.polynomials.form)
     aim = objective(problem, model, variables, sampling)
     return FlightProgram(model, variables, sampling, aim, constraints(problem, model))
 

@@ -11,6 +11,7 @@ import numpy as np
 from generated_problems import random_problems
 from independent import Worst, violations
 from measuring import Counts, heading, list_unsolved, table, timed_plans
+from rest_problems import frame_speeds, rest_problems
 from starts_problems import starts_problems
 
 import floatplan as fp
@@ -77,6 +78,19 @@ def random_section(counts: Counts) -> None:
         solved = sum(plan.ok for plan, _ in answers if len(plan.robot.joints) == n)
         rows.append([n, f"{solved}/{len(seconds)}", statistics.median(seconds), max(seconds)])
     table(["n", "solved", "median ms", "worst ms"], rows)
+    list_unsolved(answers)
+
+
+def rest_section(counts: Counts) -> None:
+    """Flights from a foot at rest to a hand at rest."""
+    heading(f"rest: {counts.repeated} flights drawn around a motion with frames at rest, every third with h free")
+    answers = timed_plans(list(islice(rest_problems(), counts.repeated)))
+    solved = [plan for plan, _ in answers if plan.ok]
+    fastest = max((float(frame_speeds(plan).max()) for plan in solved), default=0.0)
+    print(f"  solved {len(solved)} of {len(answers)}")
+    print(f"  frames at takeoff and landing move at {fastest:.1e} m/s at most, by Pinocchio")
+    print(f"  {1e3 * statistics.median(spent for _, spent in answers):.1f} ms (median)\n")
+    print("  Bar: 95 %; 1e-9 m/s.\n")
     list_unsolved(answers)
 
 

@@ -1,7 +1,7 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
-Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random forward
-obstacle witness growth startup many; all of them where none is named. Needs the extra ``bench``.
+Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
+forward obstacle witness growth inflight startup many; all of them where none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from constraint_sections import forward, obstacle, witness
+from inflight_sections import inflight
 from many_section import many
 from measuring import FULL, QUICK, Counts
-from search_sections import free_section, random_section, starts_section
+from search_sections import free_section, random_section, rest_section, starts_section
 from speed_sections import growth, quality, speed
 from startup_sections import startup
 
@@ -26,10 +27,12 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "starts": starts_section,
     "free": free_section,
     "random": random_section,
+    "rest": rest_section,
     "forward": forward,
     "obstacle": obstacle,
     "witness": witness,
     "growth": growth,
+    "inflight": inflight,
     "startup": startup,
     "many": many,
 }

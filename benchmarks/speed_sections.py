@@ -16,6 +16,8 @@ import pinocchio as pin
 from generated_problems import random_problem
 from measuring import Counts, example, heading, in_turns, planner, stopwatch, table
 from peers import NODES, Answer, Ipopt, Slsqp
+from peers_compiled import CompiledSqp, can_compile
+from peers_pinocchio import PinocchioSlsqp
 
 import floatplan as fp
 from floatplan.kernel.stages import QUADRATURE_ERROR
@@ -31,22 +33,23 @@ def final_nodes(plan: fp.Plan) -> int:
     program = Slsqp(plan.problem).program
     b = plan.coefficients
     polynomials = program.variables.polynomials
-    powers = powers_map(polynomials.width, polynomials.duration)
+    powers = powers_map(polynomials.form, polynomials.duration)
     z: Any = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
     x = program.variables.variables(z, plan.angular_momentum)
     return NODE_COUNTS[program.trajectory(x).flown.level_needed(QUADRATURE_ERROR)]
 
 
-def slsqp(problem: fp.Problem, nodes: int = NODES) -> Answer:
+def slsqp(problem: fp.Problem, nodes: int = NODES, how: type[Slsqp] = Slsqp) -> Answer:
     """Build SLSQP's program for a problem, and solve it."""
-    return Slsqp(problem, nodes).solve()
+    return how(problem, nodes).solve()
 
 
 def speed(counts: Counts) -> None:
     """Time per plan beside the peers."""
     heading("speed: time per plan, in process, after the first")
     names = ["A", "B", *(f"chain of {n}" for n in counts.chains)]
-    rows, norms, shares = [], [], []
+    labels = ["SLSQP 64", "SLSQP own", "SLSQP Pinocchio", "IPOPT", *(["CasADi C"] if can_compile() else [])]
+    times, ratios, norms, shares, compiling = [], [], [], [], []
     for name in names:
         problem = example(name)
         plan = fp.plan(problem)
@@ -54,24 +57,37 @@ def speed(counts: Counts) -> None:
         peers: dict[str, Callable[[], object]] = {
             "SLSQP 64": partial(slsqp, problem),
             "SLSQP own": partial(slsqp, problem, nodes),
+            "SLSQP Pinocchio": partial(slsqp, problem, nodes, PinocchioSlsqp),
             "IPOPT": Ipopt(problem).solve,
         }
+        if can_compile():
+            compiled = CompiledSqp(problem, nodes)
+            compiling.append(compiled.compiling_seconds)
+            peers["CasADi C"] = compiled.solve
         slow = name.startswith("chain") and int(name.split()[-1]) > 8
         turns = counts.slow_turns if slow else counts.turns
         runs = {"floatplan": planner(problem, turns)} | peers
         timed = in_turns(runs, turns)
-        ratios = [timed.ratio("floatplan", key) for key in peers]
-        rows.append([name, len(problem.robot.joints), nodes, *(timed.median_ms(key) for key in runs), *ratios])
-        norms.append([name, f"{plan.objective_value:.4f}", *(_norm(timed.results[key]) for key in peers)])
+        size = [name, len(problem.robot.joints), nodes]
+        times.append([*size, *(timed.median_ms(key) for key in runs)])
+        ratios.append([name, *(timed.ratio("floatplan", key) for key in labels)])
+        norms.append([name, f"{plan.objective_value:.4f}", *(_norm(timed.results[key]) for key in labels)])
         shares.append([name, *_shares(problem, counts.turns)])
-    times = ["floatplan ms", "SLSQP 64 ms", "SLSQP own ms", "IPOPT ms"]
-    table(["problem", "n", "nodes", *times, "/SLSQP 64", "/SLSQP own", "/IPOPT"], rows)
-    print("  SLSQP: the same reduced program and gradients at 64 nodes, and at the nodes that floatplan ends with.")
+    table(["problem", "n", "nodes", "floatplan ms", *(f"{label} ms" for label in labels)], times)
+    print("  floatplan's time over the peer's")
+    table(["problem", *(f"/{label}" for label in labels)], ratios)
+    print("  SLSQP: the same reduced program and gradients at 64 nodes, and at the nodes that floatplan ends with;")
+    print("  the latter also with D and its derivatives by Pinocchio, called from Python at each node.")
     print("  floatplan and SLSQP go from the problem to b; IPOPT's expressions are built beforehand.")
-    print("  IPOPT: all b free, (13) and (14) as equations, 64 nodes. /X: floatplan's time over X's.")
-    print("  Bar: A in at most 4 ms, goal 1 ms; every ratio below 1.\n")
+    print("  IPOPT: all b free, (13) and (14) as equations, 64 nodes.")
+    if compiling:
+        print("  CasADi C: the reduced program at floatplan's nodes, its SQP solver and all as C with the problem's")
+        print(f"  numbers in it; gcc took {min(compiling):.1f} to {max(compiling):.1f} s for each beforehand.")
+    else:
+        print("  CasADi C: left out, there is no gcc on the path.")
+    print("  Bar: A in at most 4 ms, goal 1 ms; every ratio to SLSQP and IPOPT below 1.\n")
     print("  |b| reached; in brackets where the peer does not call it solved")
-    table(["problem", "floatplan", "SLSQP 64", "SLSQP own", "IPOPT"], norms)
+    table(["problem", "floatplan", *labels], norms)
     print("  share of floatplan's time")
     table(
         ["problem", "in ProxQP %", "in Pinocchio %", "of loading, in Pinocchio %", "of reporting, in Pinocchio %"],

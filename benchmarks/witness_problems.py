@@ -24,7 +24,7 @@ from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.transcription.program import decision_variables, sine_polynomials
+from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.parts import Obstacle
@@ -125,8 +125,9 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
     )
     bounds = angular_momentum_interval(problem)
     kind: Any = rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]).item()
-    polynomials = sine_polynomials(problem, problem.degrees, np.zeros((2, n), dtype=np.int64))
-    variables = decision_variables(problem, polynomials, momentum_set(problem))
+    branches = np.zeros((2, n), dtype=np.int64)
+    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    polynomials = variables.polynomials
     z = polynomials.no_free_part + rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape)
 
     def flown(momentum: float) -> Problem:
@@ -197,7 +198,7 @@ def _final_orientation(problem: Problem, variables: DecisionVariables, z: np.nda
 
 def _finest(problem: Problem, variables: DecisionVariables, z: np.ndarray, momentum: float) -> Trajectory:
     given = _with_momentum(variables, momentum)
-    nodes = sample_nodes(gauss_grid(NODE_COUNTS[-1]), variables.polynomials.width)
+    nodes = sample_nodes(gauss_grid(NODE_COUNTS[-1]), variables.polynomials.form)
     return trajectory(flight_model(problem), given, nodes, given.variables(z, momentum))
 
 

@@ -2,9 +2,17 @@
 from floatplan.certificate.certify import certify as certify
 from floatplan.errors import FloatplanError as FloatplanError
 from floatplan.errors import InputError as InputError
+from floatplan.inflight.authority import Authority as Authority
+from floatplan.inflight.authority import authority as authority
+from floatplan.inflight.replanner import Correction as Correction
+from floatplan.inflight.replanner import Reference as Reference
+from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.motion.flight_state import FlightState as FlightState
 from floatplan.planning.many import plan_many as plan_many
 from floatplan.planning.planner import plan as plan
+from floatplan.plans.contact import Contact as Contact
+from floatplan.plans.contact import landing as landing
+from floatplan.plans.contact import takeoff as takeoff
 from floatplan.plans.plan import Plan as Plan
 from floatplan.plans.plan_file import load_plan as load_plan
 from floatplan.plans.plans import Plans as Plans
@@ -26,6 +34,9 @@ from floatplan.problem.parts import Takeoff as Takeoff
 from floatplan.problem.problem import Problem as Problem
 from floatplan.robot.robot import Coupling as Coupling
 from floatplan.robot.robot import Robot as Robot
+from floatplan.simulation.closed_loop import closed_loop as closed_loop
+from floatplan.simulation.flights import ClosedLoop as ClosedLoop
+from floatplan.simulation.perturbation import Perturbation as Perturbation
 from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
 from floatplan.studies.study import Study as Study

@@ -14,9 +14,14 @@ LONGEST_PART = 400  # characters of a reason, an element or an advice
 LONGEST_PATH = 300  # characters of a file's path
 
 
+def escaped(text: str) -> str:
+    """Text on one line, without control characters and with nothing that UTF-8 cannot say."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+
+
 def printable(text: str, most: int = LONGEST_PART) -> str:
     """Text from anywhere as it may be shown: one line without control characters, nothing in it overlong."""
-    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+    shown = escaped(text)
     shown = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: f"{word[0][:HALF]} ... {word[0][-HALF:]}", shown)
     return shown if len(shown) <= most else f"{shown[: most - 4]} ..."
 
@@ -92,5 +97,5 @@ def _shown_path(path: str | None) -> str | None:
     """A path as it may be shown: its end, where it is long."""
     if path is None:
         return None
-    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in path)
+    shown = escaped(path)
     return shown if len(shown) <= LONGEST_PATH else f"... {shown[-(LONGEST_PATH - 4) :]}"

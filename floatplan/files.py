@@ -9,7 +9,7 @@ import re
 import socket
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +113,34 @@ def plain(value: Any) -> Any:
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
     """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file."""
-    path = Path(path)
+    return write_together({Path(path): content})[0]
+
+
+def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[], object] | None = None) -> list[Path]:
+    """Write files that belong together, each whole: all are on the disk before the first takes its place.
+
+    Parameters
+    ----------
+    contents : what to write, by path
+    replacing : called once everything is written and nothing has taken its place yet
+    """
+    written: dict[Path, Path] = {}
+    try:
+        for path, content in contents.items():
+            written[path] = _written_beside(path, content)
+        if replacing is not None:
+            replacing()
+        for path, temporary in written.items():
+            temporary.replace(path)
+    except BaseException:
+        for temporary in written.values():
+            temporary.unlink(missing_ok=True)
+        raise
+    return list(contents)
+
+
+def _written_beside(path: Path, content: str | bytes) -> Path:
+    """A new file under a temporary name beside ``path``."""
     if path.exists() and not path.is_file():
         raise InputError("is not a regular file, and is not replaced", source=path, advice="choose another name")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -125,11 +152,10 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
         mask = os.umask(0)
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-    return path
+    return Path(temporary)
 
 
 def _temporary_of_here() -> str:

@@ -1,14 +1,17 @@
-"""Runs floatplan on spoiled files: ``scripts/fuzz N [--first SEED] [--processes | --kills] [--jobs J]``.
+"""Runs floatplan on spoiled input: ``scripts/fuzz N [--first SEED] [--processes | --kills | --load] [--jobs J]``.
 
-Each of the N cases is a problem, URDF or plan file spoiled by its seed, met by a command. In process they run in
-batches, so that a crash is seen and costs one case; ``--processes`` starts the command line anew for each.
-``--kills`` kills sound commands at random moments instead, and looks at the files that they leave.
+Each of the N cases is a problem, URDF, mesh or plan file spoiled by its seed and met by a command, or a command line
+with strange options. In process they run in batches, so that a crash is seen and costs one case; ``--processes``
+starts the command line anew for each.
+``--kills`` kills sound commands at random moments instead, and looks at the files that they leave. ``--load`` makes
+1000 plans in one process, and tells what it grew by.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -19,22 +22,29 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
-import fuzz_cases  # noqa: E402
+import fuzz_runs  # noqa: E402
+import fuzz_sources  # noqa: E402
+import load  # noqa: E402
 
 BATCH = 50  # cases in one process
 PATIENCE = 60.0  # s for one case
+SLOW = {"here": 5.0, "processes": PATIENCE, "kills": PATIENCE}  # s for each of many: a process ends its own case
+PLANS, ROBOTS = 1000, 200  # of --load
+MOST_GROWTH = 5.0  # MB
 
 
 MODES = {
-    "here": fuzz_cases.run_here,
-    "processes": fuzz_cases.run_process,
-    "kills": fuzz_cases.run_killed,
+    "here": fuzz_runs.run_here,
+    "processes": fuzz_runs.run_process,
+    "kills": fuzz_runs.run_killed,
 }
 
 
 def worker(seeds: range, mode: str) -> None:
     """Run cases and print what they break, a line of JSON each; a line before each says which comes next."""
     run = MODES[mode]
+    if mode == "here":
+        resource.setrlimit(resource.RLIMIT_DATA, (fuzz_runs.LARGEST, fuzz_runs.LARGEST))
     out = sys.stdout
     for seed in seeds:
         print(json.dumps({"next": seed}), file=out, flush=True)
@@ -51,7 +61,7 @@ def batch(seeds: range, mode: str) -> Iterator[str]:
         ended = "a crash"
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             try:
-                output, errors = process.communicate(timeout=PATIENCE + 5 * len(seeds))
+                output, errors = process.communicate(timeout=PATIENCE + SLOW[mode] * len(seeds))
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, errors = process.communicate()
@@ -74,6 +84,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--processes", dest="mode", action="store_const", const="processes", default="here")
     parser.add_argument("--kills", dest="mode", action="store_const", const="kills")
+    parser.add_argument("--load", action="store_true")
     parser.add_argument("--mode", choices=MODES, help=argparse.SUPPRESS)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--worker", type=int, nargs=2, help=argparse.SUPPRESS)
@@ -81,7 +92,11 @@ def main() -> None:
     if options.worker:
         worker(range(*options.worker), options.mode)
         return
-    fuzz_cases.prepare_plans()
+    if options.load:
+        found = load.measured(PLANS, ROBOTS)
+        print(json.dumps(found))
+        raise SystemExit(0 if found["MB grown"] < MOST_GROWTH and found["fork agrees"] else 1)
+    fuzz_sources.prepare()
     last = options.first + options.cases
     batches = [range(first, min(first + BATCH, last)) for first in range(options.first, last, BATCH)]
     broken = 0

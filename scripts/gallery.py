@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 import floatplan as fp
 from floatplan.arrays import Array
+from floatplan.motion.planar.contact_rates import End
 from floatplan.view.figures.snapshots import picture_box
 from floatplan.view.postures import postures
 from floatplan.view.style import new_figure, styled
@@ -36,7 +37,17 @@ TITLES = {
     "talos": "Talos, onto a step",
     "human": "human, somersault",
 }
-COLUMNS = ("robot", "joints planned", "kg", "duration, s", "torque / limit", "leak", "planned in, s")
+COLUMNS = (
+    "robot",
+    "joints planned",
+    "kg",
+    "duration, s",
+    "torque / limit",
+    "takeoff / limit",
+    "landing / limit",
+    "leak",
+    "planned in, s",
+)
 WIDTH = 7.6  # inches
 PER_ROW = 5
 SNAPSHOTS = 5
@@ -57,6 +68,13 @@ class Entry:
         shares = (self.plan.peaks.motor_torque / limits)[np.isfinite(limits)]
         return float(shares.max()) if len(shares) else None
 
+    def rate_share(self, end: End) -> str:
+        """Least largest joint rate over its limit with which the frame is at rest at one end."""
+        contact = {"takeoff": fp.takeoff, "landing": fp.landing}[end](self.plan.problem, self.plan.angular_momentum)
+        if contact.found is None:
+            return "flies"
+        return "no limit" if contact.ratio is None else f"{contact.ratio:.2f}"
+
     def row(self) -> list[str]:
         """Cells of the table, under ``COLUMNS``."""
         robot, share = self.plan.robot, self.torque_share
@@ -67,6 +85,8 @@ class Entry:
             f"{robot.mass:.3g}",
             f"{self.plan.duration:g}",
             "no limit" if share is None else f"{share:.2f}",
+            self.rate_share("takeoff"),
+            self.rate_share("landing"),
             f"{self.plan.out_of_plane_leak:.1g}",
             f"{self.seconds:.1f}",
         ]

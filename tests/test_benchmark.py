@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.motion.planar.closed_form import Dynamics
 
 if importlib.util.find_spec("casadi") is None:
     skip_or_fail("casadi is not installed: the extra bench")
@@ -29,20 +34,28 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
 @pytest.mark.parametrize(
     ("section", "expected"),
     [
-        ("speed", "SLSQP own ms"),
+        ("speed", "SLSQP Pinocchio ms"),
         ("quality", "25.0411"),
         ("starts", "worse with more starts"),
         ("free", "with h free: 0 of 1"),
         ("random", "of 1"),
+        ("rest", "solved 1 of 1"),
         ("forward", "easy"),
         ("obstacle", "cut into the margin"),
         ("witness", "violated between instants: 0"),
         ("growth", "time grows as n^"),
+        ("inflight", "B, obstacle"),
         ("startup", "processor s"),
         ("many", "plans/s"),
     ],
 )
-def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_section_runs(
+    section: str,
+    expected: str,
+    benchmark: ModuleType,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tiny = benchmark.Counts(
         turns=1,
         slow_turns=1,
@@ -55,10 +68,12 @@ def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys
         free=1,
         scanned=21,
         subprocesses=1,
+        flights=1,
         instants=400,
         chains=(3,),
         long_chains=(3, 4),
     )
+    monkeypatch.delitem(sys.modules["inflight_sections"].FLOWN, "Go2's backflip")  # planned for seconds
     benchmark.SECTIONS[section](tiny)
     assert expected in capsys.readouterr().out
 
@@ -66,3 +81,71 @@ def test_section_runs(section: str, expected: str, benchmark: ModuleType, capsys
 def test_section_that_there_is_not(benchmark: ModuleType) -> None:
     with pytest.raises(SystemExit):
         benchmark.main(["nonsense"])
+
+
+NODES_OF_A = 32  # on which floatplan ends
+SAME_OPTIMUM = 1e-7  # of |b|
+
+
+@pytest.fixture
+def compiler(benchmark: ModuleType) -> None:
+    """CasADi's C can be compiled."""
+    from peers_compiled import can_compile
+
+    if not can_compile():
+        skip_or_fail("gcc is not installed")
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_pinocchio_slsqp_reaches_the_optimum(planned: Callable[[str], fp.Plan]) -> None:
+    from peers_pinocchio import PinocchioSlsqp
+
+    plan = planned("new_configuration")
+    answer = PinocchioSlsqp(plan.problem, NODES_OF_A).solve()
+    assert answer.solved
+    np.testing.assert_allclose(answer.coefficients, plan.coefficients, rtol=0, atol=SAME_OPTIMUM * answer.norm)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_compiled_sqp_reaches_the_optimum(planned: Callable[[str], fp.Plan]) -> None:
+    from peers_compiled import CompiledSqp
+
+    plan = planned("new_configuration")
+    answer = CompiledSqp(plan.problem, NODES_OF_A).solve()
+    assert answer.solved
+    np.testing.assert_allclose(answer.coefficients, plan.coefficients, rtol=0, atol=SAME_OPTIMUM * answer.norm)
+
+
+@pytest.mark.usefixtures("compiler")
+def test_compiled_sqp_says_when_it_has_not_converged(
+    planned: Callable[[str], fp.Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import peers_compiled
+
+    monkeypatch.setattr(peers_compiled, "MOST_ITERATIONS", 2)
+    assert not peers_compiled.CompiledSqp(planned("new_configuration").problem, NODES_OF_A).solve().solved
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_compiled_sqp_refuses_what_is_not_written_out(planned: Callable[[str], fp.Plan]) -> None:
+    from peers_compiled import CompiledSqp
+
+    with pytest.raises(TypeError, match="without constraints"):
+        CompiledSqp(planned("torque_limited").problem)
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_peers_know_the_same_momentum(any_robot: fp.Robot) -> None:
+    import casadi as ca
+    from peers_compiled import orientation_rate
+    from peers_pinocchio import pinocchio_rate
+
+    rng, momentum = np.random.default_rng(0), 0.7
+    q, qd = rng.uniform(-2, 2, (2, 9, len(any_robot.joints)))
+    own = Dynamics(any_robot.tree).base_rate_derivatives(q, qd, momentum)
+    peer = pinocchio_rate(any_robot).base_rate_derivatives(q, qd, momentum)
+    for name in ("rate", "by_position", "by_velocity", "by_momentum"):
+        expected = getattr(own, name)
+        np.testing.assert_allclose(getattr(peer, name), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    symbolic = np.asarray(orientation_rate(any_robot.tree, momentum).map(9)(ca.DM(q.T), ca.DM(qd.T))).ravel()
+    np.testing.assert_allclose(symbolic, own.rate, rtol=0, atol=1e-9 * np.abs(own.rate).max())

@@ -21,6 +21,7 @@ PROMISED = {
     "sweep": "least torque",
     "mujoco_playback": "rad from the plan",
     "pinocchio_interop": "nothing pushes the base",
+    "in_flight": "lands as planned",
 }
 
 

@@ -15,6 +15,7 @@ import pytest
 import floatplan as fp
 from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.certify import shapes_of
+from floatplan.motion.planar.contact_rates import has_contact
 from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
@@ -106,8 +107,8 @@ def test_commands_find_the_robot_by_its_address(floatplan, plans):
 def test_a_leak_is_warned_of(floatplan):
     run = floatplan("plan", GALLERY / "borinot.toml", "--no-figures")
     assert run.code == 0, run
-    assert "times as much angular momentum out of the plane" in " ".join(run.stderr.split())
-    assert "warning" not in floatplan("plan", GALLERY / "bolt.toml", "--no-figures").stderr
+    assert "times as much angular momentum out of the plane" in " ".join(run.stdout.split())
+    assert "warning" not in floatplan("plan", GALLERY / "bolt.toml", "--no-figures").stdout
 
 
 def test_a_leak_that_makes_plans_meaningless_is_refused(floatplan):
@@ -152,7 +153,10 @@ def test_the_readme_has_the_table_of_these_plans(monkeypatch, plans):
         else:
             assert float(cells[4]) <= 1.0
             assert float(row[4]) <= 1.0
-        assert float(cells[5]) < MEANINGLESS
+        for cell, end in ((5, "takeoff"), (6, "landing")):
+            assert (cells[cell] == "flies") == (row[cell] == "flies") == (not has_contact(plans(name).problem, end))
+            assert (cells[cell] == "no limit") == (row[cell] == "no limit")
+        assert float(cells[7]) < MEANINGLESS
 
 
 def test_problems_are_written_with_the_robot_s_address(tmp_path, plans):

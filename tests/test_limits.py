@@ -7,7 +7,7 @@ import re
 import pytest
 
 from floatplan import errors, files, tables
-from floatplan.export import table
+from floatplan.export import ros_bag, table
 from floatplan.planning import search
 from floatplan.plans import record
 from floatplan.problem import checks, family, file, limits
@@ -32,6 +32,7 @@ SIZES = {
     "rows on a study's page": study_page.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,
+    "transforms of an export to MCAP: instants times joints that move": ros_bag.MOST_TRANSFORMS,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
     "bandwidth of a replay's feedback": f"{disturbance.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",

@@ -3,20 +3,45 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
+from pathlib import Path
 
 import pytest
 
+from floatplan import optional
 from floatplan.errors import InputError
 from floatplan.optional import import_optional
 
 
 def test_a_module_that_is_there_is_returned() -> None:
-    assert import_optional("math", name="maths", element="engine", install="maths") is math
+    assert import_optional("math", name="maths", element="engine", extra="maths") is math
 
 
-def test_one_that_is_not_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def refusal(monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(InputError) as refused:
-        import_optional("viser", name="viser", element="scene", install='"floatplan[view]"')
-    assert str(refused.value) == 'scene: viser is not installed; install it: pip install "floatplan[view]"'
+        import_optional("viser", name="viser", element="scene", extra="view")
+    return str(refused.value)
+
+
+def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").touch()
+    monkeypatch.setattr(optional, "CLONE", tmp_path)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
+    monkeypatch.chdir(tmp_path)
+    start = 'scene: viser is not installed: it comes with the extra "view"; install it: '
+    assert refusal(monkeypatch) == f"{start}.venv/bin/python -m pip install -e '.[view]'"
+    monkeypatch.chdir(tmp_path.parent)
+    near = tmp_path.name
+    assert refusal(monkeypatch) == f"{start}{near}/.venv/bin/python -m pip install -e '{near}[view]'"
+    monkeypatch.chdir("/")
+    words = shlex.split(optional.install_advice("view").partition("install it: ")[2])
+    assert (Path("/") / words[0]).resolve() == (tmp_path / ".venv" / "bin" / "python").resolve()
+    assert words[1:5] == ["-m", "pip", "install", "-e"]
+
+
+def test_from_a_wheel_it_installs_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(optional, "CLONE", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert refusal(monkeypatch).endswith(f"install it: {shlex.quote(sys.executable)} -m pip install 'floatplan[view]'")

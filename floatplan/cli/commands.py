@@ -5,20 +5,40 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.common import (
+    DONE,
+    FAILED,
+    Commands,
+    Coupled,
+    Json,
+    Locked,
+    PlaneName,
+    PlanFile,
+    Quiet,
+    Reference,
+    Save,
+    Urdf,
+    Verbose,
+    print_json,
+    program,
+    reporting_errors,
+)
+from floatplan.cli.contact import takeoff as takeoff_command
+from floatplan.cli.info import InfoCommand, info
+from floatplan.cli.init import init as init_command
+from floatplan.cli.progress import log_on_stderr, progress
+from floatplan.cli.robots import robots
+from floatplan.cli.schema import schema
 from floatplan.cli.show import export, show
 from floatplan.cli.study import study
 from floatplan.errors import InputError
-from floatplan.tables import OBJECTIVES
+from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -27,15 +47,15 @@ GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and co
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
 app = typer.Typer(
+    cls=Commands,
     help="Plan the flight phase of robots that have left the ground.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 Source = Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT.urdf", help="A problem file, or a robot.")]
-PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
+OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 
 
 def main() -> None:
@@ -47,21 +67,20 @@ def main() -> None:
     app(prog_name="floatplan")
 
 
-def _print_version(asked: bool) -> None:
+def _print_version(wanted: bool) -> None:
     """Print the version, and which solver makes plans without inequalities."""
-    if asked:
-        from importlib.metadata import version
-
+    if wanted:
+        import floatplan
         from floatplan.kernel import description
 
-        typer.echo(f"floatplan {version('floatplan')}, {description()}")
+        typer.echo(f"floatplan {floatplan.__version__}, {description()}")
         raise typer.Exit(DONE)
 
 
 @app.callback()
-def program(
+def about(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version, and exit.")
     ] = False,
 ) -> None:
     """Plan the flight phase of robots that have left the ground."""
@@ -94,14 +113,18 @@ def plan(
         str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
     ] = None,
     objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"What is least: {', '.join(OBJECTIVES)}; the first if left out.")
+        str | None, typer.Option(metavar="NAME", help=f"What is least; the first if left out. {OBJECTIVE_HELP}.")
     ] = None,
     plane: PlaneName = None,
+    coupled: Coupled = None,
+    locked: Locked = None,
+    reference: Reference = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
     ] = None,
     json_output: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
     figures: Annotated[
         bool | None, typer.Option("--figures/--no-figures", help="Draw pictures; the default unless --json is given.")
     ] = None,
@@ -150,6 +173,9 @@ def plan(
         degree=degree,
         objective=objective,
         plane=plane,
+        coupled=coupled,
+        locked=locked,
+        reference=reference,
     )
     problem = asked_problem(source, options)
     directory = default_directory(problem) if output is None else output
@@ -157,19 +183,20 @@ def plan(
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
-    with _progress(quiet) as progress:
-        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=progress, prove=certify)
-    files = write_results(answer, directory, rate)
-    if is_robot(source):
-        files.append(write_problem(answer, directory))
-    if figures or (figures is None and not json_output):
-        files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
-    if report:
-        files.append(write_page(answer, directory))
+    with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
+        answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+    with progress("writing", quiet):
+        files = write_results(answer, directory, rate)
+        if is_robot(source):
+            files.append(write_problem(answer, directory))
+        if figures or (figures is None and not json_output):
+            files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
+        if report:
+            files.append(write_page(answer, directory))
     if not quiet:
         from floatplan.cli.summary import plan_summary, print_summary
 
-        print_summary(plan_summary(answer, files), stderr=True)
+        print_summary(plan_summary(answer, files, program()), stderr=json_output)
     if json_output:
         print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
     proved = answer.certificate is not None and answer.certificate.proved
@@ -178,50 +205,37 @@ def plan(
 
 @app.command()
 @reporting_errors
-def info(
-    source: Source,
-    plane: PlaneName = None,
-    shapes: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the links' capsules over their geometry into a file.")
+def bounds(
+    problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
     ] = None,
     json_output: Json = False,
 ) -> None:
-    """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
-    from floatplan.cli.facts import robot_facts
-    from floatplan.problem.options import named_robot
+    """Tell which angular momentum suits a flight: of joints that do not turn back, and of what they can push off.
 
-    robot = named_robot(source, plane)
-    facts = robot_facts(robot)
-    if shapes is not None:
-        from floatplan.view.figures.shapes_picture import check_picture, save_shapes
-
-        save_shapes(robot, check_picture(shapes))
-    if json_output:
-        print_json(facts)
-        return
-    from floatplan.cli.summary import facts_summary, print_summary
-
-    print_summary(facts_summary(facts))
-
-
-@app.command()
-@reporting_errors
-def bounds(
-    problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
-    json_output: Json = False,
-) -> None:
-    """Tell which angular momentum suits a flight whose joints do not turn back: an interval, and its midpoint."""
-    from floatplan.cli.facts import momentum_facts
+    For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
+    the frame on the ground being at rest: intervals of angular momentum and velocity.
+    """
+    from floatplan.cli.facts import momentum_facts, reachable_sets
     from floatplan.problem.file import load_problem
 
     problem = load_problem(problem_file)
-    facts = momentum_facts(problem)
+    sets = reachable_sets(problem)
+    facts = momentum_facts(problem, sets)
+    if picture is not None:
+        from floatplan.view.figures.reachable_picture import save_reachable
+        from floatplan.view.figures.shapes_picture import check_picture
+
+        save_reachable(sets, check_picture(picture, "--picture"))
     if json_output:
         print_json(facts)
         return
+    from floatplan.cli.contact_summary import reachable_summary
     from floatplan.cli.summary import momentum_summary, print_summary
 
     print_summary(momentum_summary(problem, facts))
+    print_summary(reachable_summary(facts))
 
 
 @app.command()
@@ -240,7 +254,8 @@ def certify(
     from floatplan.certificate.certify import certify as prove
     from floatplan.plans.record import load_record
 
-    certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
+    with progress("proving"):
+        certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)
     facts = certificate.to_dict()
     if save:
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
@@ -260,23 +275,56 @@ def replay(
     urdf: Urdf = None,
     engine: Annotated[str, typer.Option(metavar="NAME", help="'pinocchio' (the default) or 'mujoco'.")] = "pinocchio",
     perturb: Annotated[
-        str, typer.Option(metavar="h=1%,..", help="Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%.")
+        str,
+        typer.Option(
+            metavar="h=1%,..",
+            help="Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of "
+            "h, inertia, torque, rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out.",
+        ),
     ] = "",
     feedback: Annotated[
-        float | None, typer.Option(metavar="RAD/S", help="Bandwidth of joint feedback; open loop if left out.")
+        float | None,
+        typer.Option(metavar="RAD/S", help="Bandwidth of joint feedback; left out, open loop, 100 with --replan."),
     ] = None,
     step: Annotated[float, typer.Option(metavar="S", help="Longest step of MuJoCo, s.")] = 5e-4,
+    replan: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Correct in flight, so often a second: many flights, with and without."),
+    ] = None,
+    flights: Annotated[int, typer.Option(min=1, metavar="N", help="Number of flights with --replan.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
+    authority: Annotated[
+        bool, typer.Option("--authority", help="Tell from which errors corrections still land, and until when.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Put flights.html, with its pictures, into this folder."),
+    ] = None,
     save: Save = False,
     json_output: Json = False,
 ) -> None:
-    """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed."""
+    """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed.
+
+    With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
+    corrected.
+    """
     from floatplan.plans.plan_file import load_plan
     from floatplan.simulation.replay import check_engine
     from floatplan.simulation.replay import replay as fly
 
     checked = check_engine(engine)
     plan = load_plan(plan_file, urdf)
-    flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
+    if replan is not None or authority:
+        from floatplan.cli.inflight import fly_many
+
+        if save:
+            raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
+        fly_many(plan, replan, checked, perturb, flights, seed, feedback, authority, output, json_output)
+        raise typer.Exit(DONE)
+    if output is not None:
+        raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
+    with progress("flying"):
+        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(plan_file)
@@ -300,20 +348,8 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """Show the progress of the search on stderr: one line that changes in a terminal, elsewhere a line each."""
-    if quiet or sys.stderr is None:  # closed
-        yield None
-        return
-    if not sys.stderr.isatty():
-        yield lambda message: typer.echo(f"planning: {message}", err=True)
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("planning") as status:
-        yield status.update
-
-
-for command in (show, export, study):
+app.command(cls=InfoCommand)(info)
+for command in (robots, schema, show, export, study):
     app.command()(command)
+app.command("takeoff")(takeoff_command)
+app.command("init")(init_command)

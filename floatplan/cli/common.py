@@ -5,12 +5,19 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
-from collections.abc import Callable, Mapping
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
+from typer.core import TyperGroup
 
 from floatplan.errors import FloatplanError, InputError, printable
+from floatplan.optional import near
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -21,8 +28,18 @@ PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.
 Urdf = Annotated[
     str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
 ]
+PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
+Coupled = Annotated[
+    str | None,
+    typer.Option(metavar="F=L,..", help="Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."),
+]
+Locked = Annotated[str | None, typer.Option(metavar="J=A,..", help="Joints that stay at an angle.")]
+Reference = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Posture of the SRDF file beside the URDF, for other joints.")
+]
 Save = Annotated[bool, typer.Option("--save", help="Keep the result in the plan file.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log on stderr what the search does.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No summary, no progress: errors only.")]
 
 
@@ -50,10 +67,46 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
+class Commands(TyperGroup):
+    """The commands; what is wrong with the words of a command line is said on one short line, as all else is."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the words before the command."""
+        with _shortly():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the words after it, and run it."""
+        with _shortly():
+            return super().invoke(*args, **kwargs)
+
+
+@contextlib.contextmanager
+def _shortly() -> Iterator[None]:
+    """Shorten the message of an error of the command line's parser, which quotes what it was given."""
+    try:
+        yield
+    except Exception as error:
+        if hasattr(error, "format_message"):
+            error.message = printable(error.message)  # type: ignore[attr-defined]
+        raise
+
+
 def _complain(message: str) -> None:
     """Print an error on stderr, where there is one that takes it."""
     with contextlib.suppress(OSError):
         typer.echo(f"error: {message}", err=True)
+
+
+def program() -> str:
+    """The command to type for this program, where it was started from: ``floatplan``, or its path if it is on none."""
+    called = Path(sys.argv[0])
+    if called.parts[-2:] == ("floatplan", "__main__.py"):
+        return f"{shlex.quote(near(Path(sys.executable)))} -m floatplan"
+    found = shutil.which("floatplan")
+    if called.name != "floatplan" or (found is not None and os.path.realpath(found) == os.path.realpath(called)):
+        return "floatplan"
+    return shlex.quote(near(called.absolute()))
 
 
 def print_json(content: Mapping[str, Any]) -> None:

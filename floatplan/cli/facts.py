@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, get_args
 
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
+from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
+from floatplan.motion.planar.reachable import Reachable, reachable
 from floatplan.problem.limits import position_limits
 from floatplan.problem.parts import Limits
 from floatplan.problem.problem import Problem
@@ -57,8 +60,28 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
     return facts
 
 
-def momentum_facts(problem: Problem) -> dict[str, Any]:
-    """Return (7)-(10): the extremes of D over the problem's joint ranges, the interval for h and its midpoint."""
+def reachable_sets(problem: Problem) -> dict[str, Reachable]:
+    """Return what joint rates reach at the ends where a frame stands on the ground, about what the problem asks.
+
+    Where h is free it is the one that lets the joints be slowest there.
+    """
+    return {end: reachable(problem, end, _asked(problem, end)) for end in get_args(End) if has_contact(problem, end)}
+
+
+def _asked(problem: Problem, end: End) -> float:
+    asked = problem.flight.angular_momentum
+    if asked == "free":
+        best = contact_rates(problem, end, None)
+        asked = best.angular_momentum if best.exist else "midpoint"
+    return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else asked
+
+
+def momentum_facts(problem: Problem, sets: Mapping[str, Reachable]) -> dict[str, Any]:
+    """Return (7)-(10): the extremes of D over the problem's joint ranges, the interval for h and its midpoint.
+
+    Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
+    intervals null where they are not bounded.
+    """
     low, high = inertia_extremes(problem.robot, problem.position_limits)
     interval = angular_momentum_interval(problem)
     facts: dict[str, Any] = plain(
@@ -67,6 +90,12 @@ def momentum_facts(problem: Problem) -> dict[str, Any]:
             "angular_momentum_midpoint": sum(interval) / 2,
             "D_min": low,
             "D_max": high,
+            **{f"{end}_{key}": value for end in get_args(End) for key, value in _reached(sets.get(end)).items()},
         }
     )
     return facts
+
+
+def _reached(found: Reachable | None) -> dict[str, Any]:
+    keys = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
+    return {key: None if found is None else getattr(found, key.removesuffix("_bounds")) for key in keys}

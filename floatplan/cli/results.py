@@ -9,14 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from floatplan.errors import InputError
-from floatplan.export.table import write_table
+from floatplan.export.table import table_text
+from floatplan.files import write_atomically, write_together
 from floatplan.plans.plan import Plan
-from floatplan.problem.file import save_problem
+from floatplan.problem.file import problem_text
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
 LIMITS = LIMIT_TABLE.values()
 PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
+SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
 
 
@@ -52,7 +54,9 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
 
 
 def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
-    """Write plan.json and trajectory.csv, and return their paths.
+    """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
+
+    Older results stay where the new ones cannot be written, and go before the first new one takes its place.
 
     Raises
     ------
@@ -60,8 +64,8 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
         The directory cannot be written to.
     """
     with naming_the_place(directory):
-        _remove_older(directory)
-        return [plan.save(directory / PLAN), write_table(plan, directory / TRAJECTORY, rate)]
+        contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
+        return write_together(contents, replacing=lambda: _remove_older(directory))
 
 
 def _remove_older(directory: Path) -> None:
@@ -85,7 +89,14 @@ def _remove_older(directory: Path) -> None:
 def write_problem(plan: Plan, directory: Path) -> Path:
     """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
     with naming_the_place(directory):
-        return save_problem(plan.problem, directory / PROBLEM)
+        return write_atomically(
+            directory / PROBLEM, schema_line(directory) + problem_text(plan.problem, directory / PROBLEM)
+        )
+
+
+def schema_line(directory: Path) -> str:
+    """The first line of a problem file by which editors find its schema, where that is beside it; else empty."""
+    return f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
 
 
 def write_figures(plan: Plan, directory: Path, compare: Plan | None = None) -> list[Path]:

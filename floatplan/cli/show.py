@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from floatplan.cli.common import PlanFile, Quiet, Urdf, reporting_errors
+from floatplan.cli.progress import Bar, progress
+from floatplan.errors import escaped
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -47,11 +49,12 @@ def show(
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
-    files = _pages(plan, directory, scene, report=not (scene or formats or films))
-    files += _pictures(plan, other, directory, formats, films, speed)
+    with progress("drawing", quiet) as bar:
+        files = _pages(plan, directory, scene, report=not (scene or formats or films))
+        files += _pictures(plan, other, directory, formats, films, speed, bar)
     if not quiet:
         for path in files:
-            typer.echo(str(path))
+            typer.echo(escaped(str(path)))
     if open_page:
         for path in files:
             if path.suffix == ".html":
@@ -71,7 +74,7 @@ def _pages(plan: Plan, directory: Path, scene: bool, report: bool) -> list[Path]
 
 
 def _pictures(
-    plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float
+    plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float, bar: Bar
 ) -> list[Path]:
     from floatplan.cli.results import FIGURES, FILM, naming_the_place
 
@@ -81,14 +84,14 @@ def _pictures(
             from floatplan.view.figures.figures import save_figures
 
             files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed) for name in films]
+        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
     return files
 
 
 @reporting_errors
 def export(
     plan_file: PlanFile,
-    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="csv, npz, ros, mujoco or unitree.")],
+    form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those above.")],
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Instants per second; left out, what suits the format.")
     ] = None,
@@ -98,7 +101,19 @@ def export(
     urdf: Urdf = None,
     quiet: Quiet = False,
 ) -> None:
-    """Hand a plan on: as a table, to ROS, to MuJoCo, to Unitree's players."""
+    """Hand a plan on, to a robot, a simulator or another program. SI units and radians.
+
+    \b
+    csv        planned joints and those that follow them, 1 kHz
+    csv-full   base pose and all joints, one row per instant
+    parquet    the same as Parquet (extra "parquet")
+    npz        NumPy: what plan.at() gives
+    pinocchio  NumPy: q, v, a, tau of Pinocchio's free-flyer model
+    mujoco     NumPy: qpos, qvel, ctrl with a free joint
+    ros        trajectory_msgs/JointTrajectory as YAML
+    mcap       a ROS 2 bag, also for Foxglove (extra "mcap")
+    unitree    CSV as Unitree's motion data
+    """  # noqa: D301
     from floatplan.cli.results import naming_the_place
     from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of
@@ -107,7 +122,7 @@ def export(
     known = format_of(form)
     plan = load_plan(plan_file, urdf)
     path = Path(plan_file).parent / known.file if output is None else output
-    with naming_the_place(path):
+    with naming_the_place(path), progress("exporting", quiet):
         path = write(plan, form, path, rate)
     if not quiet:
-        typer.echo(str(path))
+        typer.echo(escaped(str(path)))

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from floatplan.cli.common import DONE, FAILED, Json, Quiet, print_json, reporting_errors
+from floatplan.cli.progress import Bar, progress
 
 if TYPE_CHECKING:
     from floatplan.studies.driver import Progress
 
-LINE_EVERY = 5.0  # [s] of progress, where it is no terminal
+EVERY = 2.0  # [s] words about the progress
 
 
 @reporting_errors
@@ -46,7 +45,7 @@ def study(
 
     began = time.perf_counter()
     try:
-        with _progress(quiet) as progress:
+        with progress("study", quiet, tell=True) as bar:
             done = run(
                 study_file,
                 folder=output,
@@ -54,16 +53,16 @@ def study(
                 engine=engine,
                 scheduler=scheduler,
                 jobs=jobs,
-                progress=progress,
+                progress=_teller(bar),
             )
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(FAILED) from None
     if not quiet:
         for status, count in done.statuses.items():
-            typer.echo(f"{count:>9} {status.replace('_', ' ')}", err=True)
+            typer.echo(f"{count:>9} {status.replace('_', ' ')}", err=json_output)
         for path in done.files:
-            typer.echo(str(path), err=True)
+            typer.echo(str(path), err=json_output)
     if json_output:
         print_json(
             {
@@ -77,24 +76,15 @@ def study(
     raise typer.Exit(DONE)
 
 
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
-    """Show the progress on stderr: one line that changes in a terminal, elsewhere a line now and then."""
-    if quiet or sys.stderr is None:
-        yield None
-        return
-    if sys.stderr.isatty():
-        from rich.console import Console
-
-        with Console(stderr=True).status("study") as status:
-            yield lambda progress: status.update(f"study: {progress}")
-        return
+def _teller(bar: Bar) -> Callable[[Progress], None]:
+    """Tell a bar how far it is; a line now and then where there is no terminal."""
     told = time.monotonic()
 
-    def tell(progress: Progress) -> None:
+    def tell(reached: Progress) -> None:
         nonlocal told
-        if progress.done == progress.total or time.monotonic() - told >= LINE_EVERY:
+        bar.reach(reached.done, reached.total)
+        if reached.done == reached.total or time.monotonic() - told >= EVERY:
             told = time.monotonic()
-            typer.echo(f"study: {progress}", err=True)
+            bar.say(str(reached))
 
-    yield tell
+    return tell

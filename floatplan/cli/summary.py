@@ -13,19 +13,21 @@ from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
+from floatplan.errors import escaped
 from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
+from floatplan.tables import OBJECTIVE_TABLE
 
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 
 
-def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
-    """Return at most 25 lines about a plan and the files that were written of it."""
+def plan_summary(plan: Plan, files: Sequence[Path], program: str = "floatplan") -> RenderableType:
+    """Return at most 25 lines about a plan and the files that were written of it; ``program`` is what users type."""
     record, problem = plan.record, plan.problem
     table = _two_columns()
     table.add_row("problem", _problem(problem))
@@ -39,11 +41,13 @@ def plan_summary(plan: Plan, files: Sequence[Path]) -> RenderableType:
         table.add_row("warning", Text(_leak(record.out_of_plane_leak), "yellow"))
     if plan.certificate is not None:
         table.add_row(plan.certificate.verdict, _proof(plan.certificate, record.orientation["goal"]))
+    if plan.contacts:
+        table.add_row("contact", "; ".join(escape(contact.brief) for contact in plan.contacts))
     places = _places(files)
     for name, path in places.items():
-        table.add_row(name, Text(str(path), overflow="fold"))
+        table.add_row(name, Text(escaped(str(path)), overflow="fold"))
     if "plan" in places and "report" not in places:
-        table.add_row("next", Text(f"floatplan show {shlex.quote(str(places['plan']))}", overflow="fold"))
+        table.add_row("next", Text(f"{program} show {shlex.quote(str(places['plan']))}", overflow="fold"))
     parts: list[RenderableType] = [_verdict(plan), table, _utilisation(plan)]
     if record.explanation:
         parts.append(Text(_shortened(record.explanation), style="" if plan.ok else "yellow"))
@@ -79,21 +83,26 @@ def _use(row: Utilisation, key: str) -> tuple[str, str, str]:
     return _number(peak), _number(limit), _percent(share)
 
 
-def facts_summary(facts: Mapping[str, Any]) -> RenderableType:
-    """Return the result of ``floatplan info``, for reading."""
+def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool = False) -> RenderableType:
+    """Return the result of ``floatplan info``, for reading: joints first, frames and shapes where asked for."""
     table = _two_columns()
     plane = facts["plane"]
     table.add_row("robot", f"{escape(facts['name'])}, {facts['mass']:.6g} kg")
     table.add_row("plane", f"{plane['name']}, normal {_listed(plane['normal'])}")
-    table.add_row("locked", _pairs({joint: f"{position:.6g}" for joint, position in facts["locked"].items()}))
-    table.add_row("coupled", _pairs({joint: _coupling(coupling) for joint, coupling in facts["coupled"].items()}))
-    table.add_row("frames", escape(", ".join(facts["frames"])))
-    table.add_row("shapes", escape(", ".join(_shape(shape) for shape in facts["shapes"])) or "none")
-    table.add_row("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it")
+    follows = [Text(f"{joint} follows {_leader(coupling)}") for joint, coupling in facts["coupled"].items()]
+    rest = _two_columns()
+    rest.add_row("locked, rad", _pairs({joint: f"{position:.6g}" for joint, position in facts["locked"].items()}))
+    rest.add_row(
+        "frames", escape(", ".join(facts["frames"])) if frames else f"{len(facts['frames'])}; --frames has them"
+    )
+    listed = escape(", ".join(_shape(shape) for shape in facts["shapes"])) or "none"
+    rest.add_row("shapes", listed if shapes else f"{len(facts['shapes'])}; --shapes has them")
+    rest.add_row("leak", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it")
     if facts["tilt"]:
-        table.add_row("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad")
-    table.add_row("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")
-    return Group(table, _joint_table(facts), *(Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]))
+        rest.add_row("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad")
+    rest.add_row("D_0", f"{facts['D_min'][0]:.6g} to {facts['D_max'][0]:.6g} kg m^2")
+    warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
+    return Group(table, _joint_table(facts), *follows, rest, *warnings)
 
 
 def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableType:
@@ -141,6 +150,8 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     table.add_row("CM", f"off by {_number(facts['com_error'])} m")
     table.add_row("momentum", f"drifts by {_number(facts['momentum_drift'])} kg m^2/s")
     table.add_row("sensitivity", f"{_number(facts['orientation_sensitivity'])} rad per kg m^2/s of h")
+    if facts["spatial"] is not None:
+        table.add_row("in space", _spatial(facts["spatial"]))
     growth = Table("after, s", "orientation, rad", "joints, rad", "CM, m", box=None, header_style="dim", pad_edge=False)
     for row in zip(*(facts["growth"][name] for name in ("times", "orientation", "joints", "com")), strict=True):
         growth.add_row(*(_number(value) for value in row))
@@ -148,6 +159,15 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     advice = "with --feedback 30 an unstable motion lands all the same, a wrong plan does not"
     hint = [Text(advice, "dim")] if unstable else []
     return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, growth, *hint)
+
+
+def _spatial(landing: Mapping[str, Any]) -> str:
+    """What the free joint did, in a line."""
+    off = max([landing["orientation_error"] or 0.0, *(error or 0.0 for error in landing["position_error"])])
+    held = len(landing["held"])
+    gains = f", {held} joint{'s' if held > 1 else ''} held by gains" if held else ""
+    turned = f"roll {math.degrees(landing['roll']):+.3g} deg, yaw {math.degrees(landing['yaw']):+.3g} deg"
+    return f"{turned}; in the plane off by {_number(off)} rad{gains}"
 
 
 def print_summary(content: RenderableType, stderr: bool = False) -> None:
@@ -192,7 +212,9 @@ def _result(plan: Plan) -> str:
     reached = plan.record.orientation
     error = abs(reached["end"] - reached["goal"])
     objective = plan.record.objective
-    return f"orientation off by {error:.1e} rad, {objective['name']} {float(objective['value']):.6g}"
+    name = objective["name"]
+    unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
+    return f"orientation off by {error:.1e} rad, {name} {float(objective['value']):.6g} {unit}".rstrip()
 
 
 def _proof(certificate: Certificate, goal: float) -> Text:
@@ -263,9 +285,10 @@ def _pairs(values: Mapping[str, str]) -> str:
     return escape(", ".join(f"{name} = {value}" for name, value in values.items())) or "none"
 
 
-def _coupling(coupling: Mapping[str, Any]) -> str:
-    offset = f" + {coupling['offset']:g}" if coupling["offset"] else ""
-    return f"{coupling['ratio']:g} {coupling['leader']}{offset}"
+def _leader(coupling: Mapping[str, Any]) -> str:
+    ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
+    offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
+    return f"{ratio}{coupling['leader']}{offset}"
 
 
 def _shape(shape: Mapping[str, Any]) -> str:

@@ -13,8 +13,11 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.export.full_table import write_full_csv, write_parquet
+from floatplan.export.ros_bag import write_mcap
 from floatplan.export.table import sample_times, write_table
 from floatplan.files import write_atomically
+from floatplan.motion.planar.free_flyer import free_flyer
 from floatplan.plans.plan import Plan
 
 Writer: TypeAlias = Callable[[Plan, Path, float], Path]
@@ -49,7 +52,8 @@ def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | 
     Parameters
     ----------
     plan : Plan
-    form : "csv", "npz", "ros", "mujoco" or "unitree"
+    form : str
+        A name in :data:`FORMATS`.
     path : path, optional
         The file; left out, the format's own name in the working directory.
     rate : float, optional
@@ -77,6 +81,26 @@ def write_npz(plan: Plan, path: Path, rate: float) -> Path:
     arrays = {name: getattr(state, name) for name in ARRAYS}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
     return _write_archive(path, {"times": state.times, **names, **arrays})
+
+
+def write_pinocchio(plan: Plan, path: Path, rate: float) -> Path:
+    """Write NumPy's archive for ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
+
+    ``time`` (N,); ``q`` (N, nq), ``v``, ``a``, ``tau`` (N, nv) as of ``plan.q``, ``plan.v``, ``plan.a``, ``plan.tau``;
+    ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out.
+    """
+    times = sample_times(plan.duration, rate)
+    motion, place = plan.full_motion(times), free_flyer(plan.robot)
+    arrays = {
+        "time": times,
+        "q": place.configurations(motion),
+        "v": place.velocities(motion),
+        "a": place.accelerations(motion),
+        "tau": place.torques(motion),
+        "gravity": -plan.ballistics.gravity * plan.robot.plane.vertical,
+        "joint_names": np.array(motion.joints),
+    }
+    return _write_archive(path, arrays)
 
 
 def write_ros(plan: Plan, path: Path, rate: float) -> Path:
@@ -120,13 +144,13 @@ def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
 def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
     """Write CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
 
-    The first line is a comment that names the columns. Where the flight is not a whole number of steps, the last row is
-    the landing, less than a step early.
+    As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
+    flight is not a whole number of steps, the last row is the landing, less than a step early.
     """
     motion = plan.full_motion(sample_times(plan.duration, rate))
     names = ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw", *motion.joints]
     rows = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
-    lines = ["# " + ",".join(name.replace("\n", " ") for name in names)]
+    lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]
     return write_atomically(path, "\n".join(lines) + "\n")
 
@@ -147,8 +171,12 @@ def _yaml(values: Array) -> str:
 
 FORMATS: dict[str, Format] = {
     "csv": Format(write_table, "trajectory.csv", 1000.0),
+    "csv-full": Format(write_full_csv, "full_trajectory.csv", 1000.0),
+    "parquet": Format(write_parquet, "trajectory.parquet", 1000.0),
     "npz": Format(write_npz, "trajectory.npz", 1000.0),
-    "ros": Format(write_ros, "joint_trajectory.yaml", 100.0),
+    "pinocchio": Format(write_pinocchio, "pinocchio.npz", 1000.0),
     "mujoco": Format(write_mujoco, "mujoco.npz", 1000.0),
+    "ros": Format(write_ros, "joint_trajectory.yaml", 100.0),
+    "mcap": Format(write_mcap, "flight.mcap", 100.0),
     "unitree": Format(write_unitree, "unitree.csv", 50.0),
 }

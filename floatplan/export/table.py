@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,12 @@ def sample_times(duration: float, rate: float) -> Array:
 
 
 def write_table(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
-    """Write the plan as CSV: one row per instant, numbers that read back bit for bit.
+    """Write the plan as CSV, as :func:`table_text` says it."""
+    return write_atomically(path, table_text(plan, rate))
+
+
+def table_text(plan: Plan, rate: float = 1000.0) -> str:
+    """Return the plan as CSV: one row per instant, numbers that read back bit for bit.
 
     Columns: time, orientation, orientation_rate, com_x, com_y (horizontal, vertical), then per motor its joint's
     position, velocity, acceleration and its own torque; SI units and radians. A joint that others follow also has
@@ -44,7 +50,6 @@ def write_table(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
     Parameters
     ----------
     plan : Plan
-    path : path
     rate : float
         Rows per second, Hz; the end of the flight is always a row.
     """
@@ -66,11 +71,16 @@ def write_table(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
         if index < len(plan.robot.joints) and np.count_nonzero(ratios[:, index]) > 1:
             header.append(f"{joint}_generalized_torque")
             columns.append(state.torques[:, index])
+    return csv_text(header, np.column_stack(columns))
+
+
+def csv_text(header: Sequence[str], rows: Array) -> str:
+    """CSV of rows (N, C) under a header (C), of which no spreadsheet takes a name for a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(map(_no_formula, header))
-    writer.writerows(np.column_stack(columns).tolist())
-    return write_atomically(path, text.getvalue())
+    writer.writerows(rows.tolist())
+    return text.getvalue()
 
 
 def _no_formula(heading: str) -> str:

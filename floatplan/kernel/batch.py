@@ -17,10 +17,10 @@ from floatplan.kernel.bodies import merged_bodies
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.flight import LARGEST_TAIL, SMALLEST_TAIL
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
-from floatplan.motion.sine_polynomial import basis
+from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.optimization import sqp
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 FINER = 2  # levels of grids, from one to the next with twice the nodes
 FINEST = (384, 512)  # nodes to judge by what needs the finest two grids
@@ -195,7 +195,7 @@ class _Grids:
 @lru_cache(maxsize=64)
 def _grid(width: int, count: int) -> _Filled:
     quadrature = gauss_legendre(count)
-    value, slope, _ = basis(width).values(quadrature.nodes)
+    value, slope, _ = basis(Form(width)).values(quadrature.nodes)
     return _Filled(
         library.Grid,
         nodes=count,

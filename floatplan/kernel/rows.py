@@ -18,7 +18,6 @@ from floatplan.motion.planar.bounds import inertia_extremes, monotonic_midpoints
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.sine_polynomial import boundary_arguments
 from floatplan.problem.family import Family
-from floatplan.problem.parts import Posture
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import RANGES
@@ -41,11 +40,12 @@ def is_planar(flight: FlightDynamics) -> bool:
 
 
 def is_plain(problem: Problem) -> bool:
-    """Whether a problem asks for no more than the kernel does: (17) at a given h, and no inequalities."""
+    """Whether a problem asks for no more than the kernel does: (17) between given states, h given, no inequalities."""
     limits = (*problem.joint_limits.values(), problem.motor_torque_limits, problem.torque_limits, problem.motor_stall)
     return (
         problem.motion.objective == "coefficients"
         and problem.flight.angular_momentum != "free"
+        and not problem.chooses_ends
         and not (problem.obstacles or problem.self_clearances or problem.ground)
         and problem.limits.orientation_rate is None
         and not any(np.isfinite(values).any() for values in limits)
@@ -56,14 +56,7 @@ def is_plain(problem: Problem) -> bool:
 def is_plain_family(family: Family) -> bool:
     """Whether all problems of a family are plain, with the same joint ranges and degrees."""
     base = family.base
-    if not is_plain(base) or any(_follows_from_others(posture) for posture in (base.start, base.goal)):
-        return False
-    return all(_place(path, base.robot) or path in BALLISTIC for path in family.arrays)
-
-
-def _follows_from_others(posture: Posture) -> bool:
-    """Whether rates are given by a word, so that they depend on the rest of the problem."""
-    return any(isinstance(getattr(posture, quantity), str) for quantity in QUANTITIES)
+    return is_plain(base) and all(_place(path, base.robot) or path in BALLISTIC for path in family.arrays)
 
 
 def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:

@@ -53,6 +53,13 @@ class MomentumSet:
         return int(self.axes.shape[1])
 
 
+class EndRates(Protocol):
+    """Rates of the joints at takeoff and landing, as far as they follow from the angular momentum."""
+
+    def __call__(self, angular_momentum: Array) -> tuple[Array, Array]:
+        """Rates (2, n), rad/s, at takeoff and at landing for h (e,), and their derivatives (2, n, e) by h."""
+
+
 class Distances(Protocol):
     """Distances between surfaces, of which r are measured at K instants."""
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.dynamics import FlightDynamics, MomentumSet
+from floatplan.motion.dynamics import EndRates, FlightDynamics, MomentumSet
 from floatplan.motion.planar import contact, flight, impossibility
+from floatplan.motion.planar.end_rates import end_rates as end_rates_of
 from floatplan.problem.problem import Problem
 
 
@@ -20,6 +21,17 @@ def flight_dynamics(problem: Problem) -> FlightDynamics:
 def momentum_set(problem: Problem) -> MomentumSet:
     """Return the angular momenta that a search may choose."""
     return flight.momentum_set(problem)
+
+
+def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
+    """Return the joints' rates at both ends, which may follow from an angular momentum of the set.
+
+    Raises
+    ------
+    InputError
+        A frame is to be at rest that no rates bring to rest.
+    """
+    return end_rates_of(problem, momentum)
 
 
 def impossibilities(problem: Problem) -> list[str]:

@@ -6,13 +6,17 @@ end, the six conditions (13) fix p, p' and p'' at both ends, and ::
     p_i(s) = quintic Hermite polynomial of these + s^3 (1 - s)^3 sum_k z_ik J_k(s)
 
 carries them for any ``z``. The J_k are Jacobi polynomials that make the free functions orthonormal on [0, 1], so that a
-unit change of z is a root-mean-square change of p by one radian.
+unit change of z is a root-mean-square change of p by one radian. Where the accelerations at an end are free, the
+quintic with p'' there is one of the free functions, scaled to the same length.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -29,12 +33,36 @@ from floatplan.motion.exact_polynomials import (
 )
 from floatplan.motion.quadrature import chebyshev_values
 
+END_LENGTH = math.sqrt(1 / 9240)  # [-] root mean square of the quintic with p'' = 1 at one end
 EDGE = 1e-12  # [-] of the amplitude: nearer to the end of its range than this, a joint stands on the edge
+
+
+CURVATURES = (2, 5)  # of the conditions (13) p'' at s = 0 and at s = 1
+
+
+class Form(NamedTuple):
+    """Which polynomials make p.
+
+    ``width`` free ones in all; ``free_ends`` are those of ``CURVATURES`` among them, which come first.
+    """
+
+    width: int
+    free_ends: tuple[int, ...] = ()
+
+    @property
+    def bubbles(self) -> int:
+        """Number of free polynomials that vanish at both ends with two derivatives."""
+        return self.width - len(self.free_ends)
+
+    @property
+    def given(self) -> tuple[int, ...]:
+        """The conditions (13) that are given."""
+        return tuple(condition for condition in range(CONDITIONS) if condition not in self.free_ends)
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """The polynomials of s whose combination is p: six Hermite ones, then the free ones.
+    """The polynomials of s whose combination is p: the Hermite ones of given conditions, then the free ones.
 
     Attributes
     ----------
@@ -63,9 +91,12 @@ class Basis:
 
 
 @lru_cache(maxsize=32)
-def basis(free: int) -> Basis:
-    """Return the basis with ``free`` free polynomials: p has degree 5 + free."""
-    columns = basis_columns(free)
+def basis(form: Form) -> Basis:
+    """Return the basis of a form: p has degree ``5 + form.bubbles``."""
+    columns = basis_columns(form.bubbles)
+    if form.free_ends:
+        ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
+        columns = np.concatenate((columns[:, form.given], ends, columns[:, CONDITIONS:]), axis=1)
     return Basis(read_only(columns.astype(np.float64)), read_only(chebyshev_of_powers(columns)))
 
 
@@ -139,9 +170,10 @@ class SinePolynomials:
     centre, amplitude : (n,) rad
     duration : s
     boundary : (n, 6)
-        p, dp/ds, d2p/ds2 at s = 0, then at s = 1.
+        p, dp/ds, d2p/ds2 at s = 0, then at s = 1; of ``free_ends`` they mean nothing.
     free : (n,) int
-        Free polynomials of each joint, degree - 5.
+        Free polynomials of each joint: degree - 5, and one for each free end.
+    free_ends : which of ``CURVATURES`` are free
     """
 
     centre: Array
@@ -149,6 +181,12 @@ class SinePolynomials:
     duration: float
     boundary: Array
     free: tuple[int, ...]
+    free_ends: tuple[int, ...] = ()
+
+    @cached_property
+    def form(self) -> Form:
+        """Which polynomials make p."""
+        return Form(self.width, self.free_ends)
 
     @cached_property
     def width(self) -> int:
@@ -168,13 +206,18 @@ class SinePolynomials:
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
         coefficients = self._plain_coefficients.copy()
-        coefficients[:, CONDITIONS:] = z
+        coefficients[:, coefficients.shape[1] - self.width :] = z
         return self.motion_of_coefficients(coefficients.T, values)
 
     @cached_property
     def _plain_coefficients(self) -> Array:
         """All coefficients (n, 6+width) of the motion with no free part."""
-        return np.concatenate((self.boundary, self.no_free_part), axis=1)
+        return np.concatenate((self.given_boundary, self.no_free_part), axis=1)
+
+    @property
+    def given_boundary(self) -> Array:
+        """The conditions (13) that are given (n, g)."""
+        return self.boundary[:, self.form.given] if self.free_ends else self.boundary
 
     def motion_of_coefficients(self, coefficients: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values.
@@ -200,13 +243,17 @@ class SinePolynomials:
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""
-        combinations = np.concatenate((self.boundary, z), axis=1).tolist()
+        conditions = self.boundary
+        if self.free_ends:
+            conditions = conditions.copy()
+            conditions[:, self.free_ends] = z[:, : len(self.free_ends)] / END_LENGTH
+        combinations = np.concatenate((conditions, z[:, len(self.free_ends) :]), axis=1).tolist()
         return np.array([powers_of_seconds(combination, self.duration) for combination in combinations])
 
 
-def powers_map(width: int, duration: float) -> Array:
-    """Matrix (width+6, 6+width) from a joint's boundary and free coefficients to its b, powers of seconds."""
-    powers = basis(width).powers
+def powers_map(form: Form, duration: float) -> Array:
+    """Matrix (k+1, g+width) from a joint's given conditions and free coefficients to its b, powers of seconds."""
+    powers = basis(form).powers
     return np.asarray(powers / duration ** np.arange(len(powers))[:, None])
 
 

@@ -21,6 +21,7 @@ QP_INNER_ITERATIONS = 30
 ELASTIC_ITERATIONS = 20  # of Newton's method
 REGULARISATION = 1e-12  # [-] of the elastic system, relative to the slack penalty
 ROWS_AT_ONCE = 16  # inequalities added to a QP at a time
+ACTIVE_PER_VARIABLE = 4  # [-] inequalities of the last QP that the next begins with; at a vertex there is 1
 GENERATIONS = 12  # times that rows are added before the QP counts as infeasible
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row left out of a QP may be violated by its solution
 
@@ -90,7 +91,9 @@ def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_pen
     """
     equality, inequality, rows = current.equality_jacobian, current.inequality, active
     if active.size:
-        rows = _union(len(inequality), active, _most_violated(inequality, np.inf))
+        rows = _most_violated(inequality, np.inf)
+        if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
+            rows = _union(len(inequality), active, rows)
     for _ in range(GENERATIONS):
         if rows.size:
             solved = _proxqp(

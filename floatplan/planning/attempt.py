@@ -16,7 +16,6 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.kernel.stages import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
@@ -27,9 +26,9 @@ from floatplan.planning.transcription.exchange import Worst, local_minima, solve
 from floatplan.planning.transcription.objectives import Objective, objective_value
 from floatplan.planning.transcription.program import (
     FlightProgram,
-    decision_variables,
     instants_beside_nodes,
     objective,
+    scaled_variables,
     watching,
 )
 from floatplan.planning.transcription.trajectory import (
@@ -41,8 +40,8 @@ from floatplan.planning.transcription.trajectory import (
 )
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
+from floatplan.tables import ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
-from floatplan.tolerances import ORIENTATION
 
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
@@ -128,8 +127,9 @@ class Attempts:
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
         lower, x = outcome.variables, outcome.solution.x
-        polynomials = replace(lower.polynomials, free=tuple(degree - CONDITIONS + 1 for degree in degrees))
-        variables = decision_variables(self.problem, polynomials, self.momentum)
+        rise = zip(lower.polynomials.free, degrees, outcome.degrees, strict=True)
+        polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))
+        variables = scaled_variables(self.problem, polynomials, self.momentum, lower.following)
         z = lower.free_coefficients(x)
         padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
         return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
@@ -142,7 +142,7 @@ class Attempts:
         sizes = [obstacle.thickness for obstacle in self.problem.obstacles]
         plain = self.plain_start
         counts = self.model.flight.node_counts
-        dense = self.model.nodes(-2, plain.variables.polynomials.width)
+        dense = self.model.nodes(-2, plain.variables.polynomials.form)
         motion = trajectory(self.model, plain.variables, dense, plain.x)
         wanted = motion.flown.longest_way / max(min(sizes, default=np.inf), SMALLEST_STEP)
         return min(
@@ -181,9 +181,9 @@ class Attempts:
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome
-        nodes = self.model.nodes(level, start.variables.polynomials.width)
+        nodes = self.model.nodes(level, start.variables.polynomials.form)
         beside = instants_beside_nodes(start.variables, self.constraints)
-        sampling = watching(nodes, start.variables.polynomials.width, self.constraints, beside)
+        sampling = watching(nodes, self.constraints, beside)
         program = FlightProgram(self.model, start.variables, sampling, make_objective(nodes), self.constraints)
         for nearest in self._nearly_feasible(start, program, is_first, stop):
             if nearest.squared_violation < PROMISING:
@@ -219,7 +219,7 @@ class Attempts:
         level = max(used.flown.level_needed(QUADRATURE_ERROR), self._level)
         motion = used
         if used.model is not self.model or self.model.flight.node_counts[level] > used.sampling.nodes:
-            motion = trajectory(self.model, variables, self.model.nodes(level, variables.polynomials.width), solution.x)
+            motion = trajectory(self.model, variables, self.model.nodes(level, variables.polynomials.form), solution.x)
         missed = max(map(abs, motion.residual[0].tolist()))
         if motion.flown.unresolved > UNRESOLVED:
             missed = np.inf

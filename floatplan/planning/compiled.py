@@ -52,7 +52,7 @@ def compiled_solution(
     answers = found.plan(rows, Search(longest_step=settings.longest_step))
     model.work.evaluated(int(answers.instants[0]), model.flight.bodies, int(answers.evaluations[0]))
     x = variables.variables(answers.z[0], rows.momentum)
-    nodes = model.nodes(LEVEL, polynomials.width)
+    nodes = model.nodes(LEVEL, polynomials.form)
     evaluation = FlightProgram(model, variables, nodes, make_objective(nodes)).evaluate(x)
     status = WORDS.get(int(answers.status[0]), "infeasible")
     return Solution(x, evaluation, status, int(answers.iterations[0]), int(answers.evaluations[0]))

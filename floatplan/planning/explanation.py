@@ -11,9 +11,10 @@ from floatplan.motion.flight import difficulties, impossibilities, motion_into_g
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.search import SearchResult
 from floatplan.planning.transcription.constraints import applies
+from floatplan.planning.transcription.program import changes_at_ends
 from floatplan.planning.transcription.trajectory import sample_also, trajectory
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
@@ -85,15 +86,14 @@ def _more_freedom(problem: Problem) -> list[str]:
 def _impossible_ends(prepared: Attempts) -> list[str]:
     """What already fails at takeoff or landing, where positions, rates and accelerations are given.
 
-    A free h could still change torques and the orientation rate there, so they do not count then.
+    What the search can still change there, with a free h or free accelerations, does not count.
     """
     start = prepared.plain_start
-    width = start.variables.polynomials.width
-    ends = sample_also(prepared.model.nodes(-2, width), width, np.array([0.0, 1.0]))
+    ends = sample_also(prepared.model.nodes(-2, start.variables.polynomials.form), np.array([0.0, 1.0]))
     motion = trajectory(prepared.model, start.variables, ends, start.x).at_goal()
     sentences = []
     for block in prepared.constraints:
-        if start.variables.momentum.free and not block.settled_at_ends:
+        if changes_at_ends(start.variables, block):
             continue
         values = block.values(motion)[-2:]
         exists = applies(block, motion.sampling.s[-2:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,6 +17,8 @@ from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
 from floatplan.problem.checks import refuse
 from floatplan.problem.problem import Problem
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,8 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
     if not prepared.momentum.free:
         refuse(motion_into_ground(problem, prepared.momentum.centre))
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
+    for reason in reasons:
+        LOG.info("impossible: %s", reason)
     found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else attempts)
     best = found.best
     seconds = time.perf_counter() - began
@@ -96,4 +101,5 @@ def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
 def _motion(outcome: Outcome) -> tuple[SinePolynomials, Array, Array]:
     """Where an attempt ended: its polynomials, their free coefficients z (n, width), and h (e,), kg m^2/s."""
     variables, x = outcome.variables, outcome.solution.x
-    return variables.polynomials, variables.free_coefficients(x), variables.angular_momentum(x)
+    h = variables.angular_momentum(x)
+    return variables.motion_class(h), variables.free_coefficients(x), h

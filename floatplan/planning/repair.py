@@ -6,6 +6,7 @@ against the problem that was asked. The plan's record holds the latter alone.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
+LOG = logging.getLogger(__name__)
 ROUNDS = 3  # [-] tightened problems at most
 TIGHTENING = 1.5  # [-] over the shortfall
 LARGEST_SHORTFALL = 1e-3  # [-] of a limit, [m] or [rad]: beyond it a plan is refused, not corrected
@@ -51,6 +53,7 @@ def best_proved(found: Planned) -> tuple[Plan, Certificate]:
     The best plan proved may have lost by being corrected: then the next best ones may be better still.
     """
     plan, certificate = proved(found)
+    LOG.info("proof: %s, %d intervals of time", certificate.verdict, certificate.subintervals)
     for other in alternatives(found):
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
@@ -74,6 +77,7 @@ def proved(found: Planned) -> tuple[Plan, Certificate]:
         missing = shortfalls(certificate)
         corrected = None
         if missing is not None:
+            LOG.info("proof: %s, tightened by the shortfalls of %d constraints", certificate.verdict, len(missing))
             tighter = tightened(tighter, missing, asked.final.orientation - sum(certificate.orientation_end) / 2)
             corrected = polished(found, tighter)
         if corrected is None:

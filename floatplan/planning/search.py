@@ -7,6 +7,7 @@ is given, it ends by the work done in its order.
 
 from __future__ import annotations
 
+import logging
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -29,6 +30,7 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
 
+LOG = logging.getLogger(__name__)
 LARGEST_SEED = 2**63 - 1
 MOST_JOBS = 64  # [-] processes
 ATTEMPTS = 300  # [-] most starts tried at each degree
@@ -69,6 +71,7 @@ class SearchOptions:
     budget : s, or None: the usual work
     jobs : processes
     progress : told in a few words what the search is doing
+    work : instants of one body, where there is no budget; None: the usual work
 
     Raises
     ------
@@ -81,6 +84,7 @@ class SearchOptions:
     budget: float | None = None
     jobs: int = 1
     progress: Callable[[str], None] | None = None
+    work: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -100,7 +104,7 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
-    allowance = Allowance(DEFAULT_WORK if options.budget is None else np.inf)
+    allowance = Allowance((options.work or DEFAULT_WORK) if options.budget is None else np.inf)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
@@ -108,6 +112,8 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
         for outcome in islice(_outcomes(prepared, options, expired, allowance), attempts):
             outcomes.append(outcome)
             solved = sum(outcome.holds for outcome in outcomes)
+            if LOG.isEnabledFor(logging.INFO):
+                LOG.info("%s", _said(prepared, outcomes))
             if options.progress and time.monotonic() - announced > 1:
                 announced = time.monotonic()
                 options.progress(f"{len(outcomes)} starts tried, {solved} solved, degree {max(outcome.degrees)}")
@@ -128,6 +134,27 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
         ran_out_of_time=allowance.is_used_up or expired(),
         interrupted=interrupted,
     )
+
+
+def _said(prepared: Attempts, outcomes: list[Outcome]) -> str:
+    """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
+    outcome = outcomes[-1]
+    degrees = sorted(set(outcome.degrees))
+    parts = [f"start {len(outcomes)}, degree {' to '.join(map(str, degrees))}, {outcome.solution.iterations} steps"]
+    if outcome.holds:
+        parts.append(f"{outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}")
+    else:
+        parts.append(f"violation {outcome.violation:.3g}{_of(prepared, outcome)}")
+    return "; ".join([*parts, f"best violation {min(each.violation for each in outcomes):.3g}"])
+
+
+def _of(prepared: Attempts, outcome: Outcome) -> str:
+    worst = outcome.worst
+    if not worst.value.size or -worst.least < outcome.violation:
+        return " rad of the goal's orientation"
+    index = int(np.argmin(worst.value))
+    row = prepared.constraints[worst.block[index]].labels[int(worst.row[index])]
+    return f" of {row} at {worst.s[index] * prepared.problem.flight.duration:.3g} s"
 
 
 def expiry(budget: float | None) -> Callable[[], bool]:

@@ -18,7 +18,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.stages import SECANT_STEPS, SPREADS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
-from floatplan.planning.transcription.program import decision_variables, sine_polynomials
+from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
@@ -110,7 +110,7 @@ def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum: MomentumS
 def _variables(
     problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet, branches: IntArray
 ) -> DecisionVariables:
-    return decision_variables(problem, sine_polynomials(problem, degrees, branches), momentum)
+    return decision_variables(problem, degrees, branches, momentum)
 
 
 def starts_among(

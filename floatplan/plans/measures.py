@@ -17,6 +17,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.flight_state import Peaks
 from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.plans.contact import Contact
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
@@ -24,7 +25,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
-Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque"]
+Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing"]
 
 CONTACT = 1e-8  # [m] tolerance of the ground, as of obstacles
 RELATIVE = 1e-9  # [-] of limits
@@ -54,6 +55,10 @@ class Measured(Protocol):
     def holding_torques(self) -> Mapping[str, tuple[float, float]]:
         """Largest torque on each locked joint, and when."""
 
+    @property
+    def contacts(self) -> Sequence[Contact]:
+        """The frames that leave and meet the ground."""
+
     def least_height(self) -> tuple[float, float, str]:
         """Least height over the ground, when, and of which link."""
 
@@ -67,8 +72,8 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "ground", "position", "velocity", "torque" or "holding_torque"
-    subject : link or joint
+    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff" or "landing"
+    subject : link, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
     message : a sentence: what, when, and what to do
@@ -176,8 +181,8 @@ def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
 
 
 def measured_warnings(plan: Measured) -> tuple[PlanWarning, ...]:
-    """Return what the plan does to the ground and to the URDF's limits, wherever that is more than they allow."""
-    return (*_ground(plan), *_joints(plan), *_motors(plan), *_held(plan))
+    """Return what the plan does to the ground and to limits, wherever that is more than they allow."""
+    return (*_ground(plan), *_contacts(plan), *_joints(plan), *_motors(plan), *_held(plan))
 
 
 def _ground(plan: Measured) -> Iterator[PlanWarning]:
@@ -205,6 +210,17 @@ def _ground(plan: Measured) -> Iterator[PlanWarning]:
                 " ground = true keeps it above."
             )
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
+
+
+def _contacts(plan: Measured) -> Iterator[PlanWarning]:
+    """Frames that no joint rates within the limits let leave or meet the ground at rest."""
+    for contact in plan.contacts:
+        if not contact.ok:
+            instant = 0.0 if contact.end == "takeoff" else plan.problem.flight.duration
+            message = f"{contact.verdict.rstrip('.')}; floatplan takeoff tells what would help."
+            yield PlanWarning(
+                contact.end, contact.joint or contact.frame, contact.rate, contact.limit, "rad/s", instant, message
+            )
 
 
 def _joints(plan: Measured) -> Iterator[PlanWarning]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
@@ -21,7 +21,8 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import obstacle_distances
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
-from floatplan.motion.sine_polynomial import SinePolynomials
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.plans.contact import Contact, landing, takeoff
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import output
 from floatplan.plans.planned_motion import PlannedMotion
@@ -36,11 +37,12 @@ from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LONGEST_EXPLANATION = 300  # [characters] in a representation
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan(PlannedMotion):
     """A planned flight: a motion that can be evaluated at any time, and what was found out about it.
 
@@ -86,8 +88,7 @@ class Plan(PlannedMotion):
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
         return cls(
-            problem=problem,
-            **_motion(polynomials, z, angular_momentum),
+            **_motion(problem, polynomials, z, angular_momentum),
             ballistics=ballistics(problem),
             angular_momentum_bounds=angular_momentum_interval(problem),
             **answer,
@@ -95,7 +96,7 @@ class Plan(PlannedMotion):
 
     def moving_as(self, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> Plan:
         """Return the plan with another motion, given as to :meth:`of_motion`."""
-        return replace(self, **_motion(polynomials, z, angular_momentum))
+        return replace(self, **_motion(self.problem, polynomials, z, angular_momentum))
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -146,8 +147,14 @@ class Plan(PlannedMotion):
         return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
 
     @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The frames that leave and meet the ground, and the joint rates with which they would be at rest."""
+        ends = (end(self.problem, self.angular_momentum) for end in (takeoff, landing))
+        return tuple(contact for contact in ends if contact.found is not None)
+
+    @cached_property
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What the motion does to the ground and to the URDF's limits that is no part of the verdict."""
+        """What the motion does to the ground and to limits that is no part of the verdict."""
         return measured_warnings(self)
 
     @property
@@ -208,6 +215,7 @@ class Plan(PlannedMotion):
             utilisation=tuple(use.to_dict() for use in self.utilisation),
             out_of_plane_leak=self.out_of_plane_leak,
             floatplan=_version(),
+            problem_file=self.problem.file_text,
         )
 
     @cached_property
@@ -252,9 +260,18 @@ class Plan(PlannedMotion):
         found: dict[str, Figure] = output("figures")(self, compare=compare)
         return found
 
-    def animate(self, path: str | Path = "flight.gif", *, speed: float = 0.5) -> Path:
-        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path; ``speed`` 0.5 is slow motion."""
-        return Path(output("animate")(self, path, speed=speed))
+    def animate(
+        self,
+        path: str | Path = "flight.gif",
+        *,
+        speed: float = 0.5,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Path:
+        """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path.
+
+        ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
+        """
+        return Path(output("animate")(self, path, speed=speed, progress=progress))
 
     def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
         """Write the report, a page that plays the flight, and open it in the browser unless ``browse`` is false."""
@@ -264,11 +281,13 @@ class Plan(PlannedMotion):
         return page
 
     def export(self, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-        """Write the plan in another format: "csv", "npz", "ros", "mujoco" or "unitree".
+        """Write the plan in another format.
 
         Parameters
         ----------
         form : str
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap" or "unitree"; see
+            ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory.
         rate : float, optional
@@ -281,13 +300,26 @@ class Plan(PlannedMotion):
         """
         return Path(output("export")(self, form, path, rate))
 
+    def __repr__(self) -> str:
+        """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
+        proved = "" if self.certificate is None else f", {self.certificate.verdict}"
+        return (
+            f"Plan({self.status}{proved}, angular_momentum={self.angular_momentum:.6g} kg m^2/s,"
+            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
+        )
+
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""
         return str(output("notebook_frame")(self))
 
 
-def _motion(polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> dict[str, Any]:
+def _motion(problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> dict[str, Any]:
+    """The fields of a plan that are its motion's; its problem with the states at both ends that were chosen."""
+    if problem.chooses_ends:
+        ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
+        problem = problem.settled(ends.velocities, ends.accelerations)
     return {
+        "problem": problem,
         "centre": read_only(polynomials.centre),
         "amplitude": read_only(polynomials.amplitude),
         "coefficients": read_only(polynomials.powers_of_seconds(z)),

@@ -32,7 +32,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
             "is null although there are obstacles" if record.clearance_min is None else "is given without obstacles"
         )
         raise InputError(reason, source=source, element="clearance_min")
-    problem = problem_from_dict(dict(record.problem), robot, source)
+    problem = problem_from_dict(dict(record.problem), robot, source, written=record.problem_file)
     path = Ballistics(
         read_only(record.com["position0"]), read_only(record.com["velocity0"]), float(record.com["gravity"])
     )

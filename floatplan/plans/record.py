@@ -31,7 +31,13 @@ NUMBERS = {  # tables without further keys but the objective's name, with those 
     "objective": ("value",),
 }
 CLEARANCES = ("obstacles", "self_clearance", "ground")
-NOT_STATED = ("solver", "out_of_plane_leak", "certificate", "replay")  # may hold what is not finite: null in a file
+NOT_STATED = (
+    "solver",
+    "out_of_plane_leak",
+    "problem_file",
+    "certificate",
+    "replay",
+)  # may hold what is not finite: null in a file
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ class PlanRecord:
         "message"} each; None in files without it
     utilisation : how much of its limits each motor uses, worst first; None in files without it
     out_of_plane_leak : largest angular momentum out of the plane over that in it; None in files without it
+    problem_file : the problem file as its user wrote it; None where there was none
     certificate, replay : what the checks found, None where they were not run
     """
 
@@ -100,6 +107,7 @@ class PlanRecord:
     warnings: Sequence[Mapping[str, Any]] | None = None
     utilisation: Sequence[Mapping[str, Any]] | None = None
     out_of_plane_leak: float | None = None
+    problem_file: str | None = None
     certificate: Mapping[str, Any] | None = None
     replay: Mapping[str, Any] | None = None
     format: str = FORMAT
@@ -128,9 +136,13 @@ class PlanRecord:
         ordered = ["format", "floatplan", *(name for name in values if name not in ("format", "floatplan"))]
         return {name: plain(values[name]) for name in ordered}
 
+    def to_json(self) -> str:
+        """The content of the plan file."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
     def save(self, path: str | Path) -> Path:
         """Write the plan file; it appears whole or not at all."""
-        return write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        return write_atomically(path, self.to_json())
 
 
 def load_record(path: str | Path) -> PlanRecord:
@@ -194,6 +206,8 @@ def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("motor_torque_peak") is not None:
         peaks = _table(content["motor_torque_peak"], "motor_torque_peak")
         values["motor_torque_peak"] = {name: _number(peak, f"motor_torque_peak.{name}") for name, peak in peaks.items()}
+    if not isinstance(content.get("problem_file"), str | None):
+        raise InputError("is not a text", element="problem_file")
     for name in ("warnings", "utilisation"):
         if content.get(name) is not None:
             _rows(content[name], name)

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord, as_written
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST
 
 Check: TypeAlias = Callable[[Any, str], None]
 
@@ -172,11 +172,16 @@ def _problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> Table:
     numbers = ListOf(number, n)
     limits = ListOf(OrNull(number), n)
     motor: Check = Table({"stall": positive, "slope": non_negative})
-    posture = Table({"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers})
+    postures = {
+        end: Table(
+            {"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers},
+            optional={"velocities_asked": OneOf((rest,)), "accelerations_asked": OneOf(("free",))},
+        )
+        for end, rest in REST.items()
+    }
     return Table(
         {
-            "start": posture,
-            "goal": posture,
+            **postures,
             "flight": Table(
                 {
                     "duration": positive,

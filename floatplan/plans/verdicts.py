@@ -12,10 +12,13 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.shown import html_table
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
 Kind: TypeAlias = str
 Subject: TypeAlias = tuple[str | int, ...]
+
+MOST_SHOWN = 6  # [-] constraints in a representation
 
 LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, with spaces between
     "start": "start.{}",
@@ -78,7 +81,7 @@ class Finding:
         return cls(kind, subject, _verdict(content["verdict"]), *numbers)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
     """What was proved of a plan.
 
@@ -117,6 +120,22 @@ class Certificate:
     def unproved(self) -> tuple[Finding, ...]:
         """What is refuted or undecided."""
         return tuple(finding for finding in self.findings if finding.verdict != "proved")
+
+    def __repr__(self) -> str:
+        """A line, and one for each of the first constraints that are not proved."""
+        lines = [
+            f"Certificate({self.verdict}, {len(self.findings)} constraints, {self.subintervals} intervals of time)"
+        ]
+        lines += [f"  {finding.verdict}: {finding.label}" for finding in self.unproved[:MOST_SHOWN]]
+        more = len(self.unproved) - MOST_SHOWN
+        return "\n".join([*lines, f"  and {more} more"] if more > 0 else lines)
+
+    def _repr_html_(self) -> str:
+        """A table of all constraints, as notebooks show it; what is not proved comes first."""
+        ordered = sorted(self.findings, key=lambda finding: finding.verdict == "proved")
+        rows = [(each.label, each.verdict, *map(_short, (each.bound, each.limit, each.instant))) for each in ordered]
+        title = f"{self.verdict}, {self.subintervals} intervals of time"
+        return html_table(title, rows, ("constraint", "", "bound", "limit", "at, s"))
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a plan file and ``floatplan certify --json`` hold; numbers that are not finite are null."""
@@ -162,6 +181,10 @@ class Certificate:
             raise InputError("is missing", element=f"certificate.{error.args[0]}") from None
         except (AttributeError, OverflowError, TypeError, ValueError) as error:
             raise InputError(f"must be what floatplan certify --save writes: {error}", element="certificate") from None
+
+
+def _short(number: float | None) -> str:
+    return "" if number is None or not math.isfinite(number) else f"{number:.4g}"
 
 
 def worst(findings: Sequence[Finding]) -> Verdict:

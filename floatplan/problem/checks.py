@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from floatplan.problem.parts import (
     OBSTACLE_KINDS,
     Flight,
     JointState,
-    JointValues,
     Landing,
     Motion,
     Obstacle,
@@ -24,7 +24,7 @@ from floatplan.problem.parts import (
     Takeoff,
 )
 from floatplan.robot.robot import Robot
-from floatplan.tables import MOST_OBSTACLES, OBJECTIVES, RANGES, check_number
+from floatplan.tables import MOST_OBSTACLES, OBJECTIVES, RANGES, REST, check_number
 
 LONGEST = 1700  # characters of all that is wrong with a problem
 MOST_DISTANCES = 800  # between shapes of links and obstacles
@@ -82,16 +82,46 @@ def faults(checks: Iterable[Callable[[], None]]) -> list[InputError]:
 def joint_state(robot: Robot, posture: Posture, element: str) -> JointState:
     """Return a posture as arrays in joint order."""
     check_number(posture.orientation, f"{element}.orientation", "orientation")
+    settled = posture.settled or (None, None)
+    frame_rests = _is_word(posture.velocities, REST[element], f"{element}.velocities")
+    free_accelerations = _is_word(posture.accelerations, "free", f"{element}.accelerations")
+    velocities = settled[0] if frame_rests else posture.velocities
+    accelerations = settled[1] if free_accelerations else posture.accelerations
     return JointState(
         orientation=float(posture.orientation),
         positions=_joint_values(robot, posture.positions, f"{element}.positions", default=None),
-        velocities=_joint_values(robot, posture.velocities, f"{element}.velocities", default=0.0),
-        accelerations=_joint_values(robot, posture.accelerations, f"{element}.accelerations", default=0.0),
+        velocities=_joint_values(robot, velocities, f"{element}.velocities", default=0.0),
+        accelerations=_joint_values(robot, accelerations, f"{element}.accelerations", default=0.0),
+        frame_rests=frame_rests,
+        free_accelerations=free_accelerations,
     )
 
 
-def _joint_values(robot: Robot, values: JointValues, element: str, default: float | None) -> Array:
-    """Values (n,) in joint order; joints that a mapping leaves out take the default, and without one are missing."""
+def _is_word(values: object, word: str, element: str) -> bool:
+    if not isinstance(values, str):
+        return False
+    if values != word:
+        raise InputError(f"must be numbers or {word!r}, not {values!r}", element=element)
+    return True
+
+
+def check_contact(flight: Flight, state: JointState, element: str) -> None:
+    """Refuse rates of a frame at rest where no frame is named that stands on the ground."""
+    if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
+        raise InputError(
+            f"{REST[element]!r} needs a frame that stands on the ground",
+            element=f"{element}.velocities",
+            advice=f"name it as flight.{REST[element]}, or give the rates",
+        )
+
+
+def _joint_values(robot: Robot, values: Any, element: str, default: float | None) -> Array:
+    """Values (n,) in joint order; joints that a mapping leaves out take the default, and without one are missing.
+
+    NaN for None.
+    """
+    if values is None:
+        return read_only(np.full(len(robot.joints), np.nan))
     if isinstance(values, Mapping):
         check_joint_names(robot, values, element)
         missing = [joint for joint in robot.joints if joint not in values]

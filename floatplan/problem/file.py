@@ -21,8 +21,9 @@ from floatplan.files import plain, read_text, write_atomically
 from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
-from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable
+from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.robot.robot import Robot
+from floatplan.tables import REST
 
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 DATA_PREFIX = "example-robot-data:"
@@ -50,16 +51,32 @@ def load_problem(path: str | Path) -> Problem:
         The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
     """
     path = Path(path)
-    content = read_toml(path)
+    text = read_text(path, LARGEST_PROBLEM, "a problem file")
+    content = _parsed(text, path)
     try:
         tables = validated(ProblemFileTable, content)
         robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
-        return _problem(tables, robot, path.stem)
+        return _problem(tables, robot, path.stem, text)
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
 
 
-def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Path | None = None) -> Problem:
+def load_robot(path: str | Path) -> Robot:
+    """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
+    path = Path(path)
+    content = _parsed(read_text(path, LARGEST_PROBLEM, "a problem file"), path)
+    if not set(content) <= set(RobotFileTable.model_fields):
+        return load_problem(path).robot
+    try:
+        table = validated(RobotFileTable, content).robot
+        return Robot.from_urdf(_urdf_source(table.urdf, path), **table.choices())
+    except InputError as error:
+        raise error if error.source else error.within(source=path) from None
+
+
+def problem_from_dict(
+    content: Mapping[str, Any], robot: Robot, source: str | Path | None = None, written: str | None = None
+) -> Problem:
     """Rebuild a problem from the tables of a problem file less ``[robot]``, as plain data.
 
     Parameters
@@ -69,6 +86,8 @@ def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Pa
     robot : Robot
     source : path, optional
         What error messages name as the file.
+    written : str, optional
+        The problem file that the content comes from, as text.
 
     Raises
     ------
@@ -76,7 +95,7 @@ def problem_from_dict(content: Mapping[str, Any], robot: Robot, source: str | Pa
         As :func:`load_problem`.
     """
     try:
-        return _problem(validated(RecordedProblemTable, content), robot, "flight")
+        return _problem(validated(RecordedProblemTable, content), robot, "flight", written)
     except InputError as error:
         raise error.within(source=source) from None
 
@@ -96,8 +115,8 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     content = {
         "name": problem.name,
         "ground": problem.ground,
-        "start": _posture(problem.initial),
-        "goal": _posture(problem.final),
+        "start": _posture(problem.initial, REST["start"]),
+        "goal": _posture(problem.final, REST["goal"]),
         "flight": {**asdict(problem.flight), "takeoff": asdict(problem.takeoff), "landing": asdict(problem.landing)},
         "motion": {
             "degree": "auto" if problem.raises_degree else problem.degrees,
@@ -157,8 +176,11 @@ def problem_text(problem: Problem, path: str | Path) -> str:
     content = {"robot": _robot_table(problem.robot, Path(path)), **problem_to_dict(problem)}
     for table, keys in BY_JOINT.items():
         for key in keys:
-            values = dict(zip(problem.robot.joints, content[table][key], strict=True))
-            content[table][key] = {joint: value for joint, value in values.items() if value is not None}
+            values = content[table].pop(f"{key}_asked", content[table][key])
+            if not isinstance(values, str):
+                by_joint = zip(problem.robot.joints, values, strict=True)
+                values = {joint: value for joint, value in by_joint if value is not None}
+            content[table][key] = values
     limits = content["limits"]
     for key, by_coordinate in {**problem.joint_limits, "torque": problem.torque_limits}.items():
         limits[key] = _limits_of_file(problem, by_coordinate)
@@ -175,6 +197,10 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
         It cannot be read, or is not TOML.
     """
     text = read_text(path, LARGEST_PROBLEM, kind)
+    return _parsed(text, path, kind)
+
+
+def _parsed(text: str, path: Path, kind: str = "a problem file") -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except ValueError as error:
@@ -187,7 +213,7 @@ def _urdf_source(urdf: str, path: Path) -> str | Path:
     return urdf if urdf.startswith(DATA_PREFIX) else path.parent / urdf
 
 
-def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
+def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str | None) -> Problem:
     return Problem(
         robot=robot,
         start=tables.start.posture(),
@@ -199,16 +225,23 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str) -> Problem:
         self_clearances=tuple(SelfClearance(pair.links, pair.margin) for pair in tables.self_clearance),
         name=tables.name or default_name,
         ground=tables.ground,
+        written=written,
     )
 
 
-def _posture(state: JointState) -> dict[str, Any]:
-    return {
+def _posture(state: JointState, rest: str) -> dict[str, Any]:
+    values: dict[str, Any] = {
         "orientation": state.orientation,
         "positions": state.positions,
         "velocities": state.velocities,
         "accelerations": state.accelerations,
     }
+    asked = {"velocities": rest if state.frame_rests else None}
+    asked["accelerations"] = "free" if state.free_accelerations else None
+    for key, word in asked.items():
+        if word:
+            values[f"{key}_asked" if np.isfinite(values[key]).all() else key] = word
+    return values
 
 
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:

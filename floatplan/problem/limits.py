@@ -225,7 +225,7 @@ def check_inside(robot: Robot, limits: Array, state: JointState, element: str, i
     if min(position - low, high - position) > EDGE * (high - low):
         return
     edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
-    if velocity != 0:
+    if not (velocity == 0 or np.isnan(velocity)):
         raise InputError(
             f"{velocity:.6g} rad/s {edge}",
             element=f"{element}.velocities.{joint}",

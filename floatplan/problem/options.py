@@ -7,16 +7,85 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from floatplan.errors import InputError
 from floatplan.problem.checks import ProblemError
-from floatplan.problem.file import DATA_PREFIX, load_problem, problem_from_dict, problem_to_dict
+from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Robot
+from floatplan.robot.robot import Coupling, Robot
 
 PLACE = "command line"
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
+
+
+@dataclass(frozen=True)
+class RobotChoices:
+    """The options that say how a URDF is to be read, as typed; None where left out.
+
+    Attributes
+    ----------
+    plane : "xz"
+    coupled : "mirror", or ``follower=leader`` with commas between; a leader may have a minus or a ratio, ``0.5*leader``
+    locked : ``joint=angle`` with commas between
+    reference : the name of a posture
+    degrees : whether angles are in degrees
+    """
+
+    plane: str | None = None
+    coupled: str | None = None
+    locked: str | None = None
+    reference: str | None = None
+    degrees: bool = False
+
+    def load(self, source: str) -> Robot:
+        """Load the robot; InputError where an option is wrong."""
+        coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None
+        if self.coupled is not None:
+            coupled = "mirror" if self.coupled.strip() == "mirror" else self._couplings(self.coupled)
+        return Robot.from_urdf(
+            source,
+            plane=self.plane,
+            coupled=coupled,
+            locked=None if self.locked is None else self._locked(self.locked),
+            reference=self.reference,
+        )
+
+    def _couplings(self, text: str) -> dict[str, str | Coupling]:
+        return {name: _leader(leader) for name, leader in _pairs("--coupled", text, "FOLLOWER=LEADER")}
+
+    def _locked(self, text: str) -> dict[str, float]:
+        pairs = {joint: _number("--locked", value) for joint, value in _pairs("--locked", text, "JOINT=ANGLE")}
+        return {joint: math.radians(value) if self.degrees else value for joint, value in pairs.items()}
+
+    def refuse_beside_a_file(self) -> None:
+        """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
+        for name in ("plane", "coupled", "locked", "reference"):
+            if getattr(self, name) is not None:
+                raise InputError(
+                    "a problem file says itself how its robot is read",
+                    source=PLACE,
+                    element=f"--{name}",
+                    advice=f"set robot.{name} in the file",
+                )
+
+
+def _leader(text: str) -> str | Coupling:
+    """``leader``, ``-leader``, ``0.5*leader``."""
+    ratio, star, leader = text.partition("*")
+    return Coupling(leader.strip(), _number("--coupled", ratio)) if star else text
+
+
+def _pairs(option: str, text: str, form: str) -> list[tuple[str, str]]:
+    """``a=b,c=d`` as pairs; InputError where one is not, or a name comes twice."""
+    pairs = [tuple(map(str.strip, part.split("=", 1))) for part in text.split(",") if part.strip()]
+    if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
+        raise InputError(f"{text!r} is not {form},..", source=PLACE, element=option, advice=f"give {form}")
+    names = [pair[0] for pair in pairs]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice!r} is given twice", source=PLACE, element=option, advice="keep one of them")
+    return [(name, value) for name, value in pairs]
 
 
 @dataclass(frozen=True)
@@ -38,6 +107,14 @@ class Options:
     degree: str | None = None
     objective: str | None = None
     plane: str | None = None
+    coupled: str | None = None
+    locked: str | None = None
+    reference: str | None = None
+
+    @property
+    def choices(self) -> RobotChoices:
+        """How a URDF is to be read."""
+        return RobotChoices(self.plane, self.coupled, self.locked, self.reference, self.degrees)
 
     def tables(self, joints: Sequence[str]) -> dict[str, dict[str, Any]]:
         """Return the tables of a problem file that the options fill, in radians.
@@ -50,13 +127,13 @@ class Options:
         return {
             "start": _given(
                 **self._posture("--start", self.start, joints),
-                velocities=self._angles("--start-velocities", self.start_velocities),
-                accelerations=self._angles("--start-accelerations", self.start_accelerations),
+                velocities=self._angles("--start-velocities", self.start_velocities, "takeoff"),
+                accelerations=self._angles("--start-accelerations", self.start_accelerations, "free"),
             ),
             "goal": _given(
                 **self._posture("--goal", self.goal, joints),
-                velocities=self._angles("--goal-velocities", self.goal_velocities),
-                accelerations=self._angles("--goal-accelerations", self.goal_accelerations),
+                velocities=self._angles("--goal-velocities", self.goal_velocities, "landing"),
+                accelerations=self._angles("--goal-accelerations", self.goal_accelerations, "free"),
             ),
             "flight": _given(
                 duration=self.duration,
@@ -81,10 +158,10 @@ class Options:
             )
         return {"orientation": numbers[0], "positions": numbers[1:]}
 
-    def _angles(self, option: str, text: str | None) -> float | list[float] | None:
-        """One number is for all joints."""
-        if text is None:
-            return None
+    def _angles(self, option: str, text: str | None, word: str) -> float | list[float] | str | None:
+        """One number is for all joints; or the word."""
+        if text is None or text.strip() == word:
+            return text and word
         numbers = self._numbers(option, text)
         return numbers[0] if len(numbers) == 1 else numbers
 
@@ -98,12 +175,12 @@ def is_robot(source: str) -> bool:
     return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
 
 
-def named_robot(source: str, plane: str | None = None) -> Robot:
-    """Load the robot that is named, or the one of the problem file that is named."""
+def named_robot(source: str, choices: RobotChoices) -> Robot:
+    """Load the robot that is named, or the one of the problem file that is named, which may hold no more than that."""
     if is_robot(source):
-        return Robot.from_urdf(source, plane=plane)
-    _refuse_plane(plane)
-    return load_problem(source).robot
+        return choices.load(source)
+    choices.refuse_beside_a_file()
+    return load_robot(source)
 
 
 def asked_problem(source: str, options: Options) -> Problem:
@@ -115,10 +192,10 @@ def asked_problem(source: str, options: Options) -> Problem:
         A file or an option is wrong.
     """
     if is_robot(source):
-        robot = Robot.from_urdf(source, plane=options.plane)
+        robot = options.choices.load(source)
         tables = {name: table for name, table in options.tables(robot.joints).items() if table or name == "flight"}
         return _from_tables({"name": robot.name, **tables}, robot, options, PLACE)
-    _refuse_plane(options.plane)
+    options.choices.refuse_beside_a_file()
     problem = load_problem(source)
     if options == Options(degrees=options.degrees):
         return problem
@@ -146,16 +223,6 @@ def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, pla
 def _surely_degrees(options: Options) -> bool:
     texts = [text for text in (options.start, options.goal) if text is not None]
     return any(abs(float(part)) > SURELY_DEGREES for text in texts for part in _parts(text))
-
-
-def _refuse_plane(plane: str | None) -> None:
-    if plane is not None:
-        raise InputError(
-            "a problem file says itself how its robot is read",
-            source=PLACE,
-            element="--plane",
-            advice="set robot.plane in the file",
-        )
 
 
 def _parts(text: str) -> list[str]:

@@ -25,22 +25,35 @@ class Posture:
         Absolute angle of the base, rad; unbounded, 2 pi more is one somersault more.
     positions, velocities, accelerations : mapping, (n,) sequence, or one number for all joints
         rad, rad/s, rad/s^2.
+
+        Velocities may be "takeoff" at the start and "landing" at the goal: those with which the takeoff frame leaves,
+        or the landing frame meets, the ground at rest, with the least largest share of the joints' limits. They follow
+        from the angular momentum. Accelerations may be "free".
+    settled : pair of (n,) sequences, optional
+        Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
     orientation: float
     positions: JointValues
-    velocities: JointValues = 0.0
-    accelerations: JointValues = 0.0
+    velocities: JointValues | Literal["takeoff", "landing"] = 0.0
+    accelerations: JointValues | Literal["free"] = 0.0
+    settled: tuple[JointValues | None, JointValues | None] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class JointState:
-    """A :class:`Posture` resolved to arrays (n,) in the order of the robot's joints."""
+    """A :class:`Posture` resolved to arrays (n,) in the order of the robot's joints.
+
+    ``frame_rests`` where the velocities are those with which the frame is at rest, ``free_accelerations`` where the
+    search chooses them: NaN until a plan has settled them.
+    """
 
     orientation: float
     positions: Array
     velocities: Array
     accelerations: Array
+    frame_rests: bool = False
+    free_accelerations: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
 from floatplan.problem.checks import (
     ProblemError,
     check_angular_momentum,
     check_ballistics,
+    check_contact,
     check_counts,
     check_duration,
     check_objective,
@@ -53,10 +54,11 @@ from floatplan.problem.parts import (
 )
 from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, Robot
+from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """A flight to plan. Checked and resolved when made; raises :class:`~floatplan.errors.InputError`.
 
@@ -74,6 +76,8 @@ class Problem:
     motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
     motor_slope : (m,) N m s/rad
     degrees : (n,) int
+    file_text : str or None
+        The problem file as written, where there is one (``written`` gives it); ``dataclasses.replace`` drops it.
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
     """
@@ -88,6 +92,7 @@ class Problem:
     self_clearances: tuple[SelfClearance, ...] = ()
     name: str = "flight"
     ground: bool = False
+    written: InitVar[str | None] = None
     initial: JointState = field(init=False)
     final: JointState = field(init=False)
     position_limits: Array = field(init=False)
@@ -99,9 +104,11 @@ class Problem:
     degrees: tuple[int, ...] = field(init=False)
     takeoff: Takeoff = field(init=False)
     landing: Landing = field(init=False)
+    file_text: str | None = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, written: str | None) -> None:
         """Resolve and check everything; report all that is wrong, not only the first."""
+        object.__setattr__(self, "file_text", written)
         errors: list[InputError] = []
         for name, resolve in self._resolvers().items():
             try:
@@ -114,6 +121,32 @@ class Problem:
         if not errors:
             errors = faults(self._edge_checks())
         refuse(errors)
+
+    def __repr__(self) -> str:
+        """At most a few lines: who, from where, to where, in what time."""
+        robot, flight, ends = self.robot, self.flight, (self.initial, self.final)
+        start, goal = (f"{end.orientation:.4g}; {shortened(end.positions)}" for end in ends)
+        return (
+            f"Problem({self.name!r}, {robot.name}, {len(robot.joints)} joints, {flight.duration:g} s,"
+            f" {len(self.obstacles)} obstacles)\n  start {start} rad\n  goal {goal} rad"
+        )
+
+    def _repr_html_(self) -> str:
+        """A table, as notebooks show it."""
+        robot, flight, unit = self.robot, self.flight, "rad"
+        momentum = flight.angular_momentum
+        rows = [
+            ("robot", f"{robot.name}: {', '.join(robot.joints)}"),
+            *(
+                (end, f"{state.orientation:.4g}; {shortened(state.positions)} {unit}")
+                for end, state in (("start", self.initial), ("goal", self.final))
+            ),
+            ("flight", f"{flight.duration:g} s, {self.takeoff.frame} to {self.landing.frame}"),
+            ("angular momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m^2/s"),
+            ("least", f"{self.motion.objective}, degree {', '.join(map(str, sorted(set(self.degrees))))}"),
+            *(("obstacle", f"{obstacle.kind} {obstacle.where}") for obstacle in self.obstacles),
+        ]
+        return html_table(self.name, rows)
 
     def _resolvers(self) -> dict[str, Callable[[], object]]:
         robot, limits = self.robot, self.limits
@@ -152,6 +185,7 @@ class Problem:
     def _edge_checks(self) -> Iterator[Callable[[], None]]:
         """Start and goal lie inside the joint ranges, and stand still on their edges."""
         for element, state in (("start", self.initial), ("goal", self.final)):
+            yield partial(check_contact, self.flight, state, element)
             for index in range(len(self.robot.joints)):
                 yield partial(check_inside, self.robot, self.position_limits, state, element, index)
 
@@ -186,6 +220,28 @@ class Problem:
         """
         height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
         return HalfPlane(point=(0.0, height), normal=(0.0, 1.0))
+
+    @property
+    def chooses_ends(self) -> bool:
+        """Whether velocities or accelerations at an end are words, so that a plan settles them."""
+        return any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
+
+    def settled(self, velocities: Array, accelerations: Array) -> Problem:
+        """Return the problem with what a plan has come to, where it asks for words: arrays (2, n), start and goal.
+
+        Raises
+        ------
+        InputError
+            A joint on the edge of its range would have to move.
+        """
+        pairs = zip(velocities, accelerations, strict=True)
+        start, goal = ((read_only(velocity), read_only(acceleration)) for velocity, acceleration in pairs)
+        return replace(
+            self,
+            start=replace(self.start, settled=start),
+            goal=replace(self.goal, settled=goal),
+            written=self.file_text,
+        )
 
     @property
     def raises_degree(self) -> bool:

@@ -50,6 +50,20 @@ JointAngles: TypeAlias = Annotated[
     | Annotated[Angle, Tag("<number>")],
     any_of("a number, a list in joint order, or a table by joint"),
 ]
+Velocities: TypeAlias = Annotated[
+    Annotated[dict[str, Angle], Tag("<table>")]
+    | Annotated[list[Angle], Tag("<list>")]
+    | Annotated[Literal["takeoff", "landing"], Tag("<word>")]
+    | Annotated[Angle, Tag("<number>")],
+    any_of("a number, a list in joint order, a table by joint, or 'takeoff' or 'landing'"),
+]
+Accelerations: TypeAlias = Annotated[
+    Annotated[dict[str, Angle], Tag("<table>")]
+    | Annotated[list[Angle], Tag("<list>")]
+    | Annotated[Literal["free"], Tag("<word>")]
+    | Annotated[Angle, Tag("<number>")],
+    any_of("a number, a list in joint order, a table by joint, or 'free'"),
+]
 PositionLimits: TypeAlias = Annotated[
     Annotated[dict[str, Range], Tag("<table>")]
     | Annotated[list[Range], Tag("<list>")]
@@ -153,12 +167,35 @@ class PostureTable(Table):
 
     orientation: Angle
     positions: JointAngles
-    velocities: JointAngles = 0.0
-    accelerations: JointAngles = 0.0
+    velocities: Velocities = 0.0
+    accelerations: Accelerations = 0.0
 
     def posture(self) -> asked.Posture:
         """Return what the table says."""
         return asked.Posture(self.orientation, self.positions, self.velocities, self.accelerations)
+
+
+class RecordedPostureTable(PostureTable):
+    """``start`` or ``goal`` of a plan file: with the words that its numbers stand for, where words were asked for."""
+
+    velocities_asked: Literal["takeoff", "landing"] | None = None
+    accelerations_asked: Literal["free"] | None = None
+
+    def posture(self) -> asked.Posture:
+        """Return what the table says."""
+        posture = super().posture()
+        if not (self.velocities_asked or self.accelerations_asked):
+            return posture
+        return replace(
+            posture,
+            velocities=self.velocities_asked or self.velocities,
+            accelerations=self.accelerations_asked or self.accelerations,
+            settled=(_numbers(self.velocities), _numbers(self.accelerations)),
+        )
+
+
+def _numbers(values: asked.JointValues | str) -> asked.JointValues | None:
+    return None if isinstance(values, str) else values
 
 
 class TakeoffTable(Table):
@@ -324,10 +361,20 @@ class ProblemTable(Table):
 class RecordedProblemTable(ProblemTable):
     """The problem in a plan file."""
 
+    start: RecordedPostureTable
+    goal: RecordedPostureTable
     limits: RecordedLimitsTable = Field(default_factory=RecordedLimitsTable)
 
 
 class ProblemFileTable(ProblemTable):
     """A whole problem file."""
 
+    robot: RobotTable
+
+
+class RobotFileTable(Table):
+    """A file that names a robot, and asks nothing of it yet."""
+
+    name: str | None = None
+    angles: Literal["rad", "deg"] = "rad"
     robot: RobotTable

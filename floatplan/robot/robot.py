@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 
@@ -218,6 +219,11 @@ class Robot:
                 element=f'link "{link}"',
                 advice=f"give one of {', '.join(KINDS)} in each <collision>",
             )
+
+    @cached_property
+    def file_tree(self) -> UrdfTree:
+        """Links and joints as the file has them; the joints of ``layout.tree`` turn about the plane's normal."""
+        return check_urdf(fromstring(self.xml))
 
     @cached_property
     def meshes(self) -> Mapping[str, str]:

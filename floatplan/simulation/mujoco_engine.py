@@ -13,6 +13,7 @@ from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.forward import Torques
 from floatplan.simulation.mujoco_model import import_mujoco
 
+MOST_STEPS = 100_000  # [-] of a flight
 CLASSICAL = np.array([1, 2, 2, 1]) / 6  # [-] weights of the stages
 
 

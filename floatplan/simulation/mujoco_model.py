@@ -1,7 +1,9 @@
-"""The robot for MuJoCo: the URDF's links and joints as they were read, on slide, slide, hinge at the base."""
+"""The robot for MuJoCo: the URDF's links and joints, on slide, slide, hinge at the base, or on a free joint."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -9,19 +11,20 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
 from floatplan.optional import import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink
+from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink, UrdfTree
 from floatplan.simulation.reduced_model import ReducedModel
 
-HEADER = '<mujoco><compiler fusestatic="false" balanceinertia="false" discardvisual="true"/></mujoco>'
+HEADER = '<mujoco><compiler fusestatic="{}" balanceinertia="false" discardvisual="true"/></mujoco>'
 
 
 def import_mujoco() -> ModuleType:
     """Return the module; InputError where it is not installed."""
-    return import_optional("mujoco", name="MuJoCo", element="engine", install="mujoco")
+    return import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
 
 
 def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: float) -> tuple[Any, list[int]]:
@@ -34,23 +37,90 @@ def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: floa
     """
     mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_string(_urdf(robot, reduced))
-        _release(mujoco, spec, robot, gravity, step)
+        spec = mujoco.MjSpec.from_string(_urdf(robot, robot.layout.tree, robot.locked, HEADER.format("false")))
+        _to_plane(mujoco, spec, robot)
+        _leave_inertia_alone(mujoco, spec, -gravity * np.asarray(robot.plane.vertical))
+        spec.option.timestep = step
         model = spec.compile()
     except ValueError as error:
-        raise InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine") from None
+        raise _refused(robot, error) from None
     rows = {f"joint{index}": name for index, name in enumerate(robot.model.names)}
     of_name = {rows.get(model.joint(j).name, model.joint(j).name): int(model.jnt_qposadr[j]) for j in range(model.njnt)}
     base = ["base_horizontal", "base_vertical", "base_orientation"]
     return model, [of_name[name] for name in [*base, *list(reduced.model.names)[BASE_COORDINATES + 1 :]]]
 
 
-def _release(mujoco: ModuleType, spec: Any, robot: Robot, gravity: float, step: float) -> None:
-    """Let the base go in the plane, and take away everything but inertia, gravity and joint torques."""
+@dataclass(frozen=True, eq=False)
+class SpatialModel:
+    """A robot of m moving joints on a free joint.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+    base_position, base_velocity : int
+        First entry of the free joint in ``qpos`` and ``qvel``.
+    positions, velocities : (m,) int
+        Entry of each joint of a reduced model in ``qpos`` and ``qvel``.
+    """
+
+    model: Any
+    base_position: int
+    base_velocity: int
+    positions: IntArray
+    velocities: IntArray
+
+
+def spatial_model(robot: Robot, reduced: ReducedModel) -> SpatialModel:
+    """Return the robot on a free joint, its axes as the file has them; errors as of :func:`mujoco_model`.
+
+    What the reduced model has not made rigid moves.
+    """
+    mujoco = import_mujoco()
+    rigid = {name: position for name, position in robot.locked.items() if name not in set(reduced.model.names)}
+    try:
+        spec = mujoco.MjSpec.from_string(_urdf(robot, robot.file_tree, rigid, HEADER.format("true")))
+        _leave_inertia_alone(mujoco, spec, reduced.model.gravity.linear)
+        model = spec.compile()
+    except ValueError as error:
+        raise _refused(robot, error) from None
+    names = list(reduced.model.names)[BASE_COORDINATES + 1 :]
+    joints = [model.joint(f"joint{robot.model.getJointId(name)}").id for name in names]
+    free = model.joint("free").id
+    return SpatialModel(
+        model,
+        int(model.jnt_qposadr[free]),
+        int(model.jnt_dofadr[free]),
+        np.asarray(model.jnt_qposadr[joints], dtype=np.int64),
+        np.asarray(model.jnt_dofadr[joints], dtype=np.int64),
+    )
+
+
+def rigid_joints(robot: Robot) -> set[str]:
+    """Locked joints that must be rigid in MuJoCo, which refuses bodies that move and have no inertia."""
+    tree = robot.file_tree
+    rigid: set[str] = set()
+    while True:
+        body: dict[str, str] = {tree.root: tree.root}  # link -> the link that a joint moves, and this one with it
+        heavy: set[str] = set()
+        for joint in tree.joints:
+            moves = joint.moves and joint.name not in rigid
+            body[joint.child] = joint.child if moves else body[joint.parent]
+            if _has_inertia(tree.links[joint.child]):
+                heavy.add(body[joint.child])
+        light = {joint.child for joint in tree.joints if body[joint.child] == joint.child} - heavy
+        found = {name for name in robot.locked if {tree.joint[name].child, body[tree.joint[name].parent]} & light}
+        if found <= rigid:
+            return rigid
+        rigid |= found
+
+
+def _refused(robot: Robot, error: ValueError) -> InputError:
+    return InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine")
+
+
+def _to_plane(mujoco: ModuleType, spec: Any, robot: Robot) -> None:
+    """Let the base move in the plane alone."""
     plane = robot.plane
-    spec.option.gravity = -gravity * np.asarray(plane.vertical)
-    spec.option.timestep = step
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     free = next(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE)
     base = free.parent
     spec.delete(free)
@@ -58,6 +128,12 @@ def _release(mujoco: ModuleType, spec: Any, robot: Robot, gravity: float, step: 
     base.add_joint(name="base_horizontal", type=slide, axis=plane.horizontal)
     base.add_joint(name="base_vertical", type=slide, axis=plane.vertical)
     base.add_joint(name="base_orientation", type=hinge, axis=plane.normal)
+
+
+def _leave_inertia_alone(mujoco: ModuleType, spec: Any, gravity: Array) -> None:
+    """Take away everything but inertia, gravity and joint torques."""
+    spec.option.gravity = gravity
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     for joint in spec.joints:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
@@ -69,9 +145,8 @@ def _zero_like(value: Any) -> Any:
     return 0.0 if np.isscalar(value) else np.zeros_like(value)
 
 
-def _urdf(robot: Robot, reduced: ReducedModel) -> str:
-    """URDF text of inertias and joints alone; links and joints by number, locked joints fixed where they are."""
-    tree = robot.layout.tree
+def _urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], header: str) -> str:
+    """URDF text of inertias and joints alone; links and joints by number, rigid joints fixed where they are."""
     links = {name: f"link{index}" for index, name in enumerate(tree.links)}
     lines = [_link(links[link.name], link) for link in tree.links.values()]
     lines.append('<link name="outside"/><joint name="free" type="floating"><parent link="outside"/>')
@@ -79,12 +154,12 @@ def _urdf(robot: Robot, reduced: ReducedModel) -> str:
     for number, joint in enumerate(tree.joints):
         row = robot.model.getJointId(joint.name) if joint.moves else 0
         name = f"joint{row}" if row else f"fixed{number}"
-        lines.append(_joint(name, joint, links, robot.locked.get(joint.name)))
-    return "\n".join(['<robot name="robot">', HEADER, *lines, "</robot>"])
+        lines.append(_joint(name, joint, links, rigid.get(joint.name)))
+    return "\n".join(['<robot name="robot">', header, *lines, "</robot>"])
 
 
 def _link(name: str, link: UrdfLink) -> str:
-    if link.inertial is None or not (link.inertial.mass or link.inertial.inertia.any()):
+    if link.inertial is None or not _has_inertia(link):
         return f"<link name={quoteattr(name)}/>"
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertial.inertia.tolist()
     moments = f'ixx="{xx!r}" ixy="{xy!r}" ixz="{xz!r}" iyy="{yy!r}" iyz="{yz!r}" izz="{zz!r}"'
@@ -94,13 +169,18 @@ def _link(name: str, link: UrdfLink) -> str:
     return f"<link name={quoteattr(name)}><inertial>{placed}{mass}<inertia {moments}/></inertial></link>"
 
 
+def _has_inertia(link: UrdfLink) -> bool:
+    return link.inertial is not None and bool(link.inertial.mass or link.inertial.inertia.any())
+
+
 def _joint(name: str, joint: UrdfJoint, links: dict[str, str], locked: float | None) -> str:
     xyz, rpy = joint.origin.xyz, joint.origin.rpy
     free = joint.moves and locked is None
+    kind = "continuous" if joint.turns else "prismatic"
     if locked is not None:
         placement = joint.origin.placement * joint.motion(locked)
         xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
-    turning = f'type="continuous"><axis xyz="{_words(joint.axis)}"/>' if free else 'type="fixed">'
+    turning = f'type="{kind}"><axis xyz="{_words(joint.axis)}"/>' if free else 'type="fixed">'
     return (
         f'<joint name="{name}" {turning}<origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>'
         f'<parent link="{links[joint.parent]}"/><child link="{links[joint.child]}"/></joint>'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,12 +33,14 @@ class ReducedModel:
     axes: Array
 
 
-def reduced_model(robot: Robot, gravity: float) -> ReducedModel:
-    """Return the robot's model, its locked joints made rigid, falling with ``gravity`` (m/s^2) down the plane.
+def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = None) -> ReducedModel:
+    """Return the robot's model falling with ``gravity`` (m/s^2) down the plane.
 
-    Built joint by joint: ``buildReducedModel`` fails where a link and a joint share a name.
+    Its locked joints, or those that ``rigid`` names, are made rigid where the reference has them. Built joint by joint:
+    ``buildReducedModel`` fails where a link and a joint share a name.
     """
     source = robot.model
+    rigid = robot.locked if rigid is None else rigid
     data = source.createData()
     pin.forwardKinematics(source, data, np.array(robot.reference))
     model = pin.Model()
@@ -47,7 +50,7 @@ def reduced_model(robot: Robot, gravity: float) -> ReducedModel:
     for joint in range(1, source.njoints):
         parent, placement = carrier[source.parents[joint]]
         name = source.names[joint]
-        if name in robot.locked:
+        if name in rigid:
             carrier[joint] = (parent, placement * data.liMi[joint])
         else:
             added = model.addJoint(parent, source.joints[joint], placement * source.jointPlacements[joint], name)

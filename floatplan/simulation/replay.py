@@ -23,16 +23,18 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import recorded_robot
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
+from floatplan.shown import html_table
 from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
 from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
+from floatplan.simulation.mujoco_engine import MOST_STEPS
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.spatial import SpatialLanding, fly_in_space
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
-MOST_STEPS = 100_000  # [-] of MuJoCo
 STEP = 5e-4  # [s] of MuJoCo's fixed steps
 
 
@@ -61,7 +63,7 @@ class Growth:
     com: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Replay:
     """Result of a replay: where forward dynamics lands under a plan's torques.
 
@@ -85,6 +87,8 @@ class Replay:
     step : s
         Of fixed steps; None where the engine chooses its own.
     seconds : time that the replay took
+    spatial : SpatialLanding, optional
+        The engine "mujoco" also flies the robot with its base free in space: how far it rolls and yaws.
     """
 
     engine: Engine
@@ -98,6 +102,7 @@ class Replay:
     feedback: float | None
     step: float | None
     seconds: float
+    spatial: SpatialLanding | None = None
 
     @property
     def landed(self) -> bool:
@@ -110,11 +115,34 @@ class Replay:
         """Whether something was made to go wrong."""
         return self.disturbance.any
 
+    def __repr__(self) -> str:
+        """A line for each result."""
+        lines = [f"Replay({self.engine}, {'landed' if self.landed else 'landed elsewhere'})"]
+        return "\n".join([*lines, *(f"  {name}: {text}" for name, text in self._rows())])
+
+    def _repr_html_(self) -> str:
+        """A table, as notebooks show it."""
+        title = f"replay by {self.engine}: {'landed' if self.landed else 'landed elsewhere'}"
+        return html_table(title, self._rows())
+
+    def _rows(self) -> list[tuple[str, str]]:
+        rows = [
+            ("orientation off by", f"{self.orientation_error:.3g} rad"),
+            ("joints off by", f"{self.position_error.max(initial=0.0):.3g} rad at most"),
+            ("centre of mass off by", f"{self.com_error:.3g} m"),
+            ("momentum drifts by", f"{self.momentum_drift:.3g} kg m^2/s"),
+        ]
+        if self.spatial is not None:
+            rows.append(("in space", f"roll {self.spatial.roll:+.3g} rad, yaw {self.spatial.yaw:+.3g} rad"))
+        return rows
+
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         growth = {name: getattr(self.growth, name) for name in self.growth.__dataclass_fields__}
-        facts: dict[str, Any] = plain({**values, "growth": growth, "disturbance": asdict(self.disturbance)})
+        spatial = None if self.spatial is None else self.spatial.to_dict()
+        nested = {"growth": growth, "disturbance": asdict(self.disturbance), "spatial": spatial}
+        facts: dict[str, Any] = plain({**values, **nested})
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 
@@ -136,7 +164,7 @@ def replay(
         Left out, the plan's; of a record, the one that it names.
     engine : "pinocchio" or "mujoco"
         The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
-        accelerations and one of order 4 at fixed steps.
+        accelerations and one of order 4 at fixed steps, in the plane and, beside that, free in space.
     perturb : str or Disturbance
         Relative errors of the angular momentum at takeoff, of masses and of torques: ``"h=1%,mass=2%,torque=1%"``.
     feedback : float, optional
@@ -168,10 +196,12 @@ def replay(
     )
     times = record.duration * np.arange(1, PANELS + 1) / PANELS
     model = disturbance.disturbed(reduced)
+    spatial = None
     if engine == "pinocchio":
         flown = fly_pinocchio(model, joint_torques, takeoff, times, LOOSE if disturbance.any else TIGHT)
     else:
         flown = _fly_mujoco(robot, reduced, joint_torques, takeoff, times, step, disturbance)
+        spatial = fly_in_space(robot, record, disturbance, feedback, step)
     states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)
     return Replay(
@@ -186,6 +216,7 @@ def replay(
         feedback=feedback,
         step=None if engine == "pinocchio" else step,
         seconds=clock.perf_counter() - began,
+        spatial=spatial,
     )
 
 

@@ -148,7 +148,7 @@ class _Dask:
     """The workers of a dask scheduler, which gives the chunks of a dead worker to others."""
 
     def __init__(self, jobs: int, scheduler: str | None) -> None:
-        distributed = import_optional("distributed", name="dask", element="engine", install='"floatplan[study]"')
+        distributed = import_optional("distributed", name="dask", element="engine", extra="study")
         self._cluster = None
         try:
             if scheduler is None:

@@ -73,6 +73,11 @@ def quantity(path: str, degrees: bool) -> Quantity:
     )
 
 
+def patterns() -> list[str]:
+    """Regular expressions of all paths, as JSON Schema writes them."""
+    return [pattern.replace("?P<key>", "?:") for pattern in _PATHS]
+
+
 def _unit(key: str, given: str | None) -> str:
     """Unit of a key: a limit's is of what it limits."""
     if given == "limit":

@@ -68,7 +68,7 @@ def versions() -> dict[str, str]:
     return {"floatplan": version("floatplan"), "solver": description().partition(" (")[0]}
 
 
-def arrow() -> tuple[Any, Any]:
+def arrow() -> tuple[Any, ...]:
     """Return pyarrow and pyarrow.parquet.
 
     Raises
@@ -76,8 +76,10 @@ def arrow() -> tuple[Any, Any]:
     InputError
         They are not installed.
     """
-    wanted = {"name": "pyarrow", "element": "study", "install": '"floatplan[study]"'}
-    return import_optional("pyarrow", **wanted), import_optional("pyarrow.parquet", **wanted)
+    return tuple(
+        import_optional(module, name="pyarrow", element="study", extra="study")
+        for module in ("pyarrow", "pyarrow.parquet")
+    )
 
 
 @lru_cache(maxsize=4)

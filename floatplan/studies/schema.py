@@ -6,17 +6,21 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, Tag, model_validator
 
+from floatplan.problem.json_schema import DIALECT
 from floatplan.problem.schema import Number, Table, Whole, any_of
+from floatplan.studies.numbers import patterns
 
 SAMPLING_KEYS = ("sampling", "samples", "seed")
 
 
 class RangeTable(Table):
-    """``{ from = 1.0, to = 6.0, count = 200 }``; ``count`` is for grids."""
+    """From one value to another: ``{ from = 1.0, to = 6.0, count = 200 }``."""
 
-    low: Number = Field(alias="from")
-    high: Number = Field(alias="to")
-    count: Annotated[Whole, Field(ge=1)] | None = None
+    low: Number = Field(alias="from", description="least value, in the problem file's unit")
+    high: Number = Field(alias="to", description="largest value")
+    count: Annotated[Whole, Field(ge=1)] | None = Field(
+        default=None, description="values of a grid, both ends among them"
+    )
 
 
 Varied: TypeAlias = Annotated[
@@ -26,28 +30,36 @@ Varied: TypeAlias = Annotated[
 
 
 class PlanTable(Table):
-    """``[plan]``: how hard to try."""
+    """How hard to try."""
 
-    starts: Annotated[Whole, Field(ge=1)] = 1
-    prove: Annotated[bool, Field(strict=True)] = False
-    search: Annotated[bool, Field(strict=True)] = False
+    starts: Annotated[Whole, Field(ge=1)] = Field(default=1, description="solved starts to choose the best from")
+    prove: Annotated[bool, Field(strict=True)] = Field(default=False, description="prove each plan")
+    search: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="give rows that batches do not solve to the whole search"
+    )
 
 
 class ResultTable(Table):
-    """``[result]``: where results go, and which map is drawn: horizontal key, vertical key, colour."""
+    """Where results go, and which map is drawn."""
 
-    folder: Annotated[str, Field(min_length=1)] | None = None
-    map: tuple[str, str, str] | None = None
+    folder: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="from the working directory; runs/<name of this file> if left out"
+    )
+    map: tuple[str, str, str] | None = Field(
+        default=None, description="keys that vary across and up, and a column as colour"
+    )
 
 
 class StudyFileTable(Table):
-    """A whole study file; sampling may stand in ``[vary]`` too."""
+    """A problem, and the values for which it is planned; how rows are drawn may stand in ``[vary]`` too."""
 
-    problem: str
-    vary: dict[str, Varied]
-    sampling: Literal["grid", "random", "sobol"] = "grid"
-    samples: Annotated[Whole, Field(ge=1)] | None = None
-    seed: Annotated[Whole, Field(ge=0)] = 0
+    problem: str = Field(description="a problem file, relative to this one")
+    vary: dict[str, Varied] = Field(description="numbers of the problem file by their paths")
+    sampling: Literal["grid", "random", "sobol"] = Field(
+        default="grid", description="all combinations, or points drawn"
+    )
+    samples: Annotated[Whole, Field(ge=1)] | None = Field(default=None, description="rows to draw")
+    seed: Annotated[Whole, Field(ge=0)] = Field(default=0, description="of the rows drawn, and of random starts")
     plan: PlanTable = Field(default_factory=PlanTable)
     result: ResultTable = Field(default_factory=ResultTable)
 
@@ -60,3 +72,17 @@ class StudyFileTable(Table):
             return content
         lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
         return {**content, **lifted, "vary": {key: value for key, value in vary.items() if key not in lifted}}
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON Schema of study files, for editors."""
+    schema = StudyFileTable.model_json_schema()
+    properties = schema["properties"]
+    vary = properties["vary"]
+    vary["properties"] = {key: properties[key] for key in SAMPLING_KEYS}
+    vary["propertyNames"] = {"pattern": rf"^(?:{'|'.join((*SAMPLING_KEYS, *patterns()))})$"}
+    for table in (schema, *schema["$defs"].values()):
+        table.pop("title", None)
+        for described in table["properties"].values():
+            described.pop("title", None)
+    return {"$schema": DIALECT, **schema, "title": "floatplan study"}

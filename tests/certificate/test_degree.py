@@ -8,7 +8,7 @@ import pytest
 from flint import arb, arb_poly
 
 from floatplan.motion.exact_polynomials import basis_columns, chebyshev_of_seconds
-from floatplan.motion.sine_polynomial import SinePolynomials, WrittenMotion, basis
+from floatplan.motion.sine_polynomial import Form, SinePolynomials, WrittenMotion, basis
 from floatplan.problem.checks import HIGHEST_DEGREE, LOWEST_DEGREE
 
 DEGREES = range(LOWEST_DEGREE, HIGHEST_DEGREE + 1)
@@ -48,7 +48,7 @@ def test_written_doubles_say_what_the_search_found(degree):
     written = WrittenMotion.from_powers(
         polynomials.centre, polynomials.amplitude, polynomials.powers_of_seconds(z), polynomials.duration
     )
-    searched = polynomials.motion(z, basis(degree - 5).values(times / polynomials.duration))
+    searched = polynomials.motion(z, basis(Form(degree - 5)).values(times / polynomials.duration))
     for found, wanted, tolerance in zip(
         written.at(times),
         (searched.positions, searched.velocities, searched.accelerations),

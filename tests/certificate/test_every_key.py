@@ -27,7 +27,7 @@ ASKED = "asked"  # a constraint, or a part of one: another value asks something 
 FREE = "free"  # no part of the statement, see docs/certificate.md
 TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"format": CLAIM,
-    r"floatplan|status|ok|explanation": FREE,
+    r"floatplan|status|ok|explanation|problem_file": FREE,
     r"problem\.name": FREE,
     r"problem\.ground": ASKED,
     r"problem\.limits\.motor_torque\.q[123]": ASKED,

@@ -19,7 +19,7 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import Planned, planned
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.starts import Start
-from floatplan.tolerances import CLEARANCE, ORIENTATION, RELATIVE
+from floatplan.tables import CLEARANCE, ORIENTATION, RELATIVE
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FRACTIONS = (-0.5, 0.25, 0.75, 1.25, 4.0)  # of the tolerance, by which a plan fails

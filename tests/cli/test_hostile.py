@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import shutil
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,14 +15,39 @@ from pathlib import Path
 import pytest
 
 import floatplan as fp
+from floatplan import files
+from floatplan.cli.results import write_figures, write_page, write_results
 from floatplan.errors import InputError, printable
 from floatplan.files import read_regular, write_atomically
+from floatplan.view.scene.moving_robot import visual_model
 
 
 @pytest.fixture(scope="module")
 def plan_file(root, tmp_path_factory):
     path = tmp_path_factory.mktemp("plan") / "plan.json"
     return fp.plan(fp.load_problem(root / "problems" / "new_configuration.toml"), prove=True).save(path)
+
+
+@pytest.fixture(scope="module")
+def results_of_a_run(plan_file, tmp_path_factory):
+    """A folder with all that a run leaves."""
+    folder = tmp_path_factory.mktemp("results")
+    plan = fp.load_plan(plan_file)
+    write_results(plan, folder, 1000.0)
+    write_figures(plan, folder)
+    write_page(plan, folder)
+    return folder
+
+
+@pytest.fixture
+def results(results_of_a_run, tmp_path):
+    return shutil.copytree(results_of_a_run, tmp_path / "results")
+
+
+@pytest.fixture(scope="module")
+def newer(root):
+    problem = fp.load_problem(root / "problems" / "new_configuration.toml")
+    return fp.plan(replace(problem, flight=replace(problem.flight, duration=1.0)))
 
 
 def process(*arguments, shell="", cwd=None):
@@ -28,7 +57,7 @@ def process(*arguments, shell="", cwd=None):
 
 
 class TestReads:
-    @pytest.mark.parametrize("command", ["plan", "info", "bounds", "certify", "replay", "show"])
+    @pytest.mark.parametrize("command", ["plan", "info", "bounds", "takeoff", "certify", "replay", "show"])
     def test_devices_and_pipes_are_refused(self, floatplan, tmp_path, command):
         pipe = tmp_path / "pipe.toml"
         os.mkfifo(pipe)
@@ -51,6 +80,36 @@ class TestReads:
         path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
         (tmp_path / "part.zip").write_bytes(b"PK")
         with pytest.raises(InputError, match=r'"\.zip" is not one of'):
+            _ = fp.Robot.from_urdf(path).shapes
+
+    @pytest.mark.parametrize(("suffix", "reason"), [(".zip", "is not one of"), (".obj", "larger than")])
+    def test_visual_meshes_are_held_to_the_same(self, root, tmp_path, suffix, reason):
+        path = tmp_path / "robot.urdf"
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        mesh = f'<visual><geometry><mesh filename="part{suffix}"/></geometry></visual></link>'
+        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+        with (tmp_path / f"part{suffix}").open("wb") as stream:
+            stream.truncate(10**12 if suffix == ".obj" else 10)
+        with pytest.raises(InputError, match=reason):
+            visual_model(fp.Robot.from_urdf(path))
+
+    def test_visual_meshes_are_as_large_as_a_robot(self, root, tmp_path):
+        path = tmp_path / "robot.urdf"
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        mesh = '<visual><geometry><mesh filename="part.stl"/></geometry></visual></link>'
+        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+        corners = struct.pack("<12f2x", 0, 0, 1, 0, 0, 0, 1e38, 0, 0, 0, 1, 0)
+        (tmp_path / "part.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + corners)
+        with pytest.raises(InputError, match="farther than any robot is large"):
+            visual_model(fp.Robot.from_urdf(path))
+
+    def test_corners_have_three_coordinates(self, root, tmp_path):
+        path = tmp_path / "robot.urdf"
+        text = (root / "urdf" / "gymnast.urdf").read_text(encoding="utf-8")
+        mesh = '<collision><geometry><mesh filename="part.obj"/></geometry></collision></link>'
+        path.write_text(text.replace("</link>", mesh, 1), encoding="utf-8")
+        (tmp_path / "part.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", encoding="utf-8")
+        with pytest.raises(InputError, match="not three numbers"):
             _ = fp.Robot.from_urdf(path).shapes
 
     @pytest.mark.parametrize("name", ["../secret.urdf", "/etc/passwd", "a/../../secret.urdf"])
@@ -96,8 +155,56 @@ class TestWrites:
             "notes.txt",
         }
 
+    @pytest.mark.parametrize("full_at", ["plan.json", "trajectory.csv"])
+    def test_on_a_full_disk_older_results_stay(self, floatplan, root, results, monkeypatch, full_at):
+        older = _contents(results)
+        assert {"plan.json", "trajectory.csv", "report.html", "torques.png"} <= {path.name for path in older}
+        write = files._written_beside
+
+        def full(path, content):
+            if path.name == full_at:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return write(path, content)
+
+        monkeypatch.setattr(files, "_written_beside", full)
+        run = floatplan("plan", root / "problems" / "new_configuration.toml", "-o", results, "--seed", "1", "-q")
+        assert (run.code, "No space left on device" in run.stderr) == (2, True)
+        assert _contents(results) == older
+
+    def test_what_is_interrupted_leaves_nothing_older_beside_the_new(self, results, newer, tmp_path, monkeypatch):
+        """Stopped before each of the removals and renamings: a plan has no company but what was made of it."""
+        older = _relative(results)
+        unlink, replaced = Path.unlink, Path.replace
+        kept = []
+        for steps in range(20):
+            folder = shutil.copytree(results, tmp_path / str(steps))
+            left = iter(range(steps))
+
+            def stopping(act, left=left):
+                def counted(*arguments, **options):
+                    if next(left, None) is None:
+                        raise KeyboardInterrupt
+                    return act(*arguments, **options)
+
+                return counted
+
+            with contextlib.suppress(KeyboardInterrupt), monkeypatch.context() as patch:
+                patch.setattr(Path, "unlink", stopping(unlink))
+                patch.setattr(Path, "replace", stopping(replaced))
+                write_results(newer, folder, 1000.0)
+            now = {path: content for path, content in _relative(folder).items() if not path.name.startswith(".")}
+            kept.append(now[Path("plan.json")] == older[Path("plan.json")])
+            if kept[-1]:
+                assert now.items() <= older.items()
+            else:
+                assert not now.items() & older.items()
+        assert kept[0]
+        assert not kept[-1]
+        assert sum(kept) >= 6
+
     @pytest.mark.parametrize(
-        ("shell", "code"), [(">&- 2>&-", 0), ("2>&- >/dev/null", 0), ("2>/dev/full", 2), ("--json >/dev/full", 2)]
+        ("shell", "code"),
+        [(">&- 2>&-", 0), ("2>&- >/dev/null", 0), ("2>/dev/full", 0), (">/dev/full", 2), ("--json >/dev/full", 2)],
     )
     def test_closed_and_full_streams_lose_no_plan(self, root, tmp_path, shell, code):
         problem = root / "problems" / "new_configuration.toml"
@@ -146,6 +253,24 @@ class TestText:
         with pytest.raises(InputError, match="cannot be shown"):
             fp.Robot.from_urdf(path)
 
+    @pytest.mark.parametrize(
+        "words", [["x" * 5000], ["\x1b[31m"], ["--" + "x" * 5000], ["--rate", "x" * 5000], ["\udcff"]]
+    )
+    def test_the_words_of_a_command_line_are_quoted_shortly(self, floatplan, plan_file, words):
+        run = floatplan("export", plan_file, "-f", "csv", *words)
+        assert run.code == 2
+        assert len(run.stderr) < 2000
+        assert run.stderr.replace("\n", "").isprintable()
+
+    @pytest.mark.parametrize("name", ["\x1b[31mred.csv", "two\nlines.csv", "\udcff.csv"])
+    def test_paths_are_printed_on_one_line(self, floatplan, plan_file, root, tmp_path, name):
+        problem = root / "problems" / "new_configuration.toml"
+        for arguments in (["export", plan_file, "-f", "csv"], ["show", plan_file], ["plan", problem, "--no-figures"]):
+            run = floatplan(*arguments, "-o", tmp_path / name)
+            assert run.code in (0, 2)
+            assert (run.stdout + run.stderr).replace("\n", "").isprintable()
+            assert len(run.stdout.splitlines()) <= 1
+
     def test_messages_are_one_line_and_short(self):
         error = InputError("bad\x1b[31m\nthing " + "x" * 5000, element="e" * 999, advice="a " * 999, source="s" * 9999)
         assert len(str(error)) < 1500
@@ -158,6 +283,15 @@ class TestText:
         with pytest.raises(InputError, match=r"and 1\d\d more") as caught:
             replace(problem, obstacles=(bad,) * 200)
         assert len(str(caught.value)) < 2000
+
+
+def _contents(folder: Path) -> dict[Path, bytes]:
+    """All files below a folder."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def _relative(folder: Path) -> dict[Path, bytes]:
+    return {path.relative_to(folder): content for path, content in _contents(folder).items()}
 
 
 def _leftovers(folder: Path, process_number: int) -> list[Path]:

@@ -119,12 +119,18 @@ def test_yaml_takes_small_numbers_for_numbers(handstand: fp.Plan, tmp_path: Path
     assert all(isinstance(value, float) for value in values)
 
 
+def unitree_columns(path: Path) -> list[str]:
+    """Names in the comments before the rows."""
+    comments = [line for line in path.read_text().splitlines() if line.startswith("#")]
+    return [comment.partition(": ")[2] for comment in comments]
+
+
 def test_unitree(plan: fp.Plan, tmp_path: Path) -> None:
     path = export(plan, "unitree", tmp_path / "file", rate=50)
-    names = path.read_text().splitlines()[0].removeprefix("# ").split(",")
-    rows = np.loadtxt(path, delimiter=",")
+    names, rows = unitree_columns(path), np.loadtxt(path, delimiter=",")
     times = np.minimum(np.arange(len(rows)) / 50, plan.duration)
     state, robot = plan.at(times), plan.robot
+    assert names[:7] == ["base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw"]
     near(rows[:, :3] @ robot.plane.horizontal, state.base_position[:, 0])
     near(rows[:, :3] @ robot.plane.vertical, state.base_position[:, 1])
     near(angle_about(robot.plane.normal, rows[:, 3:7]), state.orientation)
@@ -200,8 +206,7 @@ def test_coupled_and_locked_joints_are_all_there(tmp_path: Path) -> None:
         pytest.skip("example-robot-data is not installed")
     plan = fp.plan(fp.load_problem(Path(__file__).parents[2] / "problems" / "gallery" / "go2.toml"), budget=0.1)
     path = export(plan, "unitree", tmp_path / "file")
-    names = path.read_text().splitlines()[0].removeprefix("# ").split(",")
-    rows = np.loadtxt(path, delimiter=",")
+    names, rows = unitree_columns(path), np.loadtxt(path, delimiter=",")
     assert rows.shape[1] == len(names) == 7 + 12
     near(rows[:, names.index("FR_thigh_joint")], rows[:, names.index("FL_thigh_joint")])
     q = np.zeros(plan.robot.model.nq)
@@ -240,5 +245,7 @@ def test_a_missing_plan_is_bad_input(floatplan: Callable[..., Any]) -> None:
 
 
 def test_python_names_the_formats(handstand: fp.Plan) -> None:
-    with pytest.raises(InputError, match="must be one of csv, npz, ros, mujoco, unitree"):
+    with pytest.raises(
+        InputError, match="must be one of csv, csv-full, parquet, npz, pinocchio, mujoco, ros, mcap, unitree"
+    ):
         export(handstand, "bvh")

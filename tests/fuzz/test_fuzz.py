@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from fuzz_cases import Case, judge, prepare_plans, run_here, run_killed
+from fuzz_cases import WEIGHTS, Case
+from fuzz_runs import judge, run_here, run_killed
+from fuzz_sources import has_gallery
+from needed import skip_or_fail
 
 CASES, BATCH = 300, 25
 
@@ -12,7 +15,6 @@ CASES, BATCH = 300, 25
 def plans(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FLOATPLAN_FUZZ_PLANS", str(tmp_path_factory.mktemp("plans")))
-        prepare_plans()
         yield
 
 
@@ -31,11 +33,19 @@ def test_a_killed_command_leaves_no_half_of_a_file(seed, tmp_path):
     assert run_killed(seed, tmp_path) == []
 
 
-def test_a_case_is_its_seed(tmp_path):
+def test_every_kind_of_case_is_met():
+    if not has_gallery():
+        skip_or_fail("example-robot-data is not installed")
+    assert {Case(seed).kind for seed in range(CASES)} == set(WEIGHTS)
+
+
+@pytest.mark.parametrize("kind", WEIGHTS)
+def test_a_case_is_its_seed(tmp_path, kind):
+    seed = next(seed for seed in range(CASES) if Case(seed).kind == kind)
     folders = [tmp_path / "a", tmp_path / "b"]
     for folder in folders:
         folder.mkdir()
-    first, second = ([word.replace(str(f), "") for word in Case(7).prepare(f)] for f in folders)
+    first, second = ([word.replace(str(f), "") for word in Case(seed).prepare(f)] for f in folders)
     assert first == second
 
 
@@ -48,6 +58,7 @@ def test_a_case_is_its_seed(tmp_path):
         (1, "Traceback (most recent call last)", 0.1, ["traceback"]),
         (0, "RuntimeWarning: overflow", 0.1, ["warning"]),
         (2, "x" * 3000, 0.1, ["message of 3000 characters"]),
+        (2, "error: there is not enough memory for this", 0.1, ["more memory than it may have"]),
         (2, "", 0.1, ["exit code 2 without a message"]),
         (0, "\x1b[31m", 0.1, ["control characters"]),
         (0, "", 99.0, ["99.0 s of CPU"]),

@@ -15,6 +15,7 @@ import tomli_w
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_MUTATIONS = 3
+LARGEST_DOUBLE = 10**308  # whole numbers beyond it cannot be multiplied by a fraction
 
 NUMBERS: tuple[Any, ...] = (
     0,
@@ -68,7 +69,8 @@ def _value(rng: random.Random, old: Any) -> Any:
     if isinstance(old, bool) or kind < 0.1:
         return rng.choice([True, False, None, [], {}, [[]], {"": {}}, *TEXTS])
     if isinstance(old, int | float) and kind < 0.4:
-        return old * rng.choice([-1, 0, 0.5, 2, 10, 1000, 1e6, 1e12])
+        factor = rng.choice([-1, 0, 0.5, 2, 10, 1000, 1e6, 1e12])
+        return old * (int(factor) if abs(old) > LARGEST_DOUBLE else factor)
     if isinstance(old, str) and kind < 0.7:
         return rng.choice([*TEXTS, old + rng.choice(TEXTS), old[: len(old) // 2]])
     if isinstance(old, list) and kind < 0.7:
@@ -106,7 +108,7 @@ def _spoil(rng: random.Random, content: dict[str, Any]) -> None:
         container[key] = copy.deepcopy(other[its_key])
 
 
-def _spoiled_bytes(rng: random.Random, content: bytes) -> bytes:
+def spoiled_bytes(rng: random.Random, content: bytes) -> bytes:
     """Change some bytes."""
     action, at = rng.random(), rng.randrange(len(content) + 1)
     if action < 0.2:
@@ -118,7 +120,7 @@ def _spoiled_bytes(rng: random.Random, content: bytes) -> bytes:
     if action < 0.7:
         return b"\xef\xbb\xbf" + content
     if action < 0.8:
-        return content.decode("utf-8").encode("utf-16")
+        return content.decode("utf-8", "replace").encode("utf-16")
     if action < 0.9:
         return content[:at] + content[at : at + 200] * rng.choice([2, 50]) + content[at:]
     return rng.choice([b"", b"\n", b"[" * 100_000, b"{" * 100_000, b"<a>" * 100_000, rng.randbytes(500)])
@@ -131,7 +133,7 @@ def _toml(rng: random.Random, content: bytes) -> bytes:
     try:
         return tomli_w.dumps(tables).encode("utf-8")
     except (TypeError, ValueError):  # what TOML cannot say
-        return _spoiled_bytes(rng, content)
+        return spoiled_bytes(rng, content)
 
 
 def _json(rng: random.Random, content: bytes) -> bytes:
@@ -165,12 +167,17 @@ def _xml(rng: random.Random, content: bytes) -> bytes:
     return ElementTree.tostring(tree).replace(b"\x00", b"").replace(b"\x1b", b"")
 
 
-_SPOILERS: dict[str, Callable[[random.Random, bytes], bytes]] = {".toml": _toml, ".json": _json, ".urdf": _xml}
+_SPOILERS: dict[str, Callable[[random.Random, bytes], bytes]] = {
+    ".toml": _toml,
+    ".json": _json,
+    ".urdf": _xml,
+    ".srdf": _xml,
+}
 
 
 def spoiled(rng: random.Random, path: Path) -> bytes:
     """Content of a file of a known kind, spoiled: mostly in its structure, sometimes in its bytes."""
     content = path.read_bytes()
     if rng.random() < 0.15:
-        return _spoiled_bytes(rng, content)
+        return spoiled_bytes(rng, content)
     return _SPOILERS[path.suffix](rng, content)

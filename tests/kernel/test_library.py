@@ -22,7 +22,7 @@ from floatplan.kernel.rows import Numbers, solver
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.motion.sine_polynomial import Form, SinePolynomials, basis
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -76,7 +76,7 @@ def test_the_orientation_is_that_of_the_closed_form(kernel):
         free = tuple(degree - 5 for degree in problem.degrees)
         motion = SinePolynomials((low + high) / 2, (high - low) / 2, rows.duration[0], rows.boundary[0], free)
         quadrature = gauss_legendre(200)
-        joints = motion.motion(found.z[0], basis(max(free)).values(quadrature.nodes))
+        joints = motion.motion(found.z[0], basis(Form(max(free))).values(quadrature.nodes))
         rate = Dynamics(problem.robot.tree).base_rate(joints.positions, joints.velocities, rows.momentum[0])
         assert abs(rows.duration[0] * quadrature.weights @ rate - rows.change[0]) < 1e-9
 

@@ -10,6 +10,7 @@ from numpy.polynomial import Polynomial
 
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import (
+    Form,
     SinePolynomials,
     WrittenMotion,
     arcsine_argument,
@@ -59,7 +60,7 @@ class TestBoundaryConditions:
     def test_hold_whatever_the_free_part(self, degree):
         for seed in range(20):
             motion, states = draw([degree, seed], degree=degree)
-            found = state_of(motion.motion(random_z(seed, motion), basis(degree - 5).values(ENDS)))
+            found = state_of(motion.motion(random_z(seed, motion), basis(Form(degree - 5)).values(ENDS)))
             assert np.abs(found - states).max() < 1e-10
 
     @pytest.mark.parametrize("degree", DEGREES)
@@ -89,7 +90,7 @@ class TestBoundaryConditions:
         inside = np.stack((centre + 0.3 * amplitude, np.array([0.2, -0.5]), np.array([0.7, 0.1])))
         for states in ((on_edge, inside), (inside, on_edge)):
             motion = polynomials(centre, amplitude, 1.2, np.stack(states), np.full((2, 2), branch), (3, 3))
-            found = state_of(motion.motion(random_z(1, motion), basis(3).values(ENDS)))
+            found = state_of(motion.motion(random_z(1, motion), basis(Form(3)).values(ENDS)))
             assert np.abs(found - np.stack(states)).max() < 1e-10
 
     @pytest.mark.parametrize("edge", [-1, 1])
@@ -98,22 +99,24 @@ class TestBoundaryConditions:
         nearly = np.nextafter(centre + edge * amplitude, centre)
         state = np.stack((nearly, np.zeros(1), np.array([-edge * 0.8])))
         motion = polynomials(centre, amplitude, 1.2, np.stack((state, state)), np.zeros((2, 1), dtype=int), (2,))
-        found = state_of(motion.motion(random_z(2, motion), basis(2).values(ENDS)))
+        found = state_of(motion.motion(random_z(2, motion), basis(Form(2)).values(ENDS)))
         assert np.abs(found - state).max() < 1e-10
 
 
 class TestMotion:
     def test_stays_within_the_range(self):
         motion, _ = draw(3)
-        found = motion.motion(random_z(3, motion, 40.0), basis(3).values(np.linspace(0, 1, 500)))
+        found = motion.motion(random_z(3, motion, 40.0), basis(Form(3)).values(np.linspace(0, 1, 500)))
         reach = np.abs(found.positions - motion.centre) / motion.amplitude
         assert 0.999 < reach.max() <= 1 + 1e-15
 
     def test_velocities_and_accelerations_are_derivatives(self):
         motion, _ = draw(4)
         z, s, step = random_z(4, motion), np.linspace(0.1, 0.9, 9), 1e-4
-        here = motion.motion(z, basis(3).values(s))
-        ahead, behind = (motion.motion(z, basis(3).values(s + shift / motion.duration)) for shift in (step, -step))
+        here = motion.motion(z, basis(Form(3)).values(s))
+        ahead, behind = (
+            motion.motion(z, basis(Form(3)).values(s + shift / motion.duration)) for shift in (step, -step)
+        )
         for order, size in ((0, np.abs(here.velocities).max()), (1, np.abs(here.accelerations).max())):
             difference = (state_of(ahead)[:, order] - state_of(behind)[:, order]) / (2 * step)
             assert np.abs(state_of(here)[:, order + 1] - difference).max() < 1e-5 * size
@@ -121,7 +124,7 @@ class TestMotion:
     @pytest.mark.parametrize("what", ["positions", "velocities", "accelerations"])
     def test_jacobian_is_that_of_differences(self, what):
         motion, _ = draw(5)
-        values = basis(3).values(np.linspace(0, 1, 7))
+        values = basis(Form(3)).values(np.linspace(0, 1, 7))
         z, step = random_z(5, motion), 1e-5
         partials = {
             "positions": ("position_by_p",),
@@ -151,24 +154,24 @@ class TestMotion:
 
 class TestBasis:
     def test_hermite_part_is_the_unit_conditions(self):
-        at_ends = np.stack([values[:, :CONDITIONS] for values in basis(2).values(ENDS)], axis=1)
+        at_ends = np.stack([values[:, :CONDITIONS] for values in basis(Form(2)).values(ENDS)], axis=1)
         assert at_ends.reshape(6, 6) == pytest.approx(np.eye(6), abs=1e-13)
 
     def test_free_part_vanishes_at_the_ends_with_two_derivatives(self):
-        for order, values in enumerate(basis(8).values(ENDS)):
+        for order, values in enumerate(basis(Form(8)).values(ENDS)):
             assert np.abs(values[:, CONDITIONS:]).max() < 1e-15 * 100.0**order
 
     def test_free_part_is_orthonormal(self):
         nodes, weights = np.polynomial.legendre.leggauss(20)
-        free = basis(8).values((nodes + 1) / 2)[0][:, CONDITIONS:]
+        free = basis(Form(8)).values((nodes + 1) / 2)[0][:, CONDITIONS:]
         assert free.T @ (weights[:, None] / 2 * free) == pytest.approx(np.eye(8), abs=1e-12)
 
     @pytest.mark.parametrize("free", [0, 2, 4, 8])
     def test_values_are_those_of_the_powers(self, free):
         """Powers evaluated exactly: in floating point their terms, up to 1e7 for degree 13, cancel."""
         s = np.linspace(0, 1, 11)
-        found = basis(free).values(s)
-        for column, powers in enumerate(basis(free).powers.T):
+        found = basis(Form(free)).values(s)
+        for column, powers in enumerate(basis(Form(free)).powers.T):
             exact = np.array([Fraction(power) for power in powers])
             for order in range(3):
                 expected = [float(sum(c * Fraction(at) ** k for k, c in enumerate(exact))) for at in s]
@@ -183,7 +186,7 @@ class TestPowersOfSeconds:
         """Up to rounding of b, whose terms cancel."""
         motion, _ = draw([6, degree], degree=degree)
         z, s = random_z(6, motion), np.linspace(0, 1, 21)
-        expected = motion.motion(z, basis(degree - 5).values(s))
+        expected = motion.motion(z, basis(Form(degree - 5)).values(s))
         b = motion.powers_of_seconds(z)
         found = written(motion, b).at(s * motion.duration)
         terms = (np.abs(b) * motion.duration ** np.arange(degree + 1)).sum(axis=1).max()
@@ -195,7 +198,7 @@ class TestPowersOfSeconds:
         motion, _ = draw(8, degree=7)
         z = random_z(8, motion)
         found = written(motion, motion.powers_of_seconds(z)).at(ENDS * motion.duration)
-        expected = motion.motion(z, basis(2).values(ENDS))
+        expected = motion.motion(z, basis(Form(2)).values(ENDS))
         assert np.abs(found[0] - expected.positions).max() < 1e-11
 
     def test_motion_is_numpy_s(self):

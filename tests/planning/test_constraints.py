@@ -19,6 +19,7 @@ import floatplan as fp
 from floatplan import tables
 from floatplan.arrays import read_only
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
+from floatplan.motion.sine_polynomial import Form
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import objectives as objectives_module
 from floatplan.planning.transcription.constraints import (
@@ -30,16 +31,21 @@ from floatplan.planning.transcription.constraints import (
     constraints,
     window_ends,
 )
-from floatplan.planning.transcription.objectives import CoefficientNorm, IntegralOfSquares
+from floatplan.planning.transcription.objectives import CoefficientNorm, FollowingCoefficientNorm, IntegralOfSquares
 from floatplan.planning.transcription.program import (
     FlightProgram,
     decision_variables,
     objective,
-    sine_polynomials,
     watching,
 )
 from floatplan.planning.transcription.quantities import QUANTITIES
-from floatplan.planning.transcription.trajectory import flight_model, sample_also, sample_nodes, trajectory
+from floatplan.planning.transcription.trajectory import (
+    flight_model,
+    sample_also,
+    sample_nodes,
+    trajectories,
+    trajectory,
+)
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
 GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
@@ -77,6 +83,7 @@ OBJECTIVES = {
     "acceleration": IntegralOfSquares(QUANTITIES["accelerations"], 300.0),
     "torque": IntegralOfSquares(QUANTITIES["torques"], 5e4),
 }
+FOLLOWING = {"following coefficients": FollowingCoefficientNorm}  # see TestRatesThatFollow
 INSTANTS = np.array([0.0, 0.123, 0.5, 0.77, 1.0])  # besides the nodes; both ends among them
 
 
@@ -93,7 +100,8 @@ def blocks_of(module: ModuleType) -> set[type]:
 
 
 def without_case(module: ModuleType, cases) -> set[str]:
-    return {block.__name__ for block in blocks_of(module) - {type(case) for case in cases}}
+    known = {case if inspect.isclass(case) else type(case) for case in cases}
+    return {block.__name__ for block in blocks_of(module) - known}
 
 
 def test_every_row_of_the_tables_has_a_case():
@@ -104,7 +112,7 @@ def test_every_row_of_the_tables_has_a_case():
 
 @pytest.mark.parametrize(
     ("module", "cases"),
-    [(constraints_module, CONSTRAINTS), (objectives_module, OBJECTIVES)],
+    [(constraints_module, CONSTRAINTS), (objectives_module, OBJECTIVES | FOLLOWING)],
     ids=["constraints", "objectives"],
 )
 class TestEveryBlockHasACase:
@@ -132,10 +140,11 @@ def problem():
 @pytest.fixture(scope="module")
 def flight(problem):
     """What evaluates a motion x: (model, variables, sampling)."""
-    polynomials = sine_polynomials(problem, problem.degrees, np.array([[0, 0, 0], [0, 1, -1]]))
-    variables = decision_variables(problem, polynomials, momentum_set(problem))
+    branches = np.array([[0, 0, 0], [0, 1, -1]])
+    variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
+    polynomials = variables.polynomials
     assert variables.momentum.free == 1
-    sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.width), polynomials.width, INSTANTS)
+    sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.form), INSTANTS)
     return flight_model(problem), variables, sampling
 
 
@@ -206,6 +215,75 @@ class TestDerivatives:
         assert_derivative(lambda at: np.array(program.evaluate(at).objective), here.gradient, x, scale)
 
 
+class TestRatesThatFollow:
+    """The same derivatives where the rates at both ends follow from a free h, and accelerations are free."""
+
+    @pytest.fixture(params=[("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free")])
+    def following(self, request, problem):
+        objective_name, at_takeoff, at_landing = request.param
+        asked = replace(
+            problem,
+            start=replace(problem.start, velocities="takeoff", accelerations=at_takeoff),
+            goal=replace(problem.goal, velocities="landing", accelerations=at_landing),
+            flight=replace(problem.flight, landing=fp.Landing("hand", 0.8)),
+            motion=fp.Motion([7, 9, 7], objective_name),
+        )
+        branches = np.array([[0, 0, 0], [0, 1, -1]])
+        variables = decision_variables(asked, asked.degrees, branches, momentum_set(asked))
+        assert variables.following
+        sampling = sample_also(sample_nodes(gauss_grid(24), variables.polynomials.form), INSTANTS)
+        model = flight_model(asked)
+        return (model, variables, sampling), objective(asked, model, variables, sampling)
+
+    @pytest.fixture(params=range(3))
+    def there(self, request, following):
+        (_, variables, _), _ = following
+        rng = np.random.default_rng(request.param)
+        z = rng.normal(scale=0.3, size=(3, variables.polynomials.width))
+        return variables.variables(z, variables.momentum.centre + variables.momentum.axes @ rng.uniform(-1, 1, 1))
+
+    def test_of_the_whole_program(self, following, there):
+        flight, aim = following
+        program = FlightProgram(*flight, aim, tuple(CONSTRAINTS.values()))
+        here, scale = program.evaluate(there), 0.01 * np.linalg.inv(flight[1].metric)
+        assert isinstance(aim, FollowingCoefficientNorm | IntegralOfSquares)
+        assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, there, scale)
+        assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, there, scale)
+        assert_derivative(lambda at: np.array(program.evaluate(at).objective), here.gradient, there, scale)
+        eigenvalues = np.linalg.eigvalsh(program.hessian(here))
+        assert eigenvalues.min() > 1e-6 * eigenvalues.max()
+
+    def test_several_motions_are_evaluated_as_each_alone(self, following, there):
+        (model, variables, _), _ = following
+        together = trajectories(model, variables, 2, np.stack((there, -there)))
+        nodes = model.nodes(2, variables.polynomials.form)
+        alone = [trajectory(model, variables, nodes, at).residual[0] for at in (there, -there)]
+        assert together.residual == pytest.approx(np.array(alone), rel=1e-11, abs=1e-12)
+
+    def test_the_norm_of_coefficients_is_17(self, following, there):
+        flight, aim = following
+        variables = flight[1]
+        if not isinstance(aim, FollowingCoefficientNorm):
+            pytest.skip("another objective")
+
+        def both(at):
+            motions = variables.motion_class(variables.angular_momentum(at))
+            b = motions.powers_of_seconds(variables.free_coefficients(at))
+            return (b**2).sum() / aim.value(trajectory(*flight, at), at)
+
+        assert both(there) == pytest.approx(both(-there), rel=1e-9)
+
+    def test_given_states_stand_and_the_frames_rest(self, following, there):
+        (model, variables, _), _ = following
+        ends = sample_also(model.nodes(-2, variables.polynomials.form), np.array([0.0, 1.0]))
+        motion = trajectory(model, variables, ends, there).motion
+        rates, _ = variables.following.rates(variables.angular_momentum(there))
+        assert motion.velocities[-2:] == pytest.approx(rates, abs=1e-10)
+        for end, free in enumerate(end in variables.polynomials.free_ends for end in (2, 5)):
+            given = variables.following.accelerations[end]
+            assert np.isnan(given).all() if free else motion.accelerations[end - 2] == pytest.approx(given, abs=1e-8)
+
+
 class TestConstraints:
     """What the values mean, from the state that :class:`floatplan.Plan` reports."""
 
@@ -251,10 +329,10 @@ class TestConstraints:
         assert applies(block, expected).all()
 
     def test_window_ends_are_instants_of_the_program_as_they_are(self):
-        nodes = sample_nodes(gauss_grid(24), 3)
+        nodes = sample_nodes(gauss_grid(24), Form(3))
         ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
         block = ObstacleClearance(BAR, "bar", LINKS, window=ends)
-        sampling = watching(nodes, 3, (block, CONSTRAINTS["circle"]), np.array([0.5]))
+        sampling = watching(nodes, (block, CONSTRAINTS["circle"]), np.array([0.5]))
         assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
 
     def test_margin_is_subtracted(self, flight, x):
@@ -308,9 +386,9 @@ class TestObjectives:
     def test_integrals_are_those_of_the_squares(self, flight, x, name, unit):
         """Against Simpson's rule."""
         model, variables, _ = flight
-        nodes = sample_nodes(gauss_grid(96), variables.polynomials.width)
+        nodes = sample_nodes(gauss_grid(96), variables.polynomials.form)
         s = np.linspace(0, 1, 2001)
-        dense = trajectory(model, variables, sample_also(nodes, variables.polynomials.width, s), x)
+        dense = trajectory(model, variables, sample_also(nodes, s), x)
         values = (dense.torques if name == "torque" else dense.motion.accelerations)[96:]
         expected = simpson((values**2).sum(axis=1), x=0.9 * s) / unit
         found = OBJECTIVES[name].value(trajectory(model, variables, nodes, x), x)
@@ -328,8 +406,8 @@ class TestObjectives:
         asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
         model = flight_model(asked)
         branches = np.zeros((2, 3), dtype=np.int64)
-        variables = decision_variables(asked, sine_polynomials(asked, (7,) * 3, branches), momentum_set(asked))
-        sampling = sample_nodes(gauss_grid(32), 2)
+        variables = decision_variables(asked, (7,) * 3, branches, momentum_set(asked))
+        sampling = sample_nodes(gauss_grid(32), Form(2))
         made = objective(asked, model, variables, sampling)
         assert type(made) is type(OBJECTIVES[name])
         if name != "coefficients":
@@ -355,7 +433,7 @@ class TestVariables:
         """Over time and joints, of the change that a step makes to p; h is measured by its reach."""
         _, variables, _ = flight
         step = np.append(x[:-1], 0.0)
-        fine = sample_nodes(gauss_grid(64), variables.polynomials.width)
+        fine = sample_nodes(gauss_grid(64), variables.polynomials.form)
         z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
         change = fine.values[0][:, 6:] @ z.T
         expected = np.sqrt(fine.weights @ (change**2).mean(axis=1))

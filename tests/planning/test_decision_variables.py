@@ -10,7 +10,7 @@ import pytest
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import momentum_set
-from floatplan.planning.transcription.program import decision_variables, sine_polynomials
+from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.variables import DecisionVariables
 
 
@@ -18,7 +18,7 @@ def variables_of(problem: fp.Problem, degree: int | tuple[int, ...] = 7) -> Deci
     problem = replace(problem, motion=fp.Motion(degree=degree))
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     momentum = momentum_set(problem)
-    return decision_variables(problem, sine_polynomials(problem, problem.degrees, branches), momentum)
+    return decision_variables(problem, problem.degrees, branches, momentum)
 
 
 def with_free_momentum(problem: fp.Problem) -> fp.Problem:

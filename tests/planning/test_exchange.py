@@ -48,11 +48,11 @@ class TestLocalMinima:
         ready = attempts(replace(problem, obstacles=(disc,)))
         start = ready.plain_start
         found = local_minima(ready.model, start.variables, ready.constraints, NODE_COUNTS.index(96), start.x)
-        width = start.variables.polynomials.width
-        nodes = sample_nodes(gauss_grid(DENSE), width)
+        form = start.variables.polynomials.form
+        nodes = sample_nodes(gauss_grid(DENSE), form)
         dense = trajectory(ready.model, start.variables, nodes, start.x)
         assert found.least <= min(block.values(dense).min() for block in ready.constraints) < 0
-        there = sample_also(sample_nodes(gauss_grid(96), width), width, found.s)
+        there = sample_also(sample_nodes(gauss_grid(96), form), found.s)
         motion = trajectory(ready.model, start.variables, there, start.x)
         true = [ready.constraints[block].values(motion)[96:] for block in found.block]
         values = [rows[index, row] for index, (rows, row) in enumerate(zip(true, found.row, strict=True))]
@@ -72,7 +72,7 @@ class TestSolve:
     def test_constraints_hold_between_the_nodes(self, obstructed):
         ready, start, solution = self.solved(obstructed)
         assert solution.status == "optimal"
-        dense = sample_nodes(gauss_grid(DENSE), start.variables.polynomials.width)
+        dense = sample_nodes(gauss_grid(DENSE), start.variables.polynomials.form)
         motion = trajectory(ready.model, start.variables, dense, solution.x)
         for block in ready.constraints:
             assert block.values(motion).min() >= -block.tolerance
@@ -99,18 +99,18 @@ class TestNodesNeeded:
     def test_they_integrate_the_orientation(self, planned, name):
         plan = planned(name)
         ready = attempts(plan.problem)
-        width = ready.plain_start.variables.polynomials.width
+        form = ready.plain_start.variables.polynomials.form
         start = ready.plain_start
-        rough = trajectory(ready.model, start.variables, sample_nodes(gauss_grid(NODE_COUNTS[-1]), width), start.x)
+        rough = trajectory(ready.model, start.variables, sample_nodes(gauss_grid(NODE_COUNTS[-1]), form), start.x)
         enough = NODE_COUNTS[rough.flown.level_needed(QUADRATURE_ERROR)]
-        motion = trajectory(ready.model, start.variables, sample_nodes(gauss_grid(enough), width), start.x)
+        motion = trajectory(ready.model, start.variables, sample_nodes(gauss_grid(enough), form), start.x)
         assert motion.residual.item() == pytest.approx(rough.residual.item(), abs=ERROR)
 
     def test_a_smaller_error_never_needs_fewer(self, obstructed):
         ready = attempts(obstructed)
         variables = ready.plain_start.variables
         wild = 3 * np.random.default_rng(6).normal(size=variables.size)
-        motion = trajectory(ready.model, variables, sample_nodes(gauss_grid(32), variables.polynomials.width), wild)
+        motion = trajectory(ready.model, variables, sample_nodes(gauss_grid(32), variables.polynomials.form), wild)
         levels = [motion.flown.level_needed(error) for error in (1e-2, 1e-5, 1e-8, 1e-11)]
         assert levels == sorted(levels)
         assert levels[0] < levels[-1]

@@ -285,7 +285,7 @@ class TestCommandLine:
         path = save_problem(CASES[name].make(), "asked.toml")
         run = floatplan("plan", path, "-o", "out")
         assert run.code == 1
-        assert "no plan found" in run.stderr
+        assert "no plan found" in run.stdout
         content = json.loads(Path("out/plan.json").read_text())
         assert (content["ok"], content["status"]) == (False, "infeasible")
         assert re.search(CASES[name].says, content["explanation"])

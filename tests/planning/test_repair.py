@@ -188,7 +188,7 @@ class TestCommands:
         run = floatplan("plan", EXAMPLE, "-o", "out", "--no-figures")
         assert run.code == 0
         assert json.loads(Path("out/plan.json").read_text())["certificate"]["verdict"] == "proved"
-        assert "for all times, orientation within" in " ".join(run.stderr.split())
+        assert "for all times, orientation within" in " ".join(run.stdout.split())
         assert floatplan("certify", "out/plan.json").code == 0
 
     def test_plan_without_proof(self, floatplan):

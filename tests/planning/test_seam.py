@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.motion.dynamics import MomentumSet, Partials
 from floatplan.motion.planar.flight import gauss_grid
-from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
+from floatplan.motion.sine_polynomial import Form, SinePolynomials, boundary_arguments
 from floatplan.planning.starts import starts_among
 from floatplan.planning.transcription.exchange import solve
 from floatplan.planning.transcription.objectives import CoefficientNorm, whitened_variables
@@ -221,7 +221,7 @@ def independent_end(variables, x):
 class TestDerivatives:
     def test_of_the_residual(self, flight, x):
         model, variables = flight
-        nodes = model.nodes(3, variables.polynomials.width)
+        nodes = model.nodes(3, variables.polynomials.form)
         jacobian = trajectory(model, variables, nodes, x).residual_jacobian
         expected = differences(lambda at: trajectory(model, variables, nodes, at).residual[0], x)
         assert np.abs(expected).max() > 0.01
@@ -230,7 +230,7 @@ class TestDerivatives:
     def test_of_attitudes(self, flight, x):
         """A small turn zeta turns R to (1 + [zeta]x) R."""
         model, variables = flight
-        nodes = model.nodes(4, variables.polynomials.width)
+        nodes = model.nodes(4, variables.polynomials.form)
         motion = trajectory(model, variables, nodes, x)
         slopes = differences(lambda at: trajectory(model, variables, nodes, at).flown.attitude, x)
         expected = np.einsum("kijx,klj->kxil", slopes, motion.flown.attitude)
@@ -239,7 +239,7 @@ class TestDerivatives:
     def test_several_motions_are_flown_as_each_alone(self, flight, x):
         model, variables = flight
         together = trajectories(model, variables, 2, np.stack((x, -x)))
-        nodes = model.nodes(2, variables.polynomials.width)
+        nodes = model.nodes(2, variables.polynomials.form)
         alone = [trajectory(model, variables, nodes, at).residual[0] for at in (x, -x)]
         assert together.residual == pytest.approx(np.array(alone), abs=1e-12)
 
@@ -264,7 +264,7 @@ class TestPlanarFlightInSpace:
         wheels, still = WHEELS[:, 2:], MomentumSet(np.zeros(3), np.empty((3, 0)))
         body = WheeledBody(Rotation.from_rotvec([0.0, 0.0, 0.8]), wheels, np.diag([2.0, 1.5, 1.0]))
         model, variables = FlightModel(body), variables_of(wheels, still)
-        return FlightProgram(model, variables, model.nodes(2, 4), CoefficientNorm(4))
+        return FlightProgram(model, variables, model.nodes(2, Form(4)), CoefficientNorm(4))
 
     def test_has_one_equality(self, program):
         evaluation = scaled(program, np.zeros(4)).evaluate(np.zeros(4))

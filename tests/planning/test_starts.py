@@ -33,7 +33,7 @@ def starts_of(problem: fp.Problem, seed: int = 0) -> Iterator[Start]:
 def missed(problem: fp.Problem, start: Start) -> float:
     """By how much a start misses the goal's orientation, rad."""
     model = flight_model(problem)
-    nodes = sample_nodes(gauss_grid(NODES), start.variables.polynomials.width)
+    nodes = sample_nodes(gauss_grid(NODES), start.variables.polynomials.form)
     return abs(trajectory(model, start.variables, nodes, start.x).residual.item())
 
 

@@ -252,7 +252,8 @@ def test_every_output_has_each_motors_own(free, tmp_path):
         generalized = [float(row["left_hip_generalized_torque"]) for row in rows]
         assert archive["torques"][:, 0] == pytest.approx(generalized, abs=1e-9)
     file = export(free, "unitree", tmp_path / "unitree", rate)
-    header = file.read_text().splitlines()[0].removeprefix("# ").split(",")
+    comments = [line for line in file.read_text().splitlines() if line.startswith("#")]
+    header = [comment.partition(": ")[2] for comment in comments]
     positions = np.loadtxt(file, delimiter=",")
     for name in robot.motors:
         assert positions[:, header.index(name)] == pytest.approx(places[name], abs=1e-9)

@@ -47,9 +47,11 @@ class TestExport:
 
     def test_has_a_name_for_each_format(self, plan: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
-        names = {plan.export(form).name for form in ("csv", "npz", "ros", "mujoco", "unitree")}
+        from floatplan.export.formats import FORMATS
+
+        names = {plan.export(form).name for form in FORMATS}
         assert names == {path.name for path in tmp_path.iterdir()}
-        assert len(names) == 5
+        assert len(names) == len(FORMATS) == 9
 
     def test_refuses_other_formats(self, plan: fp.Plan, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="docx"):

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from robot_samples import TWO_LINKS, inertial, joint, robot_text
+from robot_samples import PAIR, TWO_LINKS, inertial, joint, robot_text
 
 import floatplan as fp
 from floatplan.plans.record import load_record
@@ -189,7 +190,7 @@ class TestInput:
 
     def test_without_mujoco_the_error_names_the_command(self, handstand, monkeypatch):
         monkeypatch.setitem(sys.modules, "mujoco", None)
-        with pytest.raises(fp.InputError, match="pip install mujoco"):
+        with pytest.raises(fp.InputError, match=r"pip install .*\[replay\]"):
             fp.replay(handstand, engine="mujoco")
 
     def test_mass_errors_are_pinocchio_s(self, handstand):
@@ -247,3 +248,125 @@ class TestCommand:
             run = floatplan("replay", plan, *arguments)
             assert run.code == 2, run
             assert "error" in run.stderr
+
+
+@pytest.fixture(scope="module")
+def sides(tmp_path_factory):
+    """Plans of a body with a pair of limbs, by the mass of the right hip's link: 0.6 kg is symmetric."""
+
+    pytest.importorskip("mujoco")
+
+    def planned(mass):
+        path = tmp_path_factory.mktemp("sides") / "robot.urdf"
+        text = robot_text(f'<link name="body">{inertial(2.0, "0 0 0")}</link>', PAIR)
+        right = text.index("right_hip_link")
+        path.write_text(text[:right] + text[right:].replace('mass value="0.6"', f'mass value="{mass}"', 1))
+        coupled = {"right_hip": "left_hip", "right_knee": "left_knee"}
+        robot = fp.Robot.from_urdf(path, coupled=coupled)
+        flight = fp.Flight(0.8, angular_momentum="free")
+        plan = fp.plan(fp.Problem(robot, fp.Posture(0.2, 0.3), fp.Posture(1.0, [0.8, -0.5]), flight))
+        assert plan.ok
+        return plan
+
+    return planned
+
+
+class TestInSpace:
+    """MuJoCo with a free joint and every joint of the URDF: what the plane leaves out shows, and nothing else."""
+
+    def test_a_symmetric_robot_neither_rolls_nor_yaws(self, sides):
+        landing = fp.replay(sides(0.6), engine="mujoco").spatial
+        assert max(abs(landing.roll), abs(landing.yaw)) < 1e-10
+        assert max(landing.orientation_error, *landing.position_error, landing.com_error) < 1e-8
+        assert set(landing.held) == {"left_hip", "left_knee", "right_hip", "right_knee"}
+
+    def test_one_heavier_on_a_side_does_by_its_leak(self, sides):
+        """Twice the difference, twice the roll and yaw; which way, the mirror image says."""
+        turns = []
+        for mass in (0.6006, 0.6012, 0.5994):
+            landing = fp.replay(sides(mass), engine="mujoco").spatial
+            turns.append(np.array([landing.roll, landing.yaw]))
+        assert np.abs(turns[0]).max() > 1e-5
+        assert turns[1] == pytest.approx(2 * turns[0], rel=0.02)
+        assert turns[2] == pytest.approx(-turns[0], rel=0.02)
+
+    def test_it_is_pinocchio_s_free_flyer(self, sides):
+        """The same torques and gains on Pinocchio's model of the file, integrated by SciPy."""
+        from scipy.integrate import solve_ivp
+
+        plan = sides(0.65)
+        landing = fp.replay(plan, engine="mujoco", feedback=30.0).spatial
+        model = pin.buildModelFromUrdf(str(plan.robot.path), pin.JointModelFreeFlyer())
+        model.gravity.linear = -9.81 * plan.robot.plane.vertical
+        data, start = model.createData(), plan.q(0.0)
+        inverse = np.linalg.inv(crba(model, start))[6:, 6:]
+        inertia = 1.0 / np.diagonal(inverse)
+
+        def rate(time, state):
+            q, v = pin.integrate(model, start, state[: model.nv]), state[model.nv :]
+            now = min(time, plan.duration)
+            off, slow = plan.q(now)[7:] - q[7:], plan.v(now)[6:] - v[6:]
+            tau = plan.tau(now)
+            tau[6:] += inertia * (30.0**2 * off + 60.0 * slow)
+            exp = pin.dIntegrate(model, start, state[: model.nv], pin.ARG1)
+            return np.concatenate((np.linalg.solve(exp, v), pin.aba(model, data, q, v, tau)))
+
+        began = np.concatenate((np.zeros(model.nv), plan.v(0.0)))
+        ended = solve_ivp(rate, (0, plan.duration), began, method="DOP853", rtol=1e-10, atol=1e-11).y[:, -1]
+        landed = pin.integrate(model, start, ended[: model.nv])
+        wanted = pin.Quaternion(plan.q(plan.duration)[3:7]).matrix()
+        turn = pin.log3(pin.Quaternion(landed[3:7]).matrix() @ wanted.T)
+        plane = plan.robot.plane
+        assert landing.roll == pytest.approx(turn @ plane.horizontal, abs=1e-7)
+        assert landing.yaw == pytest.approx(turn @ plane.vertical, abs=1e-7)
+        assert landing.orientation_error == pytest.approx(abs(turn @ plane.normal), abs=1e-7)
+        assert abs(landing.yaw) > 1e-3
+        assert landing.com_error < 1e-9
+
+    def test_locked_joints_are_held(self, branched):
+        """A roll joint, a slide and a tip that the plan takes for rigid: gains keep them where they are."""
+        landing = fp.replay(branched, engine="mujoco").spatial
+        assert {"roll", "slide", "tip", "two", "side"} <= set(landing.held)
+        assert "one" not in landing.held
+        assert landing.locked_error < 1e-7
+        assert max(landing.orientation_error, *landing.position_error) < 1e-6
+
+    def test_links_without_mass_stay_rigid(self, tmp_path):
+        """A locked joint of a massless link, before and after one that turns: MuJoCo refuses such bodies."""
+        text = robot_text(
+            joint("knee", "a", "m"),
+            joint("twist", "m", "b", "1 0 0", kind="revolute"),
+            joint("sway", "a", "n", "1 0 0", kind="revolute"),
+            joint("bend", "n", "c"),
+            links="abc",
+        )
+        path = tmp_path / "robot.urdf"
+        path.write_text(text.replace("</robot>", '<link name="m"/><link name="n"/></robot>'))
+        robot = fp.Robot.from_urdf(path, plane="xz")
+        assert set(robot.locked) == {"twist", "sway"}
+        start, goal = fp.Posture(0.0, [0.2, 0.4]), fp.Posture(0.5, [1.0, 0.8])
+        plan = fp.plan(fp.Problem(robot, start, goal, fp.Flight(duration=0.7)))
+        assert plan.ok
+        landing = fp.replay(plan, engine="mujoco").spatial
+        assert landing.held == ()
+        assert max(landing.orientation_error, *landing.position_error) < 1e-6
+
+    def test_stiff_gains_take_short_steps(self, sides, monkeypatch):
+        """However long the steps that are asked for, gains do not make them unstable; and they have an end."""
+        plan = sides(0.6)
+        assert fp.replay(plan, engine="mujoco", step=0.1, feedback=1e3).spatial.orientation_error < 1e-4
+        monkeypatch.setattr("floatplan.simulation.spatial.MOST_STEPS", 1000)
+        with pytest.raises(fp.InputError, match="a lower feedback"):
+            fp.replay(plan, engine="mujoco", feedback=1e4, step=1e-2)
+
+    def test_the_command_tells(self, floatplan, sides):
+        plan = sides(0.65).save("plan.json")
+        content = json.loads(floatplan("replay", plan, "--engine", "mujoco", "--json").stdout)
+        assert {"roll", "yaw", "orientation_error", "position_error", "held"} <= set(content["spatial"])
+        assert "roll " in floatplan("replay", plan, "--engine", "mujoco").stdout
+        assert json.loads(floatplan("replay", plan, "--json").stdout)["spatial"] is None
+
+
+def crba(model, q):
+    matrix = pin.crba(model, model.createData(), q)
+    return np.triu(matrix) + np.triu(matrix, 1).T

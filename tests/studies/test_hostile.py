@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-from fuzz_cases import judge
 from fuzz_mutations import spoiled
+from fuzz_runs import judge
 
 from floatplan.studies import file
 

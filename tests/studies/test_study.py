@@ -337,7 +337,7 @@ def test_wrong_options(study_file, tmp_path, options, message):
 
 def test_without_pyarrow_it_says_what_to_install(study_file, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError, match=r"pyarrow is not installed; install it: pip install \"floatplan\[study\]\""):
+    with pytest.raises(InputError, match=r"pyarrow is not installed: .*install it: .*\[study\]"):
         fp.study(study_file(), folder=tmp_path / "out")
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +13,9 @@ import pytest
 from floatplan import InputError
 from floatplan.studies.file import MOST_ROWS, load_study_file
 from floatplan.studies.numbers import quantity
+from floatplan.studies.schema import study_schema
 
+STUDIES = sorted((Path(__file__).resolve().parents[2] / "problems" / "studies").glob("*.toml"))
 RANGE = "{ from = 0.9, to = 1.4, count = 3 }"
 
 
@@ -149,3 +154,38 @@ def test_the_unit_of_a_limit_is_of_what_it_limits():
     assert quantity("limits.velocity.q1", degrees=True).unit == "deg/s"
     assert quantity("limits.torque", degrees=True).unit == "N m"
     assert quantity("limits.motor.q1.slope", degrees=True).factor == 1.0
+
+
+@pytest.fixture(scope="module")
+def validator():
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.Draft202012Validator.check_schema(study_schema())
+    return jsonschema.Draft202012Validator(study_schema())
+
+
+class TestSchema:
+    @pytest.mark.parametrize(
+        "path", [path for path in STUDIES if "vary" in path.read_text()], ids=lambda path: path.stem
+    )
+    def test_admits_every_study(self, validator, path):
+        assert list(validator.iter_errors(tomllib.loads(path.read_text()))) == []
+
+    def test_admits_sampling_beside_what_varies(self, validator):
+        varied = {"flight.duration": {"from": 0.9, "to": 1.4}, "sampling": "sobol", "samples": 5, "seed": 3}
+        assert validator.is_valid({"problem": "a.toml", "vary": varied})
+
+    @pytest.mark.parametrize("path", [path for paths in GOOD.values() for path in paths])
+    def test_admits_every_path(self, validator, path):
+        assert validator.is_valid({"problem": "a.toml", "vary": {path: [1.0]}})
+
+    @pytest.mark.parametrize("case", ["no such key", "a whole table", "a word", "a frame", "the robot", "a text"])
+    def test_refuses_paths_and_values_that_the_program_refuses(self, validator, case):
+        path, value, _ = BAD[case]
+        assert not validator.is_valid({"problem": "a.toml", "vary": tomllib.loads(f'"{path}" = [{value}]')})
+
+    @pytest.mark.parametrize("case", ["no vary", "unknown key", "unknown key of a range", "a count of zero"])
+    def test_refuses_files_that_the_program_refuses(self, validator, case):
+        assert not validator.is_valid({"problem": "a.toml", **tomllib.loads(WRONG[case][0])})
+
+    def test_the_command_prints_it(self, floatplan):
+        assert json.loads(floatplan("schema", "study").stdout) == study_schema()

@@ -121,8 +121,48 @@ def test_two_plans_are_compared_where_one_runs_into_something(handstand: fp.Plan
     assert worst_passage(among(ground), handstand) == (handstand.duration / 2, None)
 
 
-@pytest.mark.parametrize("robot", ["acrobat", "chain10"])
-def test_one_joint_and_ten(root: Path, tmp_path: Path, robot: str) -> None:
+def test_ten_joints_have_a_picture_each(root: Path, tmp_path: Path) -> None:
+    """With its own curve, limit and proved peak; a limit that is far away is a number."""
+    plan = flight(root, "chain10")
+    limit = 2.0 * float(plan.peaks.velocity[0])
+    limits = fp.Limits(velocity=[limit, *[1e4] * 9])
+    plan = dataclasses.replace(plan, problem=dataclasses.replace(plan.problem, limits=limits))
+    assert len(save_figures(plan, tmp_path, formats=("svg",))) == len(ALWAYS)
+    drawn = figures(plan)
+    state = plan.at(np.linspace(0, plan.duration, SAMPLES))
+    expected = {
+        "configuration": np.rad2deg(np.column_stack((state.orientation, state.positions))),
+        "rates": np.column_stack((state.orientation_rate, state.velocities)),
+        "torques": state.motor_torques,
+    }
+    for name, columns in expected.items():
+        panels = named_panels(drawn[name])
+        names = ["orientation", *plan.robot.joints][-columns.shape[1] :]
+        assert set(panels) == set(names)
+        for joint, column in zip(names, columns.T, strict=True):
+            own = [curve for curve in curves(panels[joint]) if np.allclose(curve[:, 1], column)]
+            assert len(own) == 1, joint
+    rates = named_panels(drawn["rates"])
+    assert {rates[joint].get_title("right") for joint in plan.robot.joints[1:]} == {"limit 1e+04"}
+    drawn_limits = {float(curve[0, 1]) for curve in curves(rates["q1"]) if np.ptp(curve[:, 1]) == 0}
+    assert drawn_limits == {limit, -limit}
+    assert rates["q1"].get_title("right") == ""
+
+
+def named_panels(figure: Figure) -> dict[str, Axes]:
+    return {axes.get_title("left"): axes for axes in figure.axes if axes.axison}
+
+
+def test_ten_joints_against_another_plan(root: Path) -> None:
+    plan = flight(root, "chain10")
+    drawn = figures(plan, compare=dataclasses.replace(plan, problem=dataclasses.replace(plan.problem, name="other")))
+    for name in ("configuration", "rates", "torques"):
+        assert all(len(curves(axes)) == 2 for axes in drawn[name].axes if axes.axison)
+        assert "other" in [text.get_text() for text in drawn[name].legends[0].get_texts()]
+
+
+@pytest.mark.parametrize("robot", ["acrobat"])
+def test_one_joint(root: Path, tmp_path: Path, robot: str) -> None:
     plan = flight(root, robot)
     assert len(save_figures(plan, tmp_path, formats=("svg",))) == len(ALWAYS)
     drawn = figures(plan)

@@ -112,6 +112,131 @@ def test_every_report_plays_and_scrubs_without_complaint_or_network(
     assert browser.requests() == [report.as_uri()]
 
 
+@pytest.fixture(scope="module")
+def crowd(tmp_path_factory: pytest.TempPathFactory) -> tuple[fp.Plan, Path]:
+    """A chain of ten joints, each with a torque limit of its own."""
+    robot = fp.Robot.from_urdf(ROOT / "urdf" / "chain10.urdf")
+    flight = fp.Flight(1.3, angular_momentum="free")
+    plan = fp.plan(fp.Problem(robot, fp.Posture(1.2, 0.15), fp.Posture(-1.5, -0.1), flight, name="ten"))
+    limits = (1.0 + 0.05 * np.arange(10)) * plan.peaks.motor_torque
+    torque = dict(zip(robot.joints, limits.tolist(), strict=True))
+    plan = replace(plan, problem=replace(plan.problem, limits=fp.Limits(torque=torque)))
+    return plan, write_report(plan, tmp_path_factory.mktemp("crowd") / "report.html")
+
+
+def media(browser: Browser, scheme: str) -> None:
+    """Let the browser prefer light or dark pages."""
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+CHART = """
+    const chart = [...document.querySelectorAll('.chart')].find(one => one.textContent.startsWith(arguments[0]));
+    const shown = [...chart.querySelectorAll('.curve')].filter(one => getComputedStyle(one).display !== 'none');
+    return shown.map(one => one.innerText.replace(/\\s+/g, ' ').trim());
+"""
+
+
+def test_many_joints_are_told_one_at_a_time(browser: Browser, crowd: tuple[fp.Plan, Path]) -> None:
+    """Names are in the legend alone; the one that is pointed at or chosen shows its value and its limits."""
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.by import By
+
+    plan, page = crowd
+    browser.open(page)
+    browser.run("floatplan.player.seek(0.5)")
+    names = [element.text for element in browser.driver.find_elements(By.CSS_SELECTOR, "#key [data-part]")]
+    assert names == ["base", *plan.robot.joints]
+    assert browser.run(CHART, "Torques") == []
+    lines = (
+        "return floatplan.charts.find(one => one.spec.title === 'Torques')"
+        ".plot.series.filter(one => one.dash && one.show).length"
+    )
+    assert browser.run(lines) == 0
+    fourth = browser.driver.find_element(By.CSS_SELECTOR, '#key [data-part="4"]')
+    ActionChains(browser.driver).move_to_element(fourth).perform()
+    torque = plan.at(0.5).motor_torques[0, 3]
+    for pointed in (True, False):
+        (told,) = browser.run(CHART, "Torques")
+        name, value, limit = told.replace("\u2212", "-").split(" ", 2)
+        assert name == plan.robot.joints[3]
+        assert float(value) == pytest.approx(torque, rel=1e-2, abs=1e-3)
+        assert limit == f"of {plan.problem.motor_torque_limits[3]:.4g} N m"
+        assert browser.run(lines) == 2
+        (angle,) = browser.run(CHART, "Angles")
+        assert angle.startswith(plan.robot.joints[3])
+        if pointed:
+            fourth.click()
+            ActionChains(browser.driver).move_to_element(browser.driver.find_element(By.ID, "name")).perform()
+    assert fourth.get_attribute("aria-pressed") == "true"
+    fourth.click()
+    ActionChains(browser.driver).move_to_element(browser.driver.find_element(By.ID, "name")).perform()
+    assert browser.run(CHART, "Torques") == []
+    assert browser.complaints() == []
+
+
+def test_inertia_and_the_interval_of_h_are_drawn(browser: Browser, crowd: tuple[fp.Plan, Path]) -> None:
+    plan, page = crowd
+    browser.open(page)
+    scrub(browser, 0.5)
+    row = plan.dynamics.momentum_map(plan.at(0.5).positions)[0]
+    agree(numbers(browser), {f"inertia.{index}": value for index, value in enumerate(row)})
+    find = "const chart = floatplan.charts.find(one => one.spec.title === 'Angular momentum');"
+    drawn = browser.run(f"{find} return chart.spec.lines.map(one => one.value)")
+    said = browser.run(f"{find} return chart.spec.beyond || ''")
+    low, high = plan.angular_momentum_bounds
+    assert drawn == pytest.approx([low, high]) or f"{low:.4g} to {high:.4g}" in said
+
+
+@pytest.mark.parametrize("size", [(1300, 900), (390, 844)])
+def test_dark_and_light(browser: Browser, crowd: tuple[fp.Plan, Path], size: tuple[int, int]) -> None:
+    """The page follows the reader's preference, also while it is open, and every curve can be told from the paper."""
+    _, page = crowd
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    shades = "return floatplan.charts.flatMap(one => one.spec.series.map(({ colour }) => shade(colour)))"
+    width, height = size
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        media(browser, "light")
+        browser.open(page)
+        assert browser.run(paper) == "rgb(255, 255, 255)"
+        pixel = "const pen = document.getElementById('backdrop').getContext('2d');"
+        media(browser, "dark")
+        wait_for(browser, "DARK.matches")
+        assert browser.run(paper) == "rgb(21, 24, 28)"
+        assert browser.run(f"{pixel} return pen.getImageData(1, 1, 1, 1).data[0]") < 60
+        for shade in browser.run(shades):
+            red, green, blue = (int(shade[at : at + 2], 16) / 255 for at in (1, 3, 5))
+            assert 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.21, shade
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+        assert browser.complaints() == []
+    finally:
+        media(browser, "")
+        browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_it_offers_the_user_s_own_problem_file(browser: Browser, tmp_path: Path) -> None:
+    file = ROOT / "problems" / "new_configuration.toml"
+    plan = fp.plan(fp.load_problem(file))
+    browser.open(write_report(fp.load_plan(plan.save(tmp_path / "plan.json")), tmp_path / "report.html"))
+    assert browser.run("return document.querySelector('.file pre').textContent") == file.read_text()
+    assert browser.run("return document.querySelector('.file summary').textContent").endswith("as written")
+    assert browser.run("return document.querySelector('.download').download") == "new_configuration.toml"
+    saved = (
+        "return fetch(document.querySelector('.download').href).then(answer => answer.text()).catch(() => 'refused')"
+    )
+    assert browser.run(saved) == "refused"  # the page's policy admits no request, not even this one
+    folder = {"behavior": "allow", "downloadPath": str(tmp_path)}
+    browser.driver.execute_cdp_cmd("Page.setDownloadBehavior", folder)
+    browser.run("document.querySelector('.file details').open = true; document.querySelector('.download').click()")
+    path = tmp_path / "new_configuration.toml"
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(browser.driver, PATIENCE, 0.02).until(lambda _: path.is_file() and path.stat().st_size)
+    assert path.read_text() == file.read_text()
+
+
 def test_it_plays_pauses_and_steps(page: Browser, handstand: fp.Plan) -> None:
     from selenium.webdriver.common.by import By
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import flint
@@ -11,11 +11,12 @@ import numpy as np
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.findings import SAME, near
 from floatplan.certificate.planar.flight import FlightEnclosure
-from floatplan.certificate.planar.inertia import PlanarRobot
+from floatplan.certificate.planar.inertia import ComplexBalls, PlanarRobot
 from floatplan.certificate.planar.shapes import turned
+from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tolerances import BOUNDARY, ORIENTATION, PLACE
+from floatplan.tables import AT_REST, BOUNDARY, ORIENTATION, PLACE
 
 ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")
@@ -83,6 +84,11 @@ def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclos
         _same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
+    for end, kind, frame, last in (("start", "takeoff", takeoff, False), ("goal", "landing", landing, True)):
+        if record.problem[end].get("velocities_asked"):
+            velocity = _frame_velocity(robot, record, flight, frame["frame"], last=last)
+            instant = duration if last else 0.0
+            found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
     if not isinstance(asked["angular_momentum"], str):
         found.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
     return found
@@ -97,18 +103,57 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
 
 def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool) -> Balls:
     """Place (2,) of a frame at the beginning or the end, horizontal and vertical."""
+    weights, pick = _weights(robot, frame), _end_cell(flight, last=last)
+    point = turned(weights, flight.joints.cos[pick], flight.joints.sin[pick])
+    return _in_world(robot, record, flight, point, com_polynomials(record, robot.sigma), last=last)
+
+
+def _frame_velocity(
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool
+) -> Balls:
+    """Velocity (2,) of a frame at the beginning or the end: the derivative of its place, ``i sum_b w_b zeta_b phi_b'``.
+
+    In the frame that turns with the base, as the place.
+    """
+    weights, pick = _weights(robot, frame), _end_cell(flight, last=last)
+    joints = flight.joints
+    turns = joints.velocities[pick].linear(robot.turns) + joints.rate[pick]
+    swing = turned(weights, joints.cos[pick] * turns, joints.sin[pick] * turns)
+    rates = tuple(polynomial.derivative() for polynomial in com_polynomials(record, robot.sigma))
+    return _in_world(robot, record, flight, Vectors(-swing.y, swing.x), rates, last=last)
+
+
+def _weights(robot: PlanarRobot, frame: str) -> ComplexBalls:
     if frame not in robot.frames:
         raise ValueError(f'the robot has no frame "{frame}"')
-    cell, u, instant = (len(flight.cells) - 1, 1.0, record.duration) if last else (0, -1.0, 0.0)
-    pick = slice(cell, cell + 1)
-    weights = robot.point_weights([robot.frames[frame]])
-    point = turned(weights, flight.joints.cos[pick], flight.joints.sin[pick])
+    return robot.point_weights([robot.frames[frame]])
+
+
+def _end_cell(flight: FlightEnclosure, *, last: bool) -> slice:
+    cell = len(flight.cells) - 1 if last else 0
+    return slice(cell, cell + 1)
+
+
+def _in_world(
+    robot: PlanarRobot,
+    record: PlanRecord,
+    flight: FlightEnclosure,
+    vector: Vectors,
+    of_com: Sequence[Any],
+    *,
+    last: bool,
+) -> Balls:
+    """A vector (2,) of the frame that turns with the base, turned as the base is, and what is the CM's added.
+
+    At the beginning or the end; horizontal and vertical. ``of_com`` are two polynomials of t.
+    """
+    pick = _end_cell(flight, last=last)
     cos, sin = flight.cos[pick], flight.sin[pick]
-    world = (cos * point.x - sin * point.y, cos * point.y + sin * point.x)
-    x, y = (model.at_end(u)[0, 0] for model in world)
+    world = (cos * vector.x - sin * vector.y, cos * vector.y + sin * vector.x)
+    x, y = (model.at_end(1.0 if last else -1.0)[0, 0] for model in world)
     with flint.ctx.workprec(PRECISION):
-        t = flint.arb(instant)
-        com = [polynomial(t) for polynomial in com_polynomials(record, robot.sigma)]
+        t = flint.arb(record.duration if last else 0.0)
+        com = [polynomial(t) for polynomial in of_com]
         values = [com[0] + flint.arb(float(x.mid), float(x.rad)), com[1] + flint.arb(float(y.mid), float(y.rad))]
         return Balls.from_arb([values[0], robot.sigma * values[1]], (2,))
 

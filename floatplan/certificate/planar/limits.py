@@ -20,8 +20,7 @@ from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tables import JOINT_LIMITS, LimitRow
-from floatplan.tolerances import RANGE, RELATIVE
+from floatplan.tables import JOINT_LIMITS, RANGE, RELATIVE, LimitRow
 
 PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
 

@@ -33,7 +33,7 @@ from floatplan.certificate.planar.shapes import PlacedShapes
 from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
-from floatplan.tolerances import CLEARANCE
+from floatplan.tables import CLEARANCE
 
 CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
 

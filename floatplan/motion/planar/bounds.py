@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.motion.planar.momentum import PairCosines
+from floatplan.motion.planar.momentum import PairCosines, TurningBodies
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
@@ -98,7 +98,7 @@ def _cosine_minimum(argument: Array, reach: Array) -> Array:
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
     """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
-    pairs = PairCosines(robot.tree)
+    pairs = PairCosines(TurningBodies.of(robot.tree))
     phasors = pairs.amplitude * np.exp(1j * pairs.phase)[:, None]
     return tuple(
         _polynomial(constant, pairs.frequency, column)
@@ -155,11 +155,15 @@ def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
     (7) and (8) bound the integrals of ``D_i q_i'`` by the extremes of D_i times the change of q_i, which holds only
     where q_i does not turn back. Outside (9) a flight may exist, whose joints swing out and back: a falling cat's.
     """
-    low, high = inertia_extremes(problem.robot, problem.position_limits)
     turn = problem.final.orientation - problem.initial.orientation
-    changes = (turn, *(problem.final.positions - problem.initial.positions).tolist())
-    ends = [(c * a, c * b) for c, a, b in zip(changes, low.tolist(), high.tolist(), strict=True)]  # (7), (8)
-    duration = problem.flight.duration
+    changes = np.array([turn, *(problem.final.positions - problem.initial.positions)])
+    return momentum_interval(problem, changes, problem.flight.duration)
+
+
+def momentum_interval(problem: Problem, changes: Array, duration: float) -> tuple[float, float]:
+    """(9) for other ``changes`` (n+1,) of orientation and joints, rad, or another duration, s."""
+    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    ends = [(c * a, c * b) for c, a, b in zip(changes.tolist(), low.tolist(), high.tolist(), strict=True)]  # (7), (8)
     return sum(map(min, ends)) / duration, sum(map(max, ends)) / duration
 
 

@@ -10,6 +10,7 @@ Gravity, the path of the centre of mass and the orientation do not enter.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -93,6 +94,13 @@ class Dynamics:
         self._inertia = np.array(tree.inertia)
         self._coupling = centroidal_coupling(tree)
         self._momentum_mapping = momentum_mapping(tree)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> Dynamics:
+        """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
+        other = copy(self)
+        other._coupling, other._inertia = coupling, inertia
+        other._momentum_mapping = self._momentum_mapping.adapted(coupling, inertia)
+        return other
 
     def _rotations(self, positions: Array) -> ComplexArray:
         """E (N, m) at orientation 0, which is as good as any."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from floatplan.errors import InputError
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.end_rates import end_rates
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
@@ -22,9 +25,14 @@ def motion_into_ground(problem: Problem, angular_momentum: float) -> list[InputE
 
 
 def _moving_into_ground(problem: Problem, angular_momentum: float) -> Iterator[InputError]:
+    given = MomentumSet(np.array([angular_momentum]), np.empty((1, 0)))
+    rates, _ = end_rates(problem, given)(given.centre)
+    start, goal = (
+        replace(state, velocities=each) for state, each in zip((problem.initial, problem.final), rates, strict=True)
+    )
     for name, state, instant, sign, direction in (
-        ("start", problem.initial, 0.0, 1.0, "down into the ground at takeoff"),
-        ("goal", problem.final, problem.flight.duration, -1.0, "up out of the ground at landing"),
+        ("start", start, 0.0, 1.0, "down into the ground at takeoff"),
+        ("goal", goal, problem.flight.duration, -1.0, "up out of the ground at landing"),
     ):
         link, velocity = _slowest_contact(problem, state, instant, sign, angular_momentum)
         if velocity < -STILL:

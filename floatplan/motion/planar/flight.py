@@ -200,15 +200,16 @@ class PlanarFlown:
     @cached_property
     def torques(self) -> Array:
         """Generalised joint torques (S K, n) N m."""
-        return np.asarray(self._moments @ self.flight.tree.turns)
+        return np.asarray(self.moments @ self.flight.tree.turns)
 
     @cached_property
     def motor_torques(self) -> Array:
         """Each motor's own torque (S K, m) N m."""
-        return np.asarray(self._moments @ self.flight.tree.motor_turns)
+        return np.asarray(self.moments @ self.flight.tree.motor_turns)
 
     @cached_property
-    def _moments(self) -> Array:
+    def moments(self) -> Array:
+        """Moments (S K, m) that turn the bodies, N m."""
         joints = self.joints
         return self.flight.equations.moments(
             joints.positions, joints.velocities, joints.accelerations, self.base_rate.rate

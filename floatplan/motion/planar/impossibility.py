@@ -14,7 +14,8 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import point_distances
-from floatplan.problem.parts import Bar, Obstacle
+from floatplan.motion.planar.contact_rates import End, contact_equations, rates_at
+from floatplan.problem.parts import Bar, JointState, Obstacle
 from floatplan.problem.problem import Problem
 
 PATH_INSTANTS = 2001  # [-] of the flight
@@ -24,7 +25,7 @@ ROUNDING = 1e-9  # [-] relative: a limit that is met exactly does not make a pro
 
 def impossibilities(problem: Problem) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
-    sentences = [*_mean_rates(problem), *_turning(problem)]
+    sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
     if problem.obstacles:
         point, path = central_point(problem), _ComPath.of(problem)
         for index, obstacle in enumerate(problem.obstacles):
@@ -113,6 +114,26 @@ def _mean_rates(problem: Problem) -> Iterator[str]:
             f"The orientation changes by {turn:+.4g} rad in {duration:.4g} s: that needs {abs(turn) / duration:.4g}"
             f" rad/s on average, more than the orientation rate limit of {rate:.4g} rad/s."
         )
+
+
+def _frames_at_rest(problem: Problem) -> Iterator[str]:
+    """A frame leaves or meets the ground at rest with rates within the limits, or not at all."""
+    if not np.isfinite(problem.velocity_limits).any():
+        return
+    momentum = None if problem.flight.angular_momentum == "free" else _given_momentum(problem)
+    ends: tuple[tuple[End, JointState, str], ...] = (
+        ("takeoff", problem.initial, problem.takeoff.frame),
+        ("landing", problem.final, problem.landing.frame),
+    )
+    for end, state, frame in ends:
+        if state.frame_rests:
+            found = rates_at(problem.robot, contact_equations(problem, end), problem.velocity_limits, momentum)
+            if found.exist and found.ratio is not None and found.ratio > 1 + ROUNDING:
+                whatever = ", whatever the angular momentum," if momentum is None else ""
+                yield (
+                    f"At {end} frame {frame!r} is at rest only{whatever} with rates of {found.ratio:.4g} times the"
+                    f" velocity limits or more."
+                )
 
 
 def _turning(problem: Problem) -> Iterator[str]:

@@ -4,19 +4,21 @@ With the absolute angles phi of the bodies the momentum is
 
     h = sum_ij [Re(C_ij exp(i sigma (phi_j - phi_i))) + delta_ij I_j] phi_j',
 
-(A.4) and (A.5) of the paper, as corrected, for any tree. Few bodies are evaluated by a cosine for each pair of them,
-many by the rotation of each.
+(A.4) and (A.5) of the paper, as corrected, for any tree. Bodies whose angles differ by a constant, as the legs of a
+quadruped that is coupled left to right, are one here. Few bodies are evaluated by a cosine for each pair of them, many
+by the rotation of each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
-from floatplan.robot.planar.tree import PlanarTree
+from floatplan.robot.planar.tree import PlanarTree, rotations_of
 
 FEW_BODIES = 4  # of more, the rotations are faster than the cosines
 
@@ -37,6 +39,9 @@ class MomentumMapping(Protocol):
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
 
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> MomentumMapping:
+        """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
+
 
 def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
     """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
@@ -44,9 +49,41 @@ def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
     return np.asarray(weights.conj().T @ (tree.mass[:, None] * weights))
 
 
-def body_rates(tree: PlanarTree) -> Array:
-    """Derivatives (m, n+1) of the bodies' absolute angles by (orientation, planned positions)."""
-    return np.concatenate((np.ones((len(tree.mass), 1)), tree.turns), axis=1)
+@dataclass(frozen=True, eq=False)
+class TurningBodies:
+    """The g bodies of a tree that turn differently.
+
+    ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
+    the moments of inertia on its diagonal; ``turn`` the tree's; ``rotations`` (m, g) of the tree's bodies by these.
+    """
+
+    turns: Array
+    coupling: ComplexArray
+    turn: float
+    rotations: ComplexArray
+
+    @classmethod
+    def of(cls, tree: PlanarTree) -> TurningBodies:
+        """Put together what turns alike: rotations are the same there but for a constant."""
+        known: dict[tuple[float, ...], int] = {}
+        group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
+        rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(known))[group]
+        turns = np.array(list(known)).reshape(len(known), -1)
+        coupling = _put_together(centroidal_coupling(tree), tree.inertia, rotations)
+        return cls(turns, coupling, tree.turn, rotations)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:
+        """The same with other masses: C (m, m) and inertias (m,), kg m^2, of all bodies of the tree."""
+        return replace(self, coupling=_put_together(coupling, inertia, self.rotations))
+
+    @property
+    def rates(self) -> Array:
+        """Derivatives (g, n+1) of the absolute angles by (orientation, planned positions)."""
+        return np.concatenate((np.ones((len(self.turns), 1)), self.turns), axis=1)
+
+
+def _put_together(coupling: ComplexArray, inertia: Array, rotations: ComplexArray) -> ComplexArray:
+    return np.asarray(rotations.conj().T @ (coupling + np.diag(inertia)) @ rotations)
 
 
 class PairCosines:
@@ -55,14 +92,18 @@ class PairCosines:
     ``constant`` (n+1,), ``amplitude`` (L, n+1) in kg m^2, ``frequency`` (L, n), ``phase`` (L,).
     """
 
-    def __init__(self, tree: PlanarTree) -> None:
-        coupling, rates = centroidal_coupling(tree), body_rates(tree)
-        i, j = np.triu_indices(len(tree.mass), 1)
-        phasor = coupling[i, j] * np.exp(1j * tree.turn * (tree.offsets[j] - tree.offsets[i]))
-        self.constant = (tree.inertia + coupling.diagonal().real) @ rates
-        self.frequency = tree.turns[j] - tree.turns[i]
+    def __init__(self, bodies: TurningBodies) -> None:
+        self._bodies, rates = bodies, bodies.rates
+        i, j = np.triu_indices(len(rates), 1)
+        phasor = bodies.coupling[i, j]
+        self.constant = bodies.coupling.diagonal().real @ rates
+        self.frequency = bodies.turns[j] - bodies.turns[i]
         self.amplitude = np.abs(phasor)[:, None] * (rates[i] + rates[j])
-        self.phase = tree.turn * np.angle(phasor)
+        self.phase = bodies.turn * np.angle(phasor)
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> PairCosines:
+        """The same tree's with other masses."""
+        return PairCosines(self._bodies.adapted(coupling, inertia))
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
@@ -76,28 +117,34 @@ class PairCosines:
 
 
 class BodyRotations:
-    """``D = sum_j [Re(conj(E) C)_j E_j + I_j] d phi_j'``, with E = exp(i sigma phi) of each body."""
+    """``D = sum_j Re(conj(E) C)_j E_j d phi_j'``, with E = exp(i sigma phi) of each body, at orientation 0."""
 
-    def __init__(self, tree: PlanarTree) -> None:
-        self._tree = tree
-        self._coupling = centroidal_coupling(tree)
-        self._rates = body_rates(tree)
+    def __init__(self, bodies: TurningBodies) -> None:
+        self._bodies = bodies
+        self._turns_transposed = bodies.turns.T.copy()
+        self._coupling_transposed = bodies.coupling.T.copy()
+        self._rates = bodies.rates
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> BodyRotations:
+        """The same tree's with other masses."""
+        return BodyRotations(self._bodies.adapted(coupling, inertia))
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
-        tree = self._tree
-        rotations = tree.rotations(positions @ tree.turns.T + tree.offsets)
+        bodies = self._bodies
+        rotations = rotations_of(positions @ self._turns_transposed, bodies.turn)
         back = rotations.conj()
-        gathered = (back @ self._coupling) * rotations
+        gathered = (back @ bodies.coupling) * rotations
 
         def momentum_by_position(rate: Array, velocities: Array) -> Array:
-            rates = velocities @ tree.turns.T + rate[:, None]
-            moving = back * ((rotations * rates) @ self._coupling.T)
-            return np.asarray(tree.turn * ((moving.imag - rates * gathered.imag) @ tree.turns))
+            rates = velocities @ self._turns_transposed + rate[:, None]
+            moving = back * ((rotations * rates) @ self._coupling_transposed)
+            return np.asarray(bodies.turn * ((moving.imag - rates * gathered.imag) @ bodies.turns))
 
-        return MomentumMap((gathered.real + tree.inertia) @ self._rates, momentum_by_position)
+        return MomentumMap(gathered.real @ self._rates, momentum_by_position)
 
 
 def momentum_mapping(tree: PlanarTree) -> MomentumMapping:
     """Return the faster of the two for a tree."""
-    return PairCosines(tree) if len(tree.mass) <= FEW_BODIES else BodyRotations(tree)
+    bodies = TurningBodies.of(tree)
+    return PairCosines(bodies) if len(bodies.turns) <= FEW_BODIES else BodyRotations(bodies)

@@ -15,12 +15,12 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.motion.dynamics import Distances
-from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
+from floatplan.planning.transcription.quantities import EVERYTHING, QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
+from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
-from floatplan.tolerances import CLEARANCE, RELATIVE
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitRow
 
 LENGTH_SCALE = 0.1  # m: a clearance that is worth as much as the whole of a torque or rate limit
 
@@ -53,8 +53,8 @@ class Constraint(Protocol):
         """Between which instants the block applies."""
 
     @property
-    def settled_at_ends(self) -> bool:
-        """Whether the states at takeoff and landing settle the values there, whatever h is."""
+    def depends_at_ends_on(self) -> frozenset[AtEnds]:
+        """On what, beside the posture, the values at takeoff and landing depend."""
 
     def values(self, trajectory: Trajectory) -> Array:
         """Values (K, r)."""
@@ -74,7 +74,7 @@ class Clearance(ABC):
 
     unit = "m"
     tolerance = CLEARANCE / LENGTH_SCALE
-    settled_at_ends = True
+    depends_at_ends_on: frozenset[AtEnds] = frozenset()
 
     @property
     @abstractmethod
@@ -200,9 +200,9 @@ class MagnitudeLimit:
         return np.tile(self.limit, 2)
 
     @property
-    def settled_at_ends(self) -> bool:
+    def depends_at_ends_on(self) -> frozenset[AtEnds]:
         """As of the quantity."""
-        return self.quantity.settled_at_ends
+        return self.quantity.depends_at_ends_on
 
     def values(self, trajectory: Trajectory) -> Array:
         """``1 -+ quantity / limit`` (K, 2r)."""
@@ -238,7 +238,7 @@ class MotorLimit:
     window: Window = ALWAYS
     unit: str = "N m"
     tolerance: float = RELATIVE
-    settled_at_ends: bool = False
+    depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
 
     @property
     def labels(self) -> tuple[str, ...]:

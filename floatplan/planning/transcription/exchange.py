@@ -47,7 +47,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 FIRST_LOOK = 129  # instants of the first look between the nodes
 NEAR = 0.05  # of a row's scale: local minima above this are left alone
@@ -86,7 +86,6 @@ def local_minima(
     """
     if not constraints:
         return NOTHING_NEAR
-    width = variables.polynomials.width
 
     def values(sampling: Sampling) -> list[Array]:
         motion = trajectory(model, variables, sampling, x)
@@ -97,15 +96,15 @@ def local_minima(
             result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
         return result
 
-    nodes = model.nodes(level, width)
-    first_look = _first_look(nodes, width, window_ends(constraints))
-    return _refined(values(first_look), first_look.s[nodes.nodes :], lambda s: values(sample_also(nodes, width, s)))
+    nodes = model.nodes(level, variables.polynomials.form)
+    first_look = _first_look(nodes, window_ends(constraints))
+    return _refined(values(first_look), first_look.s[nodes.nodes :], lambda s: values(sample_also(nodes, s)))
 
 
 @lru_cache(maxsize=64)
-def _first_look(nodes: Sampling, width: int, ends: tuple[float, ...]) -> Sampling:
+def _first_look(nodes: Sampling, ends: tuple[float, ...]) -> Sampling:
     instants = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
-    return sample_also(nodes, width, instants)
+    return sample_also(nodes, instants)
 
 
 def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
@@ -154,9 +153,9 @@ def solve(
     """
 
     def program_at(level: int, extra: Array, x: Array) -> FlightProgram:
-        nodes = model.nodes(level, variables.polynomials.width)
+        nodes = model.nodes(level, variables.polynomials.form)
         beside = np.concatenate((always, extra))
-        sampling = watching(nodes, variables.polynomials.width, constraints, beside)
+        sampling = watching(nodes, constraints, beside)
         return scaled(FlightProgram(model, variables, sampling, make_objective(nodes), constraints, back_off), x)
 
     back_off, extra = BACK_OFF, np.empty(0)

@@ -7,14 +7,13 @@ own, by which motions of different classes compare.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.sine_polynomial import SinePolynomials, powers_map
+from floatplan.motion.sine_polynomial import Form, SinePolynomials, powers_map
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import Trajectory, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
@@ -61,6 +60,49 @@ class CoefficientNorm:
 
 
 @dataclass(frozen=True, eq=False)
+class FollowingCoefficientNorm:
+    """(17) where conditions (13) change with h: ``|b|^2 / (2 unit^2)``, with the unit of whitened variables."""
+
+    variables: DecisionVariables
+
+    @cached_property
+    def _map(self) -> Array:
+        """Matrix (k+1, g+width) from a joint's given conditions and z to its b, over the unit."""
+        polynomials = self.variables.polynomials
+        return np.asarray(powers_map(polynomials.form, polynomials.duration) / _unit(polynomials))
+
+    def _written(self, trajectory: Trajectory, x: Array) -> Array:
+        """B (n, k+1) over the unit."""
+        given = self.variables.motion_class(trajectory.angular_momentum[0]).given_boundary
+        coefficients = np.concatenate((given, self.variables.free_coefficients(x)), axis=1)
+        return np.asarray(coefficients @ self._map.T)
+
+    def value(self, trajectory: Trajectory, x: Array) -> float:
+        """Value."""
+        return float((self._written(trajectory, x) ** 2).sum()) / 2
+
+    def gradient(self, trajectory: Trajectory, x: Array) -> Array:
+        """Gradient (size,) by x."""
+        return np.asarray(self._by_x(trajectory, (self._written(trajectory, x) @ self._map)[None])[0])
+
+    def hessian(self, trajectory: Trajectory) -> Array:
+        """Return that of b by x and h, and 1 more for each direction of h."""
+        joints = len(self.variables.polynomials.free)
+        by_all = np.einsum("jl,kc->jklc", np.eye(joints), self._map).reshape(-1, joints, self._map.shape[1])
+        jacobian = self._by_x(trajectory, by_all)
+        of_momentum = np.arange(self.variables.size) >= self.variables.coefficients
+        hessian: Array = jacobian.T @ jacobian + np.diag(of_momentum.astype(float))
+        return hessian
+
+    def _by_x(self, trajectory: Trajectory, by_all: Array) -> Array:
+        """Derivatives (r, size) by x of those (r, n, g+width) by all coefficients of the basis."""
+        assert trajectory.boundary_by_axes is not None, "the conditions change with h"
+        given = trajectory.sampling.given
+        by_axes = np.tensordot(by_all[..., :given], trajectory.boundary_by_axes, 2)
+        return self.variables.gradient(by_all[..., given:], None, by_axes)
+
+
+@dataclass(frozen=True, eq=False)
 class IntegralOfSquares:
     """Integral over the flight of a quantity's square, summed over the joints and divided by ``scale``."""
 
@@ -93,7 +135,7 @@ def objective_term(name: ObjectiveName, variables: DecisionVariables, scale: flo
     """Return the row of the table of objectives as the search minimises it; integrals are divided by ``scale``."""
     quantity = OBJECTIVE_TABLE[name].quantity
     if quantity is None:
-        return CoefficientNorm(variables.coefficients)
+        return FollowingCoefficientNorm(variables) if variables.following else CoefficientNorm(variables.coefficients)
     return IntegralOfSquares(QUANTITIES[quantity], scale)
 
 
@@ -105,8 +147,9 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
     """
     model, variables = motion.model, motion.variables
     if OBJECTIVE_TABLE[name].quantity is None:
-        return float(np.linalg.norm(variables.polynomials.powers_of_seconds(variables.free_coefficients(x))))
-    exact = trajectory(model, variables, model.nodes(EXACT_LEVEL, variables.polynomials.width), x)
+        motions = variables.motion_class(motion.angular_momentum[0])
+        return float(np.linalg.norm(motions.powers_of_seconds(variables.free_coefficients(x))))
+    exact = trajectory(model, variables, model.nodes(EXACT_LEVEL, variables.polynomials.form), x)
     return objective_term(name, variables).value(exact, x)
 
 
@@ -120,12 +163,9 @@ def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
     the most sensitive direction of x move p by one radian (root mean square).
     """
-    width, duration = polynomials.width, polynomials.duration
-    factors = [_factors(width, free, duration) for free in polynomials.free]
-    unit = 1 / max(factor.longest for factor in factors)
-    offsets = [
-        factor.offset_by_boundary @ boundary for factor, boundary in zip(factors, polynomials.boundary, strict=True)
-    ]
+    factors, unit = _factors_of(polynomials), _unit(polynomials)
+    given = polynomials.given_boundary
+    offsets = [factor.offset_by_boundary @ boundary for factor, boundary in zip(factors, given, strict=True)]
     size = sum(polynomials.free)
     scaling, start = np.zeros((size, size)), 0
     for factor in factors:
@@ -133,6 +173,15 @@ def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
         scaling[start:stop, start:stop] = unit * factor.inverse
         start = stop
     return np.concatenate(offsets), scaling
+
+
+def _factors_of(polynomials: SinePolynomials) -> list[_Factors]:
+    return [_factors(polynomials.form, free, polynomials.duration) for free in polynomials.free]
+
+
+def _unit(polynomials: SinePolynomials) -> float:
+    """Size of b that one unit of whitened variables makes."""
+    return 1 / max(factor.longest for factor in _factors_of(polynomials))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +194,11 @@ class _Factors:
 
 
 @lru_cache(maxsize=64)
-def _factors(width: int, free: int, duration: float) -> _Factors:
-    """Factors for a joint with ``free`` of ``width`` coefficients and a duration in s."""
-    powers = powers_map(width, duration)
-    columns = powers[:, CONDITIONS : CONDITIONS + free]
+def _factors(form: Form, free: int, duration: float) -> _Factors:
+    """Factors for a joint with ``free`` of a form's coefficients and a duration in s."""
+    powers, given = powers_map(form, duration), len(form.given)
+    columns = powers[:, given : given + free]
     orthogonal, triangular = np.linalg.qr(columns)
     inverse = np.linalg.inv(triangular)
     longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
-    return _Factors(inverse, longest, -inverse @ (orthogonal.T @ powers[:, :CONDITIONS]))
+    return _Factors(inverse, longest, -inverse @ (orthogonal.T @ powers[:, :given]))

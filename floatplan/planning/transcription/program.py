@@ -9,15 +9,15 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.sine_polynomial import SinePolynomials, boundary_arguments
+from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.planning.transcription.boundary import Boundary, boundary, sine_polynomials
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective, objective_term, whitened_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
-from floatplan.tolerances import ORIENTATION
+from floatplan.tables import ORIENTATION
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
 
@@ -32,10 +32,10 @@ def steerable(s: Array) -> BoolArray:
     return np.asarray((s > GIVEN) & (s < 1 - GIVEN))
 
 
-def watching(nodes: Sampling, width: int, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
+def watching(nodes: Sampling, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:
     """Return a sampling at nodes, at the ends of the constraints' windows as they are, and at ``extra`` instants."""
     ends = window_ends(constraints)
-    return sample_also(nodes, width, np.union1d(extra, ends)) if extra.size or ends else nodes
+    return sample_also(nodes, np.union1d(extra, ends)) if extra.size or ends else nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,10 @@ class FlightProgram:
 
     @cached_property
     def _watched(self) -> tuple[BoolArray, ...]:
-        """Of each constraint, at which instants (K,) it applies; at the ends only a free h changes anything."""
+        """Of each constraint, at which instants (K,) it applies; at the ends only where it changes."""
         inside = steerable(self.sampling.s)
         return tuple(
-            np.asarray((inside | _depends_on_momentum_at_ends(self.variables, block)) & applies(block, self.sampling.s))
+            np.asarray((inside | changes_at_ends(self.variables, block)) & applies(block, self.sampling.s))
             for block in self.constraints
         )
 
@@ -127,33 +127,34 @@ def scaled(program: FlightProgram, x: Array) -> FlightProgram:
 
 
 def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Constraint, ...]) -> Array:
-    """Instants, in [0, 1], to watch beside the quadrature nodes from the beginning: the ends, where h matters there."""
-    matter = any(_depends_on_momentum_at_ends(variables, block) for block in constraints)
+    """Instants, in [0, 1], to watch beside the quadrature nodes from the beginning: the ends, where they can change."""
+    matter = any(changes_at_ends(variables, block) for block in constraints)
     return np.array([0.0, 1.0]) if matter else np.empty(0)
 
 
-def _depends_on_momentum_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
-    return variables.momentum.free > 0 and not block.settled_at_ends
+def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
+    """Whether the values of a block at takeoff or landing depend on what the search chooses."""
+    return bool(variables.chosen_at_ends & block.depends_at_ends_on)
 
 
-def sine_polynomials(problem: Problem, degrees: tuple[int, ...], branches: IntArray) -> SinePolynomials:
-    """The class of motions of a problem, for arcsine branches (2, n) at takeoff and at landing."""
-    low, high = problem.position_limits.T
-    centre, amplitude = (low + high) / 2, (high - low) / 2
-    duration = problem.flight.duration
-    ends = [(end.positions, end.velocities, end.accelerations) for end in (problem.initial, problem.final)]
-    positions, velocities, accelerations = np.array(ends).swapaxes(0, 1)
-    p, rate, curvature = boundary_arguments(positions, velocities, accelerations, centre, amplitude, branches)
-    boundary = np.array([p, duration * rate, duration**2 * curvature]).T.reshape(len(centre), CONDITIONS)
-    return SinePolynomials(centre, amplitude, duration, boundary, tuple(degree - 5 for degree in degrees))
+def decision_variables(
+    problem: Problem, degrees: tuple[int, ...], branches: IntArray, momentum: MomentumSet
+) -> DecisionVariables:
+    """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
+    conditions = boundary(problem, branches, momentum)
+    polynomials = sine_polynomials(problem, degrees, conditions(momentum.centre))
+    follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
+    return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
 
 
-def decision_variables(problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet) -> DecisionVariables:
+def scaled_variables(
+    problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet, following: Boundary | None
+) -> DecisionVariables:
     """Variables scaled for the problem's objective."""
     size = sum(polynomials.free)
     if problem.motion.objective == "coefficients" and size:
-        return DecisionVariables(polynomials, *whitened_variables(polynomials), momentum)
-    return DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum)
+        return DecisionVariables(polynomials, *whitened_variables(polynomials), momentum, following)
+    return DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum, following)
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:

@@ -9,9 +9,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import Distances, FlightDynamics, Flown, Grid, Partials
-from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_dynamics
-from floatplan.motion.sine_polynomial import JointMotion, basis
+from floatplan.motion.sine_polynomial import Form, JointMotion, basis
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.planning.work import Work
 from floatplan.problem.problem import Problem
@@ -19,9 +18,10 @@ from floatplan.problem.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """The instants at which a motion is looked at, and the ``values`` of the polynomial basis there."""
+    """The instants at which a motion is looked at, and the ``values`` of the polynomial basis of a form there."""
 
     grid: Grid
+    form: Form
     values: tuple[Array, Array, Array]
 
     @property
@@ -41,23 +41,29 @@ class Sampling:
 
     @cached_property
     def weighted(self) -> tuple[Array, Array]:
-        """Free polynomials and their first derivatives at the nodes (N, width), times the quadrature weights."""
+        """The basis and its first derivatives at the nodes (N, g+width), times the quadrature weights."""
         weights = self.weights[:, None]
-        value, derivative = (part[: self.nodes, CONDITIONS:] for part in self.values[:2])
+        value, derivative = (part[: self.nodes] for part in self.values[:2])
         return weights * value, weights * derivative
+
+    @property
+    def given(self) -> int:
+        """Number g of columns of the basis that belong to given conditions."""
+        return len(self.form.given)
 
 
 @lru_cache(maxsize=64)
-def sample_nodes(grid: Grid, width: int) -> Sampling:
+def sample_nodes(grid: Grid, form: Form) -> Sampling:
     """Sample at the instants of a grid."""
-    return Sampling(grid, basis(width).values(grid.s))
+    return Sampling(grid, form, basis(form).values(grid.s))
 
 
-def sample_also(sampling: Sampling, width: int, extra: Array) -> Sampling:
+def sample_also(sampling: Sampling, extra: Array) -> Sampling:
     """Add ``extra`` instants of [0, 1] to a sampling."""
-    values, added = sampling.values, basis(width).values(extra)
+    values, added = sampling.values, basis(sampling.form).values(extra)
     return Sampling(
         sampling.grid.also(extra),
+        sampling.form,
         (
             np.concatenate((values[0], added[0])),
             np.concatenate((values[1], added[1])),
@@ -73,9 +79,9 @@ class FlightModel:
     flight: FlightDynamics
     work: Work = field(default_factory=Work)
 
-    def nodes(self, level: int, width: int) -> Sampling:
-        """Sample at the nodes of a level, for motions with ``width`` free polynomials."""
-        return sample_nodes(self.flight.grid(level), width)
+    def nodes(self, level: int, form: Form) -> Sampling:
+        """Sample at the nodes of a level, for motions of a form."""
+        return sample_nodes(self.flight.grid(level), form)
 
 
 def flight_model(problem: Problem) -> FlightModel:
@@ -88,6 +94,7 @@ class Trajectory:
     """Motions sampled, for one x or several: everything that constraints and objectives ask, computed when asked.
 
     ``motion`` holds the K instants of the sampling, of S motions one after the other; ``angular_momentum`` (S, e).
+    ``boundary_by_axes`` is that of the variables.
     Derivatives are of a single motion.
     """
 
@@ -96,6 +103,7 @@ class Trajectory:
     sampling: Sampling
     motion: JointMotion
     angular_momentum: Array
+    boundary_by_axes: Array | None = None
 
     @cached_property
     def flown(self) -> Flown:
@@ -183,11 +191,22 @@ class Trajectory:
         by_p = by_position * motion.position_by_p[:nodes, None]
         by_p += by_velocity * motion.velocity_by_p[:nodes, None]
         by_rate = by_velocity * motion.velocity_by_rate[:nodes, None]
-        value, derivative = sampling.weighted
-        by_z = by_p.reshape(nodes, -1).T @ value
-        by_z += by_rate.reshape(nodes, -1).T @ derivative
+        first = 0 if self.boundary_by_axes is not None else sampling.given
+        value, derivative = (part[:, first:] for part in sampling.weighted)
+        by_all = by_p.reshape(nodes, -1).T @ value
+        by_all += by_rate.reshape(nodes, -1).T @ derivative
         by_h = np.tensordot(sampling.weights, by_momentum, 1) if self.variables.momentum.free else None
-        return self.duration * self.variables.flat_gradient(by_z.reshape(by_position.shape[1], -1), by_h)
+        directions, joints = by_position.shape[1:]
+        by_z, by_axes = self._split(by_all.reshape(directions, joints, by_all.shape[-1]))
+        return self.duration * self.variables.flat_gradient(by_z.reshape(directions, -1), by_h, by_axes)
+
+    def _split(self, by_all: Array) -> tuple[Array, Array | None]:
+        """Derivatives by z (..., n, width), and by h by way of the boundary (..., H), of those by all of the basis."""
+        if self.boundary_by_axes is None:
+            return by_all, None
+        given = self.sampling.given
+        by_axes = np.tensordot(by_all[..., :given], self.boundary_by_axes, 2)
+        return by_all[..., given:], by_axes
 
     @cached_property
     def attitude_jacobian(self) -> Array:
@@ -219,12 +238,14 @@ class Trajectory:
             weights[0] = _sum(weights[0], by_acceleration * motion.acceleration_by_p[:count, None, :])
             weights[1] = _sum(weights[1], by_acceleration * motion.acceleration_by_rate[:count, None, :])
             weights[2] = by_acceleration * motion.acceleration_by_curvature[:count, None, :]
-        by_z: Array | None = None
+        by_all: Array | None = None
+        first = 0 if self.boundary_by_axes is not None else self.sampling.given
         for weight, value in zip(weights, self.sampling.values, strict=True):
             if weight is not None:
-                by_z = _sum(by_z, weight[..., None] * value[: len(weight), None, None, CONDITIONS:])
-        assert by_z is not None, "partials are by a state of the joints"
-        return self.variables.gradient(by_z, partials.by_momentum)
+                by_all = _sum(by_all, weight[..., None] * value[: len(weight), None, None, first:])
+        assert by_all is not None, "partials are by a state of the joints"
+        by_z, by_axes = self._split(by_all)
+        return self.variables.gradient(by_z, partials.by_momentum, by_axes)
 
 
 def _sum(first: Array | None, second: Array) -> Array:
@@ -238,8 +259,9 @@ def _sum(first: Array | None, second: Array) -> Array:
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
     model.work.evaluated(len(sampling.s), model.flight.bodies)
-    motion = variables.polynomials.motion(variables.free_coefficients(x), sampling.values)
-    return Trajectory(model, variables, sampling, motion, variables.angular_momentum(x)[None, :])
+    h = variables.angular_momentum(x)
+    motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
+    return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
 
 
 def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x: Array) -> Trajectory:
@@ -248,12 +270,15 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     For values only: the derivatives of such a trajectory mean nothing.
     """
     polynomials, momentum = variables.polynomials, variables.momentum
-    sampling = model.nodes(level, polynomials.width)
+    sampling = model.nodes(level, polynomials.form)
     model.work.evaluated(len(x) * sampling.nodes, model.flight.bodies)
     z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
-    boundary = np.broadcast_to(polynomials.boundary, (len(x), *polynomials.boundary.shape))
+    h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
+    if variables.following:
+        boundary = np.stack([variables.motion_class(each).given_boundary for each in h])
+    else:
+        boundary = np.broadcast_to(polynomials.given_boundary, (len(x), *polynomials.given_boundary.shape))
     coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
     motion = polynomials.motion_of_coefficients(coefficients, sampling.values)
-    h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
     return Trajectory(model, variables, sampling, motion, h)

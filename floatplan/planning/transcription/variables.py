@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,9 @@ import numpy.typing as npt
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import SinePolynomials
+from floatplan.planning.transcription.boundary import Boundary
+
+AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +29,15 @@ class DecisionVariables:
         m free coefficients in all, joint by joint.
     momentum : MomentumSet
         Of h, ``centre + axes @ x[m:]``.
+    following : Boundary, optional
+        The conditions (13) where they change with h; the polynomials' own are those of the middle h.
     """
 
     polynomials: SinePolynomials
     offset: Array
     scaling: Array
     momentum: MomentumSet
+    following: Boundary | None = None
 
     @cached_property
     def coefficients(self) -> int:
@@ -49,6 +56,29 @@ class DecisionVariables:
         joints = len(self.polynomials.centre)
         metric[: self.coefficients, : self.coefficients] = self.scaling / np.sqrt(joints)
         return metric
+
+    @cached_property
+    def chosen_at_ends(self) -> frozenset[AtEnds]:
+        """What the search chooses of the state at takeoff or landing."""
+        chosen: set[AtEnds] = {"momentum"} if self.momentum.free else set()
+        if self.following:
+            chosen.add("velocities")
+        if self.polynomials.free_ends:
+            chosen.add("accelerations")
+        return frozenset(chosen)
+
+    def motion_class(self, angular_momentum: Array) -> SinePolynomials:
+        """The class of motions with an angular momentum (e,)."""
+        if not self.following:
+            return self.polynomials
+        return replace(self.polynomials, boundary=self.following(angular_momentum))
+
+    def boundary_by_axes(self, x: Array) -> Array | None:
+        """Derivatives (n, g, H) of the given conditions (13) by ``x[m:]``; None where they do not change."""
+        if not self.following:
+            return None
+        by_momentum = self.following.by_momentum(self.angular_momentum(x))[:, list(self.polynomials.form.given)]
+        return np.asarray(by_momentum @ self.momentum.axes)
 
     def free_coefficients(self, x: Array) -> Array:
         """Free coefficients z (n, width); zero where a joint has fewer."""
@@ -78,19 +108,26 @@ class DecisionVariables:
         """Return the x of the Hermite motion with no free part, and the h in the middle."""
         return self.variables(self.polynomials.no_free_part, self.momentum.centre)
 
-    def gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
-        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros."""
+    def gradient(self, by_z: Array, by_momentum: Array | None, by_axes: Array | None = None) -> Array:
+        """Derivatives (..., size) by x, from those by z (..., n, width) and by h (..., e), None for zeros.
+
+        ``by_axes`` (..., H) are added: what h does by way of the boundary.
+        """
         *shape, joints, width = by_z.shape
         rows = math.prod(shape)  # one product of matrices is faster than many
         flat = self.flat_gradient(
-            by_z.reshape(rows, joints * width), None if by_momentum is None else by_momentum.reshape(rows, -1)
+            by_z.reshape(rows, joints * width),
+            None if by_momentum is None else by_momentum.reshape(rows, -1),
+            None if by_axes is None else by_axes.reshape(rows, -1),
         )
         return flat.reshape(*shape, self.size)
 
-    def flat_gradient(self, by_z: Array, by_momentum: Array | None) -> Array:
-        """Derivatives (r, size) by x, from those by z (r, n width) and by h (r, e), None for zeros."""
+    def flat_gradient(self, by_z: Array, by_momentum: Array | None, by_axes: Array | None = None) -> Array:
+        """Derivatives (r, size) by x, from those by z (r, n width) and by h (r, e), as of :meth:`gradient`."""
         by_x = (by_z if by_z.shape[1] == len(self.offset) else by_z[:, self.polynomials.free_indices]) @ self.scaling
         if not self.momentum.free:
             return by_x
-        zeros = np.zeros((len(by_x), self.momentum.free))
-        return np.concatenate((by_x, zeros if by_momentum is None else by_momentum @ self.momentum.axes), axis=1)
+        chosen = np.zeros((len(by_x), self.momentum.free)) if by_axes is None else by_axes
+        if by_momentum is not None:
+            chosen = chosen + by_momentum @ self.momentum.axes
+        return np.concatenate((by_x, chosen), axis=1)

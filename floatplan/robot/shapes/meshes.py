@@ -52,6 +52,21 @@ def mesh_digest(path: Path, element: str) -> str:
     return hashlib.sha256(_content(path, element)).hexdigest()
 
 
+def check_mesh_file(path: Path, element: str) -> None:
+    """Refuse, before any other program reads it, a file that is too large or of a kind that is no mesh.
+
+    Raises
+    ------
+    InputError
+        Its name ends as no mesh's does, or it is larger than ``LARGEST_MESH``.
+    """
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in KINDS:
+        raise InputError(f'".{kind}" is not one of {", ".join(KINDS)}', source=path, element=element)
+    if path.stat().st_size > LARGEST_MESH:
+        raise InputError(f"is larger than {LARGEST_MESH // 1_000_000} MB, as no mesh is", source=path, element=element)
+
+
 def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
     """Read a mesh file, every part of it: a part that cannot be read is an error.
 
@@ -114,6 +129,8 @@ def _fault(corners: Array, faces: IntArray, scale: Array) -> str | None:
     """What is wrong with a mesh, None where nothing is."""
     if not len(faces) or not len(corners):
         return "holds no mesh: it has no faces"
+    if corners.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        return "has corners that are not three numbers, or faces that are no triangles"
     if faces.min() < 0 or faces.max() >= len(corners):
         return f"has a face with a corner that does not exist, of {len(corners)} corners"
     if not np.isfinite(corners).all():

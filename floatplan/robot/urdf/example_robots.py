@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from floatplan.errors import InputError
+from floatplan.optional import install_advice
 
 PREFIX = "example-robot-data:"
 FOLDER = Path("share", "example-robot-data", "robots")
@@ -30,7 +31,7 @@ def urdf_path(source: str | Path) -> Path:
         return Path(source)
     folder = robots_folder()
     if folder is None:
-        advice = f'install it: pip install "floatplan[robots]", or set {FOLDER_VARIABLE} to its folder "robots"'
+        advice = f'{install_advice("robots")}, or set {FOLDER_VARIABLE} to its folder "robots"'
         raise InputError("the package example-robot-data is not installed", source=source, advice=advice)
     name = source.removeprefix(PREFIX)
     path = folder / name

@@ -23,14 +23,20 @@ def reference_posture(name: str, tree: UrdfTree, urdf: Path) -> dict[str, float]
     InputError
         If no such state is found, or a position is not a number.
     """
-    known: dict[str, dict[str, float]] = {}
-    for path in _files(urdf):
-        for state, positions in _states(path, tree).items():
-            known.setdefault(state, positions)
+    known = reference_postures(tree, urdf)
     if name not in known:
         advice = f"known are {', '.join(known)}" if known else "put an SRDF file of this robot beside its URDF"
         raise InputError(f'no posture "{name}" is known', element="reference", advice=advice)
     return known[name]
+
+
+def reference_postures(tree: UrdfTree, urdf: Path) -> dict[str, dict[str, float]]:
+    """Return all reference postures by their names, see :func:`reference_posture`."""
+    known: dict[str, dict[str, float]] = {}
+    for path in _files(urdf):
+        for state, positions in _states(path, tree).items():
+            known.setdefault(state, positions)
+    return known
 
 
 def _files(urdf: Path) -> Iterator[Path]:

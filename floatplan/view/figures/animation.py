@@ -7,6 +7,7 @@ import math
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,13 @@ FILM_DPI = 120  # [1/in]
 COLOURS = 64  # [-] of a GIF
 
 
-def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED) -> Path:
+def animate(
+    plan: Plan,
+    path: str | Path = "flight.gif",
+    *,
+    speed: float = SPEED,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
     """Write a film of a flight, whole or not at all.
 
     Parameters
@@ -49,6 +56,8 @@ def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED
         Ends in ``.gif`` or ``.mp4``.
     speed : float
         Of the film against the flight: 0.5 is slow motion.
+    progress : callable, optional
+        Told how many pictures are drawn, and of how many.
 
     Raises
     ------
@@ -63,13 +72,13 @@ def animate(plan: Plan, path: str | Path = "flight.gif", *, speed: float = SPEED
         length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
         raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed", advice="give a higher speed")
     if path.suffix == ".gif":
-        return write_atomically(path, _gif(pictures(plan, speed)))
+        return write_atomically(path, _gif(pictures(plan, speed, progress)))
     if path.suffix == ".mp4":
-        return write_atomically(path, _mp4(_ffmpeg(), pictures(plan, speed)))
+        return write_atomically(path, _mp4(_ffmpeg(), pictures(plan, speed, progress)))
     raise InputError(f"must end in .gif or .mp4, not {path.suffix!r}", source=path)
 
 
-def pictures(plan: Plan, speed: float = SPEED) -> list[Image.Image]:
+def pictures(plan: Plan, speed: float = SPEED, progress: Callable[[int, int], None] | None = None) -> list[Image.Image]:
     """Draw the film's pictures; what stays is drawn once."""
     count = max(2, round(plan.duration / speed * FRAME_RATE) + 1)
     times = np.linspace(0.0, plan.duration, count)
@@ -81,6 +90,8 @@ def pictures(plan: Plan, speed: float = SPEED) -> list[Image.Image]:
         for time in times:
             figure.canvas.restore_region(still)  # type: ignore[attr-defined]
             drawn.append(_picture(figure, axes, plan, float(time)))
+            if progress is not None:
+                progress(len(drawn), count)
         return drawn
 
 

@@ -16,8 +16,9 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from floatplan.arrays import Array
 from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.parts import JointState, Obstacle
 from floatplan.tables import JOINT_LIMITS, LimitRow
+from floatplan.view.figures.multiples import Panel, is_crowded, small_multiples
 from floatplan.view.motors import available_torques, motor_colours, shown_motors
 from floatplan.view.postures import robot_size
 from floatplan.view.style import (
@@ -62,6 +63,9 @@ class SampledPlan:
 
 def configuration(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     """Draw orientation and joints over time, degrees, with dots where they start and rings where they should end."""
+    if is_crowded(flown.plan):
+        ends = [_end_angles(state) for state in (flown.plan.problem.initial, flown.plan.problem.final)]
+        return _multiples(flown, other, _angles, "deg", ends=ends)
     figure, (axes,) = _time_figure(flown.plan, 1)
     draw_configuration(axes, flown, other)
     goal_mark = Line2D([], [], color=INK, markersize=4.4, markerfacecolor="white", **RING)
@@ -72,10 +76,7 @@ def configuration(flown: SampledPlan, other: SampledPlan | None = None) -> Figur
 def draw_configuration(axes: Axes, flown: SampledPlan, other: SampledPlan | None = None) -> None:
     """Draw the curves of :func:`configuration` onto axes."""
     _draw_columns(axes, flown, other, _angles)
-    ends = [
-        np.rad2deg(np.concatenate(([state.orientation], state.positions)))
-        for state in (flown.plan.problem.initial, flown.plan.problem.final)
-    ]
+    ends = [_end_angles(state) for state in (flown.plan.problem.initial, flown.plan.problem.final)]
     for colour, start, goal in zip(palette(len(ends[0])), *ends, strict=True):
         axes.plot(0, start, color=colour, markersize=3.2, **RING)
         axes.plot(flown.plan.duration, goal, color=colour, markersize=4.4, markerfacecolor="white", **RING)
@@ -97,6 +98,8 @@ def base_limit(plan: Plan, key: str) -> float:
 def limited(flown: SampledPlan, row: LimitRow, other: SampledPlan | None = None) -> Figure:
     """Draw what a row limits of the joints, with limits and proved peaks, and that of the base below."""
     plan = flown.plan
+    if is_crowded(plan):
+        return _limited_multiples(flown, row, other)
     figure, (joints, *below) = _time_figure(plan, 1 if row.base is None else 2)
     peak = _draw_columns(joints, flown, other, attrgetter(row.quantity), first=1)
     limits = _draw_limits(joints, flown, plan.problem.joint_limits[row.key], peak)
@@ -121,6 +124,8 @@ def torques(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
 
     Followers that do as their leaders do are not drawn; others are dotted, in their leaders' colours.
     """
+    if is_crowded(flown.plan):
+        return _torque_multiples(flown, other)
     figure, (axes,) = _time_figure(flown.plan, 1)
     limits = draw_torques(axes, flown, other)
     plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
@@ -130,6 +135,77 @@ def torques(flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
     ]
     legend_above(figure, [*entries, *limits, *_plan_marks(flown, other)])
     return figure
+
+
+def _torque_multiples(flown: SampledPlan, other: SampledPlan | None) -> Figure:
+    plan, motors = flown.plan, shown_motors(flown.plan, flown.state)
+    names = [plan.robot.motors[motor] for motor in motors]
+    proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
+    limits = available_torques(plan, flown.state.velocities)[:, motors]
+    panels = [
+        Panel(
+            name,
+            colour,
+            flown.state.motor_torques[:, motor],
+            None if other is None else other.state.motor_torques[:, other.plan.robot.motors.index(name)],
+            limit,
+            proved.get(name, np.inf),
+        )
+        for name, motor, colour, limit in zip(names, motors, motor_colours(plan, motors), limits.T, strict=True)
+    ]
+    return small_multiples(
+        flown.times, None if other is None else other.times, panels, "N m", _plan_marks(flown, other)
+    )
+
+
+def _limited_multiples(flown: SampledPlan, row: LimitRow, other: SampledPlan | None) -> Figure:
+    """What a row limits of the joints, and before it that of the base where it has one."""
+    plan = flown.plan
+
+    def values(state: FlightState) -> Array:
+        of_joints: Array = getattr(state, row.quantity)
+        return of_joints if row.base is None else np.column_stack((getattr(state, row.base), of_joints))
+
+    certified = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
+    proved = np.full(len(plan.robot.joints), np.inf) if certified is None else certified
+    limits = plan.problem.joint_limits[row.key]
+    if row.base is not None:
+        limits, proved = np.r_[base_limit(plan, row.base), limits], np.r_[np.inf, proved]
+    return _multiples(flown, other, values, row.unit, limits=limits, proved=proved)
+
+
+def _multiples(
+    flown: SampledPlan,
+    other: SampledPlan | None,
+    values: Callable[[FlightState], Array],
+    unit: str,
+    limits: Array | None = None,
+    proved: Array | None = None,
+    ends: Sequence[Array] | None = None,
+) -> Figure:
+    """Small pictures of the columns of ``values(state)``: the last of base and joints."""
+    columns = values(flown.state).T
+    others = None if other is None else values(other.state).T
+    names = ("orientation", *flown.plan.robot.joints)[-len(columns) :]
+    colours = palette(len(flown.plan.robot.joints) + 1)[-len(columns) :]
+    panels = [
+        Panel(
+            name,
+            colours[index],
+            columns[index],
+            None if others is None else others[index],
+            np.inf if limits is None else float(limits[index]),
+            np.inf if proved is None else float(proved[index]),
+            None if ends is None else (float(ends[0][index]), float(ends[1][index])),
+        )
+        for index, name in enumerate(names)
+    ]
+    return small_multiples(flown.times, None if other is None else other.times, panels, unit, _plan_marks(flown, other))
+
+
+def _end_angles(state: JointState) -> Array:
+    """Orientation and joints, degrees."""
+    return np.rad2deg(np.concatenate(([state.orientation], state.positions)))
 
 
 def draw_torques(axes: Axes, flown: SampledPlan, other: SampledPlan | None = None) -> list[tuple[Any, str]]:

@@ -28,10 +28,10 @@ LABELS = 0.8  # [inch] beside and below the axes, and above them
 PAD = 0.04  # [-] of the picture's size
 
 
-def check_picture(path: Path) -> Path:
+def check_picture(path: Path, option: str = "--shapes") -> Path:
     """Return the path of a picture; InputError where its name does not end in .png, .svg or .pdf, or is a folder."""
     if path.suffix.lower() not in FORMS or path.is_dir():
-        raise InputError(f"must be a file name that ends in {', '.join(FORMS)}, not {path}", element="--shapes")
+        raise InputError(f"must be a file name that ends in {', '.join(FORMS)}, not {path}", element=option)
     return path
 
 

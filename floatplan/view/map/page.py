@@ -22,7 +22,7 @@ from floatplan.view.report.data import hex_colour, robot_data, rounded
 from floatplan.view.report.report import asset, escaped_json, filled, policy
 from floatplan.view.style import SEQUENCE, rgb
 
-SHARED_SCRIPTS = ("motion.js", "stage.js", "player.js")
+SHARED_SCRIPTS = ("theme.js", "motion.js", "stage.js", "player.js")
 SCRIPTS = ("flight.js", "heatmap.js", "page.js")
 COLOURS = 64
 

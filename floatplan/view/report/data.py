@@ -52,7 +52,8 @@ def sample_grid(duration: float) -> Array:
 def columns(plan: Plan, times: Array) -> dict[str, Array]:
     """Return the sampled quantities (N,) by name; those of joint i and obstacle i end in ``.i``."""
     state = plan.at(times)
-    base = plan.dynamics.momentum_map(state.positions)[:, 0] * state.orientation_rate
+    inertia = plan.dynamics.momentum_map(state.positions)
+    base = inertia[:, 0] * state.orientation_rate
     sampled = {
         "orientation": state.orientation,
         "orientation_rate": state.orientation_rate,
@@ -62,6 +63,7 @@ def columns(plan: Plan, times: Array) -> dict[str, Array]:
         "momentum_joints": state.angular_momentum - base,
         "angular_momentum": state.angular_momentum,
     }
+    sampled |= {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
     for name in ("positions", "velocities", "accelerations", "motor_torques"):
         sampled |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
     for index, obstacle in enumerate(plan.problem.obstacles):

@@ -27,7 +27,7 @@ from floatplan.view.report.sections import sections, verdict
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
 PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
-SCRIPTS = ("motion.js", "stage.js", "charts.js", "player.js", "report.js")
+SCRIPTS = ("theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
@@ -80,6 +80,7 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
             "charts": charts(plan, sampled),
             "sections": sections(plan),
             "problem": _problem_file(plan, path),
+            "own_problem": problem.file_text is not None,
             "version": plan.record.floatplan,
         }
     )
@@ -109,6 +110,9 @@ def asset(name: str) -> str:
 
 
 def _problem_file(plan: Plan, path: str | Path | None) -> str:
+    """The problem file as its user wrote it; else the problem as it was resolved."""
+    if plan.problem.file_text is not None:
+        return plan.problem.file_text
     try:
         return problem_text(plan.problem, Path("problem.toml") if path is None else Path(path))
     except InputError as error:

@@ -84,6 +84,7 @@ def _result(plan: Plan) -> list[Row]:
     ]
     if record.clearance_min is not None:
         rows.append(("least clearance", f"{record.clearance_min:.5g} m"))
+    rows += [(contact.end, contact.brief) for contact in plan.contacts]
     seconds = record.solver.get("seconds")
     return rows if seconds is None else [*rows, ("found in", f"{float(seconds):.3g} s")]
 

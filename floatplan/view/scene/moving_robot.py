@@ -17,7 +17,7 @@ from floatplan.motion.flight_state import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.meshes import find_mesh
+from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
 from floatplan.view.postures import posture_at
 from floatplan.view.scene.solids import point_in_space, quaternion
 from floatplan.view.style import palette
@@ -33,7 +33,7 @@ def visual_model(robot: Robot) -> Any:
     Raises
     ------
     InputError
-        A mesh cannot be read.
+        A mesh cannot be read, is too large, or is an archive.
     """
     root = ElementTree.fromstring(robot.xml)
     folder = Path() if robot.path is None else robot.path.parent
@@ -43,16 +43,26 @@ def visual_model(robot: Robot) -> Any:
 
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
     try:
-        return yourdfpy.URDF.load(
-            io.BytesIO(ElementTree.tostring(root)),
-            load_meshes=True,
-            build_scene_graph=True,
-            filename_handler=lambda fname: str(find_mesh(fname, folder)),
-        )
+        with np.errstate(all="ignore"):
+            model = yourdfpy.URDF.load(
+                io.BytesIO(ElementTree.tostring(root)),
+                load_meshes=True,
+                build_scene_graph=True,
+                filename_handler=lambda fname: str(find_mesh(fname, folder)),
+            )
+            reach = max((float(np.abs(mesh.vertices).max()) for mesh in model.scene.geometry.values()), default=0.0)
     except Exception as error:  # the readers of meshes raise exceptions of any kind
         reason = f"a visual mesh cannot be read: {error}"
         advice = "repair the mesh, or remove the <visual>"
         raise InputError(reason, source=robot.path, element="visual", advice=advice) from None
+    if not reach <= LARGEST:
+        raise InputError(
+            f"a visual mesh has a corner {reach:.3g} m away, farther than any robot is large ({LARGEST:g} m)",
+            source=robot.path,
+            element="visual",
+            advice="repair the mesh, or remove the <visual>",
+        )
+    return model
 
 
 def _drop_missing_visuals(root: Any, folder: Path) -> bool:
@@ -64,10 +74,13 @@ def _drop_missing_visuals(root: Any, folder: Path) -> bool:
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if mesh is not None and find_mesh(mesh.get("filename", ""), folder) is None:
+            path = None if mesh is None else find_mesh(mesh.get("filename", ""), folder)
+            if mesh is not None and path is None:
                 link.remove(visual)
-            else:
-                left += 1
+                continue
+            if path is not None:
+                check_mesh_file(path, f'link "{link.get("name")}": visual: mesh')
+            left += 1
     return left > 0
 
 

@@ -31,7 +31,6 @@ from floatplan.view.surroundings import ground_lines
 
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
-PAUSE = 0.7  # [s] between landing and the next takeoff
 TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
 STONE, SAND = (150, 150, 150), (226, 222, 212)
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
@@ -52,7 +51,7 @@ def write_scene(plan: Plan, path: str | Path) -> Path:
 
 def scene(plan: Plan) -> str:
     """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
-    viser = import_optional("viser", name="viser", element="scene", install='"floatplan[view]"')
+    viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     state = plan.at(np.linspace(0.0, plan.duration, frames))
     with _server(viser) as server:
@@ -62,8 +61,8 @@ def scene(plan: Plan) -> str:
         for index in range(frames):
             for update in updates:
                 update(index)
-            serializer.insert_sleep(plan.duration / (frames - 1))
-        serializer.insert_sleep(PAUSE)
+            if index < frames - 1:  # the page's clock is the flight's: from takeoff to landing
+                serializer.insert_sleep(plan.duration / (frames - 1))
         return str(serializer.as_html())
 
 

@@ -15,6 +15,7 @@ class HeatMap {
     this.bar = bar;
     this.hovered = this.selected = null;
     new ResizeObserver(() => this.resize()).observe(holder);
+    paint(() => this.resize());
   }
 
   /* Show a column over two keys; `fixed` are the cells that other keys are held in, null where the best is shown. */
@@ -66,7 +67,7 @@ class HeatMap {
     const status = this.rows.status[row];
     const value = this.values ? this.values[row] : NaN;
     if (!this.values || status >= SOLVED) return this.rows.statuses[status].colour;
-    if (!Number.isFinite(value)) return "#ffffff";
+    if (!Number.isFinite(value)) return tone("paper");
     const [low, high] = this.range;
     const at = this.isLogarithmic ? Math.log : (number) => number;
     const share = high > low ? Math.min((at(value) - at(low)) / (at(high) - at(low)), 1) : 0;
@@ -125,7 +126,7 @@ class HeatMap {
       pen.fillRect(x, y, right - x, low - y);
     }
     const [left, top, right, low] = this.plot;
-    pen.strokeStyle = pen.fillStyle = "#222222";
+    pen.strokeStyle = pen.fillStyle = tone("ink");
     pen.lineWidth = 1;
     pen.strokeRect(left - 0.5, top - 0.5, right - left + 1, low - top + 1);
     pen.textAlign = "center";
@@ -177,7 +178,7 @@ class HeatMap {
       const from = left + ((right - left) * index) / scale.length;
       pen.fillRect(from, 2, (right - left) / scale.length + 1, 12);
     });
-    pen.fillStyle = "#222222";
+    pen.fillStyle = tone("ink");
     pen.textAlign = "left";
     pen.fillText(shortNumber(this.range[0]), left, 28);
     pen.textAlign = "right";

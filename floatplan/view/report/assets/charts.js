@@ -2,21 +2,28 @@
 /* The curves: one uPlot each, a line that follows the time, and the values at it. Dragging along a curve seeks. */
 
 const CHART_HEIGHT = 168;
+const MANY = 6; // curves, from which on the legend beside the robot names them, and captions only the chosen one
+const ASIDE = 0.22; // strength of curves that are not chosen
 
 class Chart {
   constructor(motion, spec, holder, onSeek) {
     this.motion = motion;
     this.spec = spec;
-    const figure = holder.appendChild(make("figure", "chart"));
+    this.part = null;
+    this.many = spec.series.length > MANY;
+    const figure = holder.appendChild(make("figure", this.many ? "chart many" : "chart"));
     const title = figure.appendChild(make("figcaption"));
     title.appendChild(make("strong", "", spec.title));
     title.appendChild(make("span", "unit", spec.unit));
     this.readouts = spec.series.map((series) => this.readout(title, series));
+    if (this.many) title.appendChild(make("span", "beyond choose", "choose a joint in the legend"));
     this.explainLines(title);
     const body = figure.appendChild(make("div", "plot"));
     this.plot = new uPlot(this.options(body.clientWidth), this.table(), body);
     this.head = this.plot.over.appendChild(make("div", "playhead"));
     this.follow(onSeek);
+    this.choose(null);
+    paint(() => this.plot.redraw());
     new ResizeObserver(() => {
       this.plot.setSize({ width: body.clientWidth, height: CHART_HEIGHT });
       this.draw(this.time);
@@ -24,12 +31,14 @@ class Chart {
     this.draw(0);
   }
 
-  readout(title, { name, colour, key }) {
-    const entry = title.appendChild(make("span", "entry"));
-    entry.appendChild(make("i", "swatch")).style.background = colour;
+  readout(title, { name, colour, key, limit }) {
+    const entry = title.appendChild(make("span", "entry curve"));
+    const swatch = entry.appendChild(make("i", "swatch"));
+    paint(() => (swatch.style.background = shade(colour)));
     entry.appendChild(make("span", "", name));
     const value = entry.appendChild(make("b", "value"));
     value.dataset.key = key;
+    if (limit) entry.appendChild(make("span", "limit", limit));
     return value;
   }
 
@@ -39,10 +48,32 @@ class Chart {
     for (const name of new Set(lines.map((line) => line.name))) {
       const colours = new Set(lines.filter((line) => line.name === name).map((line) => line.colour));
       const entry = title.appendChild(make("span", "entry"));
-      entry.appendChild(make("i", "swatch dashed")).style.borderColor = colours.size === 1 ? [...colours][0] : "#222222";
+      const swatch = entry.appendChild(make("i", "swatch dashed"));
+      paint(() => (swatch.style.borderColor = colours.size === 1 ? shade([...colours][0]) : tone("ink")));
       entry.appendChild(make("span", "", name));
     }
     if (beyond) title.appendChild(make("span", "beyond", beyond));
+  }
+
+  /* Show the chosen part's curve, limits and value before all others: 0 is the base, null none. */
+  choose(part) {
+    this.part = part;
+    const { lines, series } = this.spec;
+    const own = series.some((one) => one.part === part);
+    lines.forEach((line, index) => {
+      const seen = line.part === null || (own ? line.part === part : !this.many);
+      this.plot.setSeries(index + 1, { show: seen });
+    });
+    this.readouts.forEach((value, index) => {
+      value.parentElement.classList.toggle("chosen", own && series[index].part === part);
+    });
+    this.plot.root.closest(".chart").classList.toggle("choosing", own);
+    this.plot.redraw();
+  }
+
+  stroke(part, colour) {
+    const aside = this.part !== null && part !== this.part && this.spec.series.some((one) => one.part === this.part);
+    return faded(colour, aside && part !== null ? ASIDE : 1);
   }
 
   table() {
@@ -56,9 +87,11 @@ class Chart {
   }
 
   options(width) {
-    const axis = { font: "11px system-ui, sans-serif", stroke: "#444444", grid: { stroke: "#eeeeee", width: 1 } };
-    const limit = ({ colour }) => ({ stroke: colour, width: 1, dash: [7, 4], points: { show: false } });
-    const curve = ({ colour }) => ({ stroke: colour, width: 2, points: { show: false } });
+    const grid = { stroke: () => tone("grid"), width: 1 };
+    const axis = { font: "11px system-ui, sans-serif", stroke: () => tone("soft"), grid, ticks: grid };
+    const drawn = ({ part, colour }) => ({ stroke: () => this.stroke(part, colour), points: { show: false } });
+    const limit = (line) => ({ ...drawn(line), width: 1, dash: [7, 4] });
+    const curve = (one) => ({ ...drawn(one), width: 2 });
     const y = this.spec.range ? { range: this.spec.range } : {};
     return {
       width,
@@ -80,9 +113,10 @@ class Chart {
   drawMarks(plot) {
     const { starts, goals, series, factor } = this.spec;
     if (!starts) return;
-    series.forEach(({ colour }, index) => {
-      drawMark(plot, 0, factor * starts[index], colour, colour);
-      drawMark(plot, this.motion.duration, factor * goals[index], "#ffffff", colour);
+    series.forEach(({ part, colour }, index) => {
+      const rim = this.stroke(part, colour);
+      drawMark(plot, 0, factor * starts[index], rim, rim);
+      drawMark(plot, this.motion.duration, factor * goals[index], tone("paper"), rim);
     });
   }
 

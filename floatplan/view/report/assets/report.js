@@ -13,18 +13,45 @@ function fillHeader({ name, verdict, question, version }) {
 function fillKey(data, stage) {
   const list = document.getElementById("key");
   const names = ["base", ...data.motion.robot.joints];
-  names.forEach((name, index) => addKey(list, "bar", data.motion.robot.colours[index], name));
+  names.forEach((name, index) => {
+    const entry = addKey(list, "bar", data.motion.robot.colours[index], name);
+    entry.dataset.part = index;
+    entry.tabIndex = 0;
+    entry.setAttribute("role", "button");
+    entry.setAttribute("aria-pressed", "false");
+  });
   data.motion.frames.forEach(({ name, role }, index) => {
     addKey(list, "ring", stage.trails[index].colour, `${name} (${role})`);
   });
   addKey(list, "dot", "#222222", "centre of mass");
 }
 
+/* Parts of the robot are looked at by pointing at their names, and chosen by a click or the return key. */
+function offerParts(list, show) {
+  const entries = [...list.querySelectorAll("[data-part]")];
+  let kept = null;
+  const keep = (entry) => {
+    const part = Number(entry.dataset.part);
+    kept = kept === part ? null : part;
+    for (const one of entries) one.setAttribute("aria-pressed", String(Number(one.dataset.part) === kept));
+    show(kept);
+  };
+  for (const entry of entries) {
+    entry.addEventListener("mouseenter", () => show(Number(entry.dataset.part)));
+    entry.addEventListener("mouseleave", () => show(kept));
+    entry.addEventListener("click", () => keep(entry));
+    entry.addEventListener("keydown", (event) => {
+      if (event.key === "Enter") keep(entry);
+    });
+  }
+}
+
 function addKey(list, shape, colour, text) {
   const entry = list.appendChild(make("li"));
   const mark = entry.appendChild(make("i", `swatch ${shape}`));
-  mark.style[shape === "ring" ? "borderColor" : "background"] = colour;
+  paint(() => (mark.style[shape === "ring" ? "borderColor" : "background"] = shade(colour)));
   entry.appendChild(make("span", "", text));
+  return entry;
 }
 
 function fillFacts(data, onSeek) {
@@ -45,8 +72,11 @@ function fillFacts(data, onSeek) {
     if (section.findings && section.findings.length) fillFindings(part, section.findings, onSeek);
   }
   const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
-  file.appendChild(make("summary", "", "The problem file"));
+  file.appendChild(make("summary", "", data.own_problem ? "The problem file, as written" : "The problem, as a file"));
   file.appendChild(make("pre", "", data.problem));
+  const link = file.appendChild(make("a", "download", "Save it"));
+  link.href = URL.createObjectURL(new Blob([data.problem], { type: "application/toml" }));
+  link.download = `${data.name.replace(/[^\p{L}\p{N}.-]+/gu, "_") || "problem"}.toml`;
 }
 
 function fillFindings(part, findings, onSeek) {
@@ -91,9 +121,13 @@ function fillTable(part, titles, rows, onSeek) {
     stage.draw(time);
     for (const chart of charts) chart.draw(time);
   });
+  offerParts(document.getElementById("key"), (part) => {
+    stage.choose(part);
+    for (const chart of charts) chart.choose(part);
+  });
   for (const what of ["ghosts", "trails", "margins", "goal"]) {
     const box = document.getElementById(what);
     box.addEventListener("change", () => stage.show(what, box.checked));
   }
-  window.floatplan = { motion, stage, player };
+  window.floatplan = { motion, stage, player, charts };
 })();

@@ -1,8 +1,6 @@
 "use strict";
 /* The picture of the flight: a backdrop that stays, and over it what moves. World: metres, up is up. */
 
-const INK = "#222222";
-const PAPER = "#ffffff";
 const GHOST_STRENGTH = [0.2, 0.42];
 const TRAILS = { com: "#8a8a8a", frames: ["#8b5e00", "#6a3d9a"] };
 
@@ -12,9 +10,10 @@ class Stage {
     this.backdrop = holder.querySelector("#backdrop");
     this.front = holder.querySelector("#robot");
     this.shown = { ghosts: true, trails: true, margins: true, goal: true };
+    this.part = null;
     this.take(motion);
     new ResizeObserver(() => this.resize()).observe(holder);
-    this.resize();
+    paint(() => this.resize());
   }
 
   /* Another motion, from its beginning. */
@@ -30,6 +29,12 @@ class Stage {
     this.moving = motion.data.obstacles.filter(moves);
     this.colours = motion.data.robot.colours;
     this.time = 0;
+  }
+
+  /* The part that the reader has chosen stands out: 0 is the base, null none. */
+  choose(part) {
+    this.part = part;
+    this.draw(this.time);
   }
 
   resize() {
@@ -81,7 +86,7 @@ class Stage {
     const step = roundBelow(this.size[0] / this.scale / 4);
     const [left, top] = this.origin;
     pen.lineWidth = 1;
-    pen.strokeStyle = "#f0f0f0";
+    pen.strokeStyle = tone("grid");
     pen.beginPath();
     for (let k = Math.ceil(-left / this.scale / step); left + k * step * this.scale < this.size[0]; k++) {
       const x = Math.round(left + k * step * this.scale) + 0.5;
@@ -99,7 +104,7 @@ class Stage {
 
   drawRule(pen, length) {
     const [x, y] = [12, 20];
-    pen.strokeStyle = pen.fillStyle = "#666666";
+    pen.strokeStyle = pen.fillStyle = tone("soft");
     pen.lineWidth = 1.5;
     pen.beginPath();
     pen.moveTo(x, y - 4);
@@ -117,9 +122,9 @@ class Stage {
     const [left, y] = this.at([low - reach, level]);
     const [right] = this.at([high + reach, level]);
     const [from, to] = [Math.max(left, 0), Math.min(right, this.size[0])];
-    pen.fillStyle = "#f3f1ec";
+    pen.fillStyle = tone("ground");
     pen.fillRect(from, y, to - from, Math.min(this.size[1] - y, whole ? 1e4 : 8));
-    pen.strokeStyle = INK;
+    pen.strokeStyle = tone("ink");
     pen.lineWidth = 1.2;
     strokeLine(pen, [from, y], [to, y]);
   }
@@ -127,14 +132,14 @@ class Stage {
   drawObstacle(pen, obstacle, time, strength) {
     const shift = obstacle.velocity.map((speed) => speed * time);
     pen.globalAlpha = strength;
-    pen.fillStyle = obstacle.kind === "half-plane" ? "#e6e2da" : "#a3a3a3";
-    pen.strokeStyle = obstacle.colour;
+    pen.fillStyle = obstacle.kind === "half-plane" ? tone("wall") : tone("stone");
+    pen.strokeStyle = shade(obstacle.colour);
     pen.lineWidth = 1.5;
     this.trace(pen, obstacle.outline, shift);
     pen.fill();
     pen.stroke();
     if (obstacle.margin && this.shown.margins) {
-      pen.strokeStyle = "#b00020";
+      pen.strokeStyle = tone("alarm");
       pen.lineWidth = 1;
       pen.setLineDash([4, 3]);
       this.trace(pen, obstacle.margin, shift);
@@ -153,7 +158,7 @@ class Stage {
   drawTrail(pen, { points, colour }, until, strength, width) {
     const last = Math.round(until / this.motion.step);
     pen.globalAlpha = strength;
-    pen.strokeStyle = colour;
+    pen.strokeStyle = shade(colour);
     pen.lineWidth = width;
     pen.beginPath();
     for (let index = 0; index <= last; index++) {
@@ -168,7 +173,7 @@ class Stage {
     times.forEach((time, index) => {
       const [low, high] = GHOST_STRENGTH;
       const strength = low + ((high - low) * index) / (times.length - 1);
-      this.drawRobot(pen, this.motion.posture(time), { strength, ring: PAPER, width: 2 });
+      this.drawRobot(pen, this.motion.posture(time), { strength, ring: tone("paper"), width: 2 });
     });
   }
 
@@ -176,7 +181,7 @@ class Stage {
     const { orientation, positions, com } = this.motion.data.goal;
     const posture = this.motion.pose(orientation, positions, com);
     const links = this.linkLines(posture);
-    for (const [colour, extra] of [[INK, 6.5], [PAPER, 4]]) {
+    for (const [colour, extra] of [[tone("ink"), 6.5], [tone("paper"), 4]]) {
       pen.strokeStyle = colour;
       for (const [start, end, radius] of links) {
         pen.lineWidth = 2 * radius + extra;
@@ -202,7 +207,8 @@ class Stage {
       strokeLine(pen, start, end);
     }
     for (const [start, end, radius, part] of links) {
-      pen.strokeStyle = faded(this.colours[part], strength);
+      const stands = this.part === null || this.part === part;
+      pen.strokeStyle = faded(this.colours[part], stands ? strength : 0.35 * strength);
       pen.lineWidth = 2 * radius;
       strokeLine(pen, start, end);
     }
@@ -219,15 +225,15 @@ class Stage {
     }
     if (this.shown.trails) for (const trail of this.trails) this.drawTrail(pen, trail, time, 0.9, 2);
     const posture = this.motion.posture(time);
-    const links = this.drawRobot(pen, posture, { strength: 1, ring: PAPER, width: 2.5 });
+    const links = this.drawRobot(pen, posture, { strength: 1, ring: tone("paper"), width: 2.5 });
     const thinnest = Math.min(...links.map((link) => link[2]));
     for (const pivot of this.motion.data.robot.pivots) {
-      this.dot(pen, this.motion.place(posture, pivot), Math.max(0.35 * thinnest, 1.5), PAPER, null);
+      this.dot(pen, this.motion.place(posture, pivot), Math.max(0.35 * thinnest, 1.5), tone("paper"), null);
     }
     this.motion.data.frames.forEach((frame, index) => {
-      this.dot(pen, this.motion.place(posture, frame.weights), Math.max(0.8 * thinnest, 3.5), PAPER, TRAILS.frames[index]);
+      this.dot(pen, this.motion.place(posture, frame.weights), Math.max(0.8 * thinnest, 3.5), tone("paper"), shade(TRAILS.frames[index]));
     });
-    this.dot(pen, posture.com, 4, INK, PAPER);
+    this.dot(pen, posture.com, 4, tone("ink"), tone("paper"));
   }
 
   dot(pen, point, radius, fill, rim) {
@@ -251,13 +257,6 @@ function strokeLine(pen, start, end) {
   pen.moveTo(...start);
   pen.lineTo(end[0] + 1e-3, end[1]);
   pen.stroke();
-}
-
-/* A colour #rrggbb mixed with white paper: strength 1 is the colour. */
-function faded(colour, strength) {
-  if (strength === 1) return colour;
-  const parts = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
-  return `rgb(${parts.map((part) => Math.round(255 - strength * (255 - part))).join(",")})`;
 }
 
 /* The largest of ..., 0.5, 1, 2, 5, 10, ... that is not above a positive value. */

@@ -1,0 +1,82 @@
+"""``floatplan replay --replan`` and ``--authority``: flights that are corrected in the air, for people and programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from floatplan.cli.common import print_json
+from floatplan.cli.results import check_directory, naming_the_place
+from floatplan.cli.summary import print_summary
+from floatplan.errors import escaped
+from floatplan.inflight.authority import Authority, authority
+from floatplan.plans.plan import Plan
+from floatplan.simulation.closed_loop import BANDWIDTH, PERTURBED, closed_loop
+from floatplan.simulation.flights import ClosedLoop
+from floatplan.simulation.replay import Engine
+
+PAGE = "flights.html"
+
+
+def fly_many(
+    plan: Plan,
+    rate: float | None,
+    engine: Engine,
+    perturb: str,
+    flights: int,
+    seed: int,
+    feedback: float | None,
+    with_authority: bool,
+    output: Path | None,
+    json_output: bool,
+) -> None:
+    """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print."""
+    if output is not None:
+        check_directory(output)
+    flown = None
+    if rate is not None:
+        bandwidth = BANDWIDTH if feedback is None else feedback
+        flown = closed_loop(
+            plan, rate, perturb=perturb or PERTURBED, flights=flights, seed=seed, engine=engine, feedback=bandwidth
+        )
+    found = authority(plan) if with_authority else None
+    page = None if output is None else _write(plan, output / PAGE, flown, found)
+    if json_output:
+        facts: dict[str, Any] = {} if flown is None else flown.to_dict()
+        print_json(facts if found is None else {**facts, "authority": found.to_dict()})
+        return
+    print_summary(_summary(flown, found, page))
+
+
+def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | None) -> Path:
+    from floatplan.view.report.flights_page import write_flights_page
+
+    with naming_the_place(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write_flights_page(plan, path, flown, found)
+
+
+def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
+    from floatplan.view.report.flights_page import authority_rows, landing_rows
+
+    parts: list[RenderableType] = []
+    if flown is not None:
+        many = "1 flight" if flown.flights == 1 else f"{flown.flights} flights"
+        parts.append(Text(f"{many} in {flown.seconds:.3g} s, {flown.engine}, corrected at {flown.rate:g} Hz", "bold"))
+        parts.append(_table(("", "with corrections", "without"), landing_rows(flown)))
+    if found is not None:
+        parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(found)))
+    if page is not None:
+        parts.append(Text(escaped(str(page)), overflow="fold"))
+    return Group(*parts)
+
+
+def _table(titles: tuple[str, ...], rows: Any) -> Table:
+    table = Table(*titles, box=None, header_style="dim", pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,124 @@
+"""What is going on, on stderr: a bar in a terminal for what takes more than a second, and a log if asked for."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock, Timer
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+DELAY = 1.0  # [s] before a bar appears
+LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
+
+
+class Bar:
+    """A bar that appears in a terminal once its work has taken a second; elsewhere, words in a line each, or nothing.
+
+    Parameters
+    ----------
+    what : str
+        The work: "planning".
+    shown : bool
+        Whether there is a terminal to show the bar in.
+    told : bool
+        Whether words are printed where there is none.
+    """
+
+    def __init__(self, what: str, shown: bool, told: bool) -> None:
+        self._what, self._told = what, told
+        self._text, self._done, self._total = what, 0, 0
+        self._lock = Lock()
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        self._timer = Timer(DELAY, self._begin) if shown else None
+        if self._timer is not None:
+            self._timer.daemon = True
+            self._timer.start()
+
+    def say(self, words: str) -> None:
+        """Say in a few words how the work goes."""
+        if self._told:
+            typer.echo(f"{self._what}: {words}", err=True)
+        self._text = f"{self._what}: {words}"
+        self._update()
+
+    def reach(self, done: int, total: int) -> None:
+        """Say how much of the work is done."""
+        self._done, self._total = done, total
+        self._update()
+
+    def end(self) -> None:
+        """Take the bar away."""
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            self._timer = None
+            if self._bar is not None:
+                self._bar.stop()
+                self._bar = None
+
+    def _begin(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        with self._lock:
+            if self._timer is None:  # the work has ended meanwhile
+                return
+            columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._task = self._bar.add_task(self._text, total=self._total or None, completed=self._done)
+            self._bar.start()
+
+    def _update(self) -> None:
+        with self._lock:
+            if self._bar is not None and self._task is not None:
+                total = self._total or None
+                self._bar.update(self._task, description=self._text, total=total, completed=self._done)
+
+
+@contextmanager
+def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[Bar]:
+    """Show that work is going on.
+
+    Parameters
+    ----------
+    what : str
+        The work: "planning".
+    quiet : bool
+        Whether nothing is shown at all.
+    tell : bool
+        Whether words go to stderr also where there is no terminal.
+    """
+    heard = not quiet and sys.stderr is not None and not logging.getLogger("floatplan").handlers
+    terminal = heard and sys.stderr.isatty()
+    bar = Bar(what, shown=terminal, told=heard and tell and not terminal)
+    try:
+        yield bar
+    finally:
+        bar.end()
+
+
+@contextmanager
+def log_on_stderr(verbose: bool) -> Iterator[None]:
+    """Print what the package logs, where it is asked for."""
+    if not verbose or sys.stderr is None:
+        yield
+        return
+    log = logging.getLogger("floatplan")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter(LOG_FORMAT))
+    before = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)

@@ -1,0 +1,163 @@
+"""How much corrections can do: the errors of momentum and of inertia from which the landing is still reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.files import plain
+from floatplan.inflight.outlook import Outlook, Present
+from floatplan.inflight.replanner import Replanner
+from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.quadrature import gauss_legendre
+from floatplan.plans.plan import Plan
+
+REACHED = 0.01  # [rad] of the goal: a landing within half a degree
+SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
+LARGEST = 0.5  # [-] error that is tried
+RESOLUTION = 0.01  # [-] of an interval's ends
+RATE = 40  # [-] corrections per flight
+ALLOWED = 0.01  # [-] by which a limit may be broken; of distances, of 0.1 m, beyond the margin
+NODES = 6  # [-] of the quadrature from correction to correction
+
+
+@dataclass(frozen=True, eq=False)
+class Authority:
+    """From which errors the landing is reached, by when corrections begin.
+
+    Attributes
+    ----------
+    times : (K,) s since takeoff
+        When corrections begin; before, the robot follows the plan.
+    momentum, inertia : (K, 2)
+        Least and largest relative error from which it lands at the goal and keeps the problem's limits: of the angular
+        momentum, or of all inertia of the bodies but the base's. NaN where no error at all is survived. At most
+        ``largest`` is tried.
+    largest : float
+    reached : rad, the miss that counts as reached
+    """
+
+    times: Array
+    momentum: Array
+    inertia: Array
+    largest: float
+    reached: float
+
+    def until(self, error: float) -> float | None:
+        """Latest of ``times``, s, from which a momentum error of this size, either way, is still corrected."""
+        size = abs(error)
+        enough = (self.momentum[:, 0] <= -size) & (self.momentum[:, 1] >= size)
+        return float(self.times[enough].max()) if enough.any() else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan replay --authority --json`` prints."""
+        facts: dict[str, Any] = plain({name: getattr(self, name) for name in self.__dataclass_fields__})
+        return facts
+
+
+def authority(plan: Plan) -> Authority:
+    """Return from which errors of momentum and of inertia corrections in flight reach the landing, and until when.
+
+    The joints are taken to follow their reference exactly, and what is measured to be exact: no controller does better.
+    The angular momentum has the error from takeoff on; corrections begin later. Errors are bisected from zero outwards.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Raises
+    ------
+    InputError
+        The plan reaches no goal, or has no angular momentum to be wrong.
+    """
+    replanner = Replanner(plan, RATE / plan.duration)
+    times = plan.duration * np.array(SHARES)
+
+    def with_momentum(error: float, begin: float) -> bool:
+        momentum = plan.angular_momentum * (1 + error)
+        return _lands(replanner, replanner.views.flight.equations, momentum, begin)
+
+    def with_inertia(error: float, begin: float) -> bool:
+        return _lands(replanner, _heavier(replanner, error), plan.angular_momentum, begin)
+
+    return Authority(
+        read_only(times), _intervals(with_momentum, times), _intervals(with_inertia, times), LARGEST, REACHED
+    )
+
+
+def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
+    """Ends (K, 2) of the errors from which a flight lands; later ones are within earlier ones."""
+    found = []
+    reach = [LARGEST, LARGEST]
+    for begin in times.tolist():
+        if not lands(0.0, begin):
+            found.append((np.nan, np.nan))
+            continue
+        reach = [_farthest(lands, sign, begin, most) for sign, most in zip((-1.0, 1.0), reach, strict=True)]
+        found.append((-reach[0], reach[1]))
+    return read_only(found)
+
+
+def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
+    """Largest size up to ``most`` of an error of that sign from which a flight lands, by bisection."""
+    low, high = 0.0, most
+    if most <= RESOLUTION or lands(sign * most, begin):
+        return most
+    while high - low > RESOLUTION:
+        middle = (low + high) / 2
+        low, high = (middle, high) if lands(sign * middle, begin) else (low, middle)
+    return low
+
+
+def _heavier(replanner: Replanner, error: float) -> Dynamics:
+    """The robot with other masses and inertias of all bodies but the base."""
+    tree = replanner.plan.robot.tree
+    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    factor = np.full(len(tree.mass), error)
+    factor[0] = 0.0
+    coupling = centroidal_coupling(tree) + weights.conj().T @ ((factor * tree.mass)[:, None] * weights)
+    return replanner.views.flight.equations.adapted(coupling, tree.inertia * (1 + factor))
+
+
+def _lands(replanner: Replanner, robot: Dynamics, momentum: float, begin: float) -> bool:
+    """Whether a robot with a momentum reaches the goal within all limits, corrected from ``begin`` on."""
+    plan = replanner.plan
+    replanner.reset()
+    orientation, time, step = plan.problem.initial.orientation, 0.0, plan.duration / RATE
+    quadrature = gauss_legendre(NODES)
+    for number in range(RATE):
+        following = (number + 1) * step
+        if time >= begin - 1e-9 * plan.duration:
+            positions, velocities, _ = replanner.motion.at(time)
+            rate = float(robot.base_rate(positions, velocities, momentum)[0])
+            replanner.update(time, orientation, rate, positions[0], velocities[0])
+        if not _within(replanner, Present(time, orientation, momentum, _path(plan, time), robot), following):
+            return False
+        times = time + (following - time) * quadrature.nodes
+        positions, velocities, _ = replanner.motion.at(times)
+        orientation += (following - time) * float(quadrature.weights @ robot.base_rate(positions, velocities, momentum))
+        time = following
+    return abs(orientation - plan.problem.final.orientation) <= REACHED
+
+
+def _path(plan: Plan, time: float) -> Ballistics:
+    """Path of the centre of mass from a time on."""
+    path, now = plan.ballistics, np.array([time])
+    return Ballistics(path.positions(now)[0], path.velocities(now)[0], path.gravity)
+
+
+def _within(replanner: Replanner, present: Present, following: float) -> bool:
+    """Whether the present motion keeps all limits until a following time."""
+    views = replanner.views
+    if not views.rows:
+        return True
+    motion = replanner.rewriting.from_now(replanner.motion, present.time, replanner.landing)
+    soon = views.grid.s <= (following - present.time) / motion.remaining
+    values = Outlook(views, motion, present).values
+    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in values)

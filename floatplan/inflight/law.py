@@ -1,0 +1,112 @@
+"""The law of corrections: least miss at the landing, change of the accelerations, and breach of limits, softly.
+
+With the miss c, the change y of the motion and the rows g of the limits that are near, a few Gauss-Newton steps on
+
+    c^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
+
+tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for it
+both go to zero, and the minimal-norm correction's torque would grow like ``1 / tau^2``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.inflight.limits import Rows
+from floatplan.inflight.outlook import Outlook
+from floatplan.motion.sine_polynomial import CONDITIONS
+
+EVALUATIONS = 2  # [-] of motions at most
+EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
+FAR = 20.0  # [-] sigmas
+SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
+SHORTER = 0.3  # [-] of a step that is no better
+MOST_ROWS = 24  # [-] of a block that are looked at in a step
+KEPT = 1e-3  # [-] a row that is less below zero counts as kept
+SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
+
+
+@dataclass(frozen=True)
+class Law:
+    """The weights of the law: ``sigma`` rad of the landing, ``acceleration`` rad/s^2 of a correction."""
+
+    sigma: float
+    acceleration: float
+    rows: tuple[Rows, ...]
+
+    def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
+        """Return the outlook after the correction, and the share of the correction that was taken.
+
+        Motions are evaluated so many times at most, twice as often where the landing is far from the goal: then first
+        as if the base were to reach it, see :meth:`Outlook.as_landed`.
+        """
+        if self.rows and abs(present.miss) > FAR * self.sigma:
+            outlook = self._solved(present.as_landed(), max(evaluations, EVALUATIONS_FAR))[0].as_it_is()
+            if abs(outlook.miss) < abs(present.miss) / 2 and self._keeps(outlook, present):
+                return outlook, 1.0
+        outlook, best = self._solved(present, evaluations)
+        if self._keeps(outlook, present):
+            return outlook, 1.0
+        for scale in SCALES:
+            part = present.changed(scale * best)
+            if self._keeps(part, present) and abs(part.miss) < abs(present.miss):
+                return part, scale
+        return present, 0.0
+
+    def _solved(self, present: Outlook, evaluations: int) -> tuple[Outlook, Array]:
+        """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better."""
+        y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
+        stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
+        best, outlook, least = y, present, self._cost(present, y, stiffness)
+        step, expected = self._step(outlook, best, stiffness)
+        for _ in range(evaluations):
+            if least - expected < SETTLED**2:
+                break
+            y = best + step
+            tried = present.changed(y)
+            cost = self._cost(tried, y, stiffness)
+            if not cost < least:
+                step = SHORTER * step
+                if not np.isfinite(cost) or stiffness * (step @ step) < SETTLED**2:
+                    break
+                continue
+            settled = cost - expected <= SETTLED * cost + SETTLED**2
+            best, outlook, least = y, tried, cost
+            if settled:
+                break
+            step, expected = self._step(outlook, best, stiffness)
+        return outlook, best
+
+    @staticmethod
+    def _keeps(outlook: Outlook, present: Outlook) -> bool:
+        """Whether a correction keeps what the present motion keeps; what that breaks, the cost has weighed."""
+        return bool(((outlook.worst >= -KEPT) | (present.worst < -KEPT)).all())
+
+    def _cost(self, outlook: Outlook, y: Array, stiffness: float) -> float:
+        violation = outlook.violation
+        return (outlook.miss / self.sigma) ** 2 + stiffness * float(y @ y) + float(violation @ violation)
+
+    def _step(self, outlook: Outlook, y: Array, stiffness: float) -> tuple[Array, float]:
+        """One step, and the cost that it would have if everything were linear."""
+        rows = [outlook.miss_by_y[None, :] / self.sigma]
+        residual = [np.array([outlook.miss / self.sigma])]
+        first, violation = 0, outlook.violation
+        for block, values in zip(self.rows, outlook.values, strict=True):
+            below = violation[first : first + values.size]
+            first += values.size
+            near = np.flatnonzero(below)
+            if near.size > MOST_ROWS:
+                near = near[np.argpartition(-below[near], MOST_ROWS)[:MOST_ROWS]]
+            if near.size:
+                instants, columns = np.divmod(near, values.shape[1])
+                rows.append(outlook.rows_by_y(block, instants, columns) / block.softness)
+                residual.append(-below[near])
+        jacobian, residuals = np.concatenate(rows), np.concatenate(residual)
+        hessian = jacobian.T @ jacobian
+        hessian.flat[:: len(y) + 1] += stiffness
+        step = np.linalg.solve(hessian, -(jacobian.T @ residuals + stiffness * y))
+        after = residuals + jacobian @ step
+        return step, float(after @ after + stiffness * (y + step) @ (y + step))

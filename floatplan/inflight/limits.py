@@ -1,0 +1,250 @@
+"""What must hold for the rest of a flight: rows of the problem's limits, and how the worst of them change.
+
+A row is kept where its value is at least zero: one minus the share of a limit that is used, or a clearance less its
+margin over ``LENGTH_SCALE``, as in the planner's constraints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.motion.planar.clearance import Distances, Segments, obstacle_distances, pair_distances
+from floatplan.motion.planar.closed_form import BaseRate
+from floatplan.motion.planar.flight import PlanarFlown
+from floatplan.plans.plan import Plan
+from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import LinkCapsule
+from floatplan.tables import JOINT_LIMITS
+
+SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
+LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
+
+
+@dataclass(frozen=True, eq=False)
+class RowPartials:
+    """Derivatives of S rows by the state at their instants: by positions, velocities, accelerations (S, n).
+
+    ``by_attitude`` (S,) is by the orientation. None is zero.
+    """
+
+    by_position: Array | None = None
+    by_velocity: Array | None = None
+    by_acceleration: Array | None = None
+    by_attitude: Array | None = None
+
+
+class Ahead(Protocol):
+    """The rest of a flight: at K instants, the last W of which are watched for distances."""
+
+    @property
+    def flown(self) -> PlanarFlown:
+        """How the base turns."""
+
+    @property
+    def watched(self) -> Array:
+        """Times (W,), s since takeoff."""
+
+    @property
+    def shapes(self) -> Segments:
+        """The links' shapes at these."""
+
+    @property
+    def measured(self) -> dict[object, Distances]:
+        """What blocks of rows have measured of it."""
+
+
+class Rows(Protocol):
+    """A block of rows at the last instants of a flight ahead: all K, or the W watched ones."""
+
+    @property
+    def aim(self) -> float:
+        """Value that corrections aim at, above zero."""
+
+    @property
+    def softness(self) -> float:
+        """By how much a row may miss its aim where the landing may miss the goal by sigma."""
+
+    def values(self, ahead: Ahead) -> Array:
+        """Values (K, r) or (W, r)."""
+
+    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
+        """Derivatives of the rows at some instants, each (S,) indices."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointRows:
+    """``1 - |rate| / limit`` of velocities, accelerations or the base's rate; ``limited`` (r,) are indices."""
+
+    quantity: str
+    limited: IntArray
+    limit: Array
+    aim: float = 0.02
+    softness: float = 0.01
+
+    def values(self, ahead: Ahead) -> Array:
+        """Values (K, r)."""
+        return np.asarray(1 - np.abs(self._quantity(ahead.flown)[:, self.limited]) / self.limit)
+
+    def _quantity(self, flown: PlanarFlown) -> Array:
+        if self.quantity == "orientation_rate":
+            return flown.rate
+        return flown.joints.velocities if self.quantity == "velocities" else flown.joints.accelerations
+
+    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
+        """Derivatives of the rows."""
+        factor = -np.sign(self._quantity(ahead.flown)[instants, self.limited[rows]]) / self.limit[rows]
+        if self.quantity == "orientation_rate":
+            rate = ahead.flown.base_rate
+            return RowPartials(
+                by_position=factor[:, None] * rate.by_position[instants],
+                by_velocity=factor[:, None] * rate.by_velocity[instants],
+            )
+        chosen = np.zeros((len(instants), ahead.flown.joints.positions.shape[1]))
+        chosen[np.arange(len(instants)), self.limited[rows]] = factor
+        return RowPartials(by_velocity=chosen) if self.quantity == "velocities" else RowPartials(by_acceleration=chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRows:
+    """``1 - (|torque| + slope |rate|) / limit`` of torques that turn the bodies by ``turns`` (m, r).
+
+    ``ratios`` (r, n) are the derivatives of the motors' positions by the planned ones.
+    """
+
+    turns: Array
+    ratios: Array
+    limit: Array
+    slope: Array
+    aim: float = 0.02
+    softness: float = 0.01
+
+    def values(self, ahead: Ahead) -> Array:
+        """Values (K, r)."""
+        flown = ahead.flown
+        rates = flown.joints.velocities @ self.ratios.T
+        return np.asarray(1 - (np.abs(flown.moments @ self.turns) + self.slope * np.abs(rates)) / self.limit)
+
+    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
+        """Derivatives of the rows."""
+        flown = ahead.flown
+        joints, rate = flown.joints, flown.base_rate
+        where, of_instant = np.unique(instants, return_inverse=True)
+        some = BaseRate(
+            rate.rate[where], rate.by_velocity[where], rate.by_momentum[where], lambda: rate.by_position[where]
+        )
+        moments = flown.flight.equations.moment_derivatives(
+            joints.positions[where], joints.velocities[where], joints.accelerations[where], some
+        )
+        turns = self.turns.T[rows]
+        torque = (moments.values[of_instant] * turns).sum(axis=1)
+        speed = (joints.velocities[instants] * self.ratios[rows]).sum(axis=1)
+        factor = (-np.sign(torque) / self.limit[rows])[:, None]
+        total = factor * np.einsum("sm,smd->sd", turns, moments.derivatives[of_instant])
+        n = joints.positions.shape[1]
+        drag = (np.sign(speed) * self.slope[rows] / self.limit[rows])[:, None] * self.ratios[rows]
+        return RowPartials(total[:, :n], total[:, n : 2 * n] - drag, total[:, 2 * n : 3 * n])
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceRows:
+    """Distances between surfaces, less a margin, over ``LENGTH_SCALE``; at the instants of the window, s."""
+
+    measure: Callable[[Segments, Array], Distances]
+    margin: float
+    window: tuple[float, float]
+    aim: float = 0.1
+    softness: float = 0.02
+
+    def values(self, ahead: Ahead) -> Array:
+        """Values (W, r); infinite outside of the window."""
+        times = ahead.watched
+        distances = ahead.measured[self] = self.measure(ahead.shapes, times)
+        values = (distances.values - self.margin) / LENGTH_SCALE
+        low, high = self.window
+        values[(times < low) | (times > high)] = np.inf
+        return values
+
+    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
+        """Derivatives of the rows, whose values are known."""
+        by_body = ahead.measured[self].by_body_at(instants, rows) / LENGTH_SCALE
+        return RowPartials(by_position=by_body @ ahead.flown.flight.tree.turns, by_attitude=by_body.sum(axis=1))
+
+
+def limit_rows(problem: Problem) -> tuple[Rows, ...]:
+    """Return the rows of all limits of a problem but distances; joint ranges need none."""
+    return (*_torque_rows(problem), *_joint_rows(problem))
+
+
+def sensible_rows(plan: Plan) -> tuple[Rows, ...]:
+    """Return a bound of the accelerations of joints that the problem does not limit: a multiple of the plan's largest.
+
+    Without it a goal that cannot be reached any more would be chased harder and harder until the landing.
+    """
+    problem, ratios = plan.problem, plan.robot.motor_ratios != 0
+    held = np.isfinite(np.minimum(problem.motor_torque_limits, problem.motor_stall))
+    limited = (~ratios | held[:, None]).all(axis=0) | np.isfinite(problem.joint_limits["acceleration"])
+    free = np.flatnonzero(~limited & ~np.isfinite(problem.torque_limits))
+    largest = float(plan.peaks.joints["acceleration"].max())
+    if not free.size or not largest:
+        return ()
+    return (JointRows("accelerations", free, np.full(free.size, SENSIBLE * largest)),)
+
+
+def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Rows]:
+    """Return the rows of all obstacles and pairs of links, measured to ``shapes``."""
+    obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
+    blocks: list[Rows] = [
+        DistanceRows(_to_obstacle(obstacle), obstacle.margin, obstacle.window or (-np.inf, np.inf))
+        for obstacle in obstacles
+    ]
+    links = [shape.link for shape in shapes]
+    for pair in problem.self_clearances:
+        first, second = (np.flatnonzero([link == name for link in links]) for name in pair.links)
+        blocks.append(DistanceRows(_between(first, second), pair.margin, (-np.inf, np.inf)))
+    return blocks
+
+
+def _to_obstacle(obstacle: Obstacle) -> Callable[[Segments, Array], Distances]:
+    return lambda segments, times: obstacle_distances(segments, obstacle, times)
+
+
+def _between(first: IntArray, second: IntArray) -> Callable[[Segments, Array], Distances]:
+    return lambda segments, _: pair_distances(segments.of(first), segments.of(second))
+
+
+def _torque_rows(problem: Problem) -> list[Rows]:
+    """Each motor's own torque, alone and with its rate; generalised ones where they have a limit of their own."""
+    robot = problem.robot
+    still = np.zeros(len(robot.motors))
+    blocks = [
+        (robot.tree.motor_turns, robot.motor_ratios, problem.motor_torque_limits, still),
+        (robot.tree.motor_turns, robot.motor_ratios, problem.motor_stall, problem.motor_slope),
+        (robot.tree.turns, np.eye(len(robot.joints)), _generalized_limits(problem), np.zeros(len(robot.joints))),
+    ]
+    rows: list[Rows] = []
+    for turns, ratios, limit, slope in blocks:
+        limited = np.flatnonzero(np.isfinite(limit))
+        if limited.size:
+            rows.append(TorqueRows(turns[:, limited], ratios[limited], limit[limited], slope[limited]))
+    return rows
+
+
+def _generalized_limits(problem: Problem) -> Array:
+    """Limits (n,) of the generalised torques; infinite where the motors' own imply them."""
+    robot, own = problem.robot, np.isfinite(problem.motor_torque_limits)
+    implied = ((robot.motor_ratios == 0) | own[:, None]).all(axis=0)
+    return np.where(implied, np.inf, problem.torque_limits)
+
+
+def _joint_rows(problem: Problem) -> list[Rows]:
+    limits = {row.quantity: problem.joint_limits[row.key] for row in JOINT_LIMITS}
+    if problem.limits.orientation_rate is not None:
+        limits["orientation_rate"] = np.array([problem.limits.orientation_rate])
+    finite = {quantity: np.flatnonzero(np.isfinite(limit)) for quantity, limit in limits.items()}
+    return [JointRows(name, rows, limits[name][rows]) for name, rows in finite.items() if rows.size]

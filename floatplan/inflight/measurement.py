@@ -1,0 +1,88 @@
+"""What is measured in flight, checked: numbers of the right shapes, in time, and near what was to be expected."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array
+from floatplan.plans.plan import Plan
+
+ORIENTATION_JUMP = 0.6  # [rad] beside what is expected; a turn more or less is never accepted
+LARGEST_JUMP = 2.0  # [rad] the same, long after the last measurement
+POSITION_JUMP = 0.6  # [rad] of a joint beside its reference
+RATE_JUMP = 3.0  # [rad/s] of base and joints beside the expected, and as much again as the plan's fastest
+PLACE_JUMP = 1.0  # [m] of the centre of mass
+SPEED_JUMP = 3.0  # [m/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """The robot at a time, s since takeoff; units and shapes as of :meth:`floatplan.inflight.replanner.Replanner`."""
+
+    time: float
+    orientation: float
+    orientation_rate: float
+    positions: Array
+    velocities: Array
+    com_position: Array | None = None
+    com_velocity: Array | None = None
+
+
+def read(
+    t: float,
+    orientation: float,
+    orientation_rate: float,
+    joints: tuple[npt.ArrayLike, npt.ArrayLike],
+    com: tuple[npt.ArrayLike | None, npt.ArrayLike | None],
+    size: int,
+) -> Measurement | None:
+    """Return a measurement of ``size`` joints; None where anything is no finite number or of another shape."""
+    try:
+        time, angle, rate = float(t), float(orientation), float(orientation_rate)
+        positions, velocities = (np.array(values, dtype=np.float64).reshape(size) for values in joints)
+        place, speed = (None if value is None else np.array(value, dtype=np.float64).reshape(2) for value in com)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if (place is None) != (speed is None):
+        return None
+    arrays = [positions, velocities, *([] if place is None or speed is None else [place, speed])]
+    if not all(map(math.isfinite, (time, angle, rate))) or not all(np.isfinite(values).all() for values in arrays):
+        return None
+    return Measurement(time, angle, rate, positions, velocities, place, speed)
+
+
+class Plausibility:
+    """Bounds of what a measurement may differ by from what was expected."""
+
+    def __init__(self, plan: Plan) -> None:
+        state = plan.at(np.linspace(0.0, plan.duration, 65))
+        fastest = float(np.abs(state.orientation_rate).max())
+        self._drift = 0.5 * fastest
+        self._base_rate = RATE_JUMP + fastest
+        self._joint_rate = RATE_JUMP + 2 * np.abs(state.velocities).max(axis=0)
+
+    def joints(self, measured: Measurement, positions: Array, velocities: Array) -> bool:
+        """Whether joints are near their reference (n,)."""
+        near = np.abs(measured.positions - positions) <= POSITION_JUMP
+        slow = np.abs(measured.velocities - velocities) <= self._joint_rate
+        return bool(near.all() and slow.all())
+
+    def base(self, measured: Measurement, orientation: float, rate: float, unseen: float) -> bool:
+        """Whether the base is near what is expected, ``unseen`` s after the last measurement."""
+        reach = min(ORIENTATION_JUMP + self._drift * unseen, LARGEST_JUMP)
+        return (
+            abs(measured.orientation - orientation) <= reach
+            and abs(measured.orientation_rate - rate) <= self._base_rate
+        )
+
+    @staticmethod
+    def com(measured: Measurement, position: Array, velocity: Array) -> bool:
+        """Whether the centre of mass is near its path."""
+        if measured.com_position is None or measured.com_velocity is None:
+            return True
+        near = np.abs(measured.com_position - position) <= PLACE_JUMP
+        return bool(near.all() and (np.abs(measured.com_velocity - velocity) <= SPEED_JUMP).all())

@@ -1,0 +1,114 @@
+"""The rest of a flight: joint motions (12) from now to the landing, written anew exactly at each correction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import chebyshev
+
+from floatplan.arrays import Array, read_only
+from floatplan.motion.quadrature import chebyshev_values
+from floatplan.motion.sine_polynomial import CONDITIONS, Form, WrittenMotion, basis
+from floatplan.plans.plan import Plan
+
+LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
+
+
+@dataclass(frozen=True, eq=False)
+class RemainingMotion:
+    """Joints from ``begin`` to ``end``, s since takeoff: ``centre + amplitude sin(p)``, p a polynomial of time.
+
+    Attributes
+    ----------
+    centre, amplitude : (n,) rad
+    begin, end : s
+        The landing is at ``end``.
+    coefficients : (6+m, n)
+        Of p in ``basis``: p and two derivatives by u = (t - begin) / (end - begin) at both ends, then those of the m
+        free polynomials.
+    table : (k+1, 3 (6+m))
+        Of their values and two derivatives by u, in Chebyshev polynomials of 2 u - 1.
+    """
+
+    centre: Array
+    amplitude: Array
+    begin: float
+    end: float
+    coefficients: Array
+    table: Array
+
+    @property
+    def remaining(self) -> float:
+        """Time from ``begin`` to ``end``, s."""
+        return self.end - self.begin
+
+    def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, velocities, accelerations (N, n) at times (N,), s since takeoff; at rest outside of its time."""
+        instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        p, rate, curvature = self.p(instants)
+        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        positions, velocities = self.centre + sine, cosine * rate
+        accelerations = cosine * curvature - sine * rate**2
+        outside = (instants > self.end) | (instants < self.begin)
+        if outside.any():
+            velocities[outside] = accelerations[outside] = 0.0
+        return positions, velocities, accelerations
+
+    def p(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return p, p', p'' (N, n) by time at times (N,); at the nearer end outside of its time."""
+        u = np.minimum(np.maximum((times - self.begin) / self.remaining, 0.0), 1.0)
+        values = chebyshev_values(2 * u - 1, len(self.table) - 1) @ self.table
+        value, first, second = values.reshape(len(u), 3, -1).transpose(1, 0, 2) @ self.coefficients
+        return value, first / self.remaining, second / self.remaining**2
+
+
+class Rewriting:
+    """Writes motions on a shorter time: the values at Chebyshev points fix all coefficients.
+
+    Exact while the landing time stays. Where it moves, p keeps p, p', p'' at both ends, by time, and its free part.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        size = max(plan.coefficients.shape[1], CONDITIONS + LEAST_FREE)
+        self.form = Form(size - CONDITIONS)
+        functions = basis(self.form)
+        derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
+        self._table = read_only(np.concatenate([_padded(part, size) for part in derivatives], axis=1))
+        self._points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
+        self._of_values = np.linalg.inv(functions.values(self._points)[0])
+        written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
+        self._plan = plan
+        p, rate, curvature = written.chebyshev
+        polynomials = chebyshev_values(2 * self._points - 1, len(p) - 1)
+        ends = chebyshev_values(np.array([-1.0, 1.0]), len(p) - 1)
+        coefficients = self._of_values @ (polynomials @ p)
+        boundary = [ends[:, : len(part)] @ part for part in (p, rate, curvature)]
+        self._set_boundary(coefficients, [part[0] for part in boundary], [part[1] for part in boundary], plan.duration)
+        self._landing = [part[1] for part in boundary]
+        self.first = RemainingMotion(
+            np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
+        )
+
+    def from_now(self, motion: RemainingMotion, now: float, end: float) -> RemainingMotion:
+        """Return the motion from ``now``, s, to a landing at ``end``: positions to accelerations go on at ``now``."""
+        points = now + self._points * (motion.end - now)
+        instants = np.append(points, now)
+        p, rate, curvature = motion.p(instants)
+        coefficients = self._of_values @ p[:-1]
+        self._set_boundary(coefficients, [p[-1], rate[-1], curvature[-1]], self._landing, end - now)
+        return RemainingMotion(motion.centre, motion.amplitude, now, end, coefficients, self._table)
+
+    @staticmethod
+    def _set_boundary(coefficients: Array, begin: list[Array], end: list[Array], duration: float) -> None:
+        """Put p, p', p'' by time at both ends into the coefficients of the basis, by u."""
+        for order in range(3):
+            coefficients[order] = begin[order] * duration**order
+            coefficients[3 + order] = end[order] * duration**order
+
+
+def _padded(columns: npt.NDArray[np.floating[Any]], size: int) -> Array:
+    """The same polynomials with so many coefficients, zeros at the end."""
+    return np.concatenate((columns, np.zeros((size - len(columns), columns.shape[1]))))

@@ -1,0 +1,243 @@
+"""What will come of a motion: the rest of a flight from the present orientation, momentum and place, and its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray, read_only
+from floatplan.inflight.limits import RowPartials, Rows, distance_rows, limit_rows, sensible_rows
+from floatplan.inflight.motion import RemainingMotion
+from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.motion.planar.clearance import Distances, LinkShapes, Segments
+from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, PlanarFlown, gauss_grid, planar_flight
+from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.motion.sine_polynomial import CONDITIONS, Form, SinePolynomials, basis
+from floatplan.plans.plan import Plan
+from floatplan.robot.robot import LinkCapsule, PlanarTree
+
+RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
+WATCHED = 40  # [-] instants at which distances are watched
+LIMITED = 8  # [-] instants besides the nodes at which limits are, where nothing is watched
+SAME = 1e-9  # [m] shapes that are nowhere further apart are one
+
+
+@dataclass(frozen=True, eq=False)
+class Present:
+    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on, masses."""
+
+    time: float
+    orientation: float
+    angular_momentum: float
+    com: Ballistics
+    dynamics: Dynamics
+
+
+class Views:
+    """What all looks ahead of a plan have in common: the instants, as shares of what remains, and the rows."""
+
+    def __init__(self, plan: Plan, form: Form) -> None:
+        problem = plan.problem
+        flight = planar_flight(problem)
+        shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
+        self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes))
+        distances = distance_rows(problem, shapes)
+        self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
+        self.grid: GaussGrid = gauss_grid(NODE_COUNTS[_level(plan)]).also(
+            np.linspace(0.0, 1.0, WATCHED if distances else LIMITED)
+        )
+        self.values = basis(form).values(self.grid.s)
+        gram = _second_derivatives(form)
+        self.whitening = np.linalg.inv(np.linalg.cholesky(gram)).T
+        self.free = tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in self.values)
+        self.motor_turns = plan.robot.tree.motor_turns
+        self._weights: tuple[Array, Array] | None = None
+
+    def weights(self, values: tuple[Array, ...]) -> tuple[Array, Array]:
+        """Return aim and softness of each value, one block after the other; they are made once."""
+        if self._weights is None:
+            sizes = [block.size for block in values]
+            aim, softness = ([getattr(block, name) for block in self.rows] for name in ("aim", "softness"))
+            self._weights = np.repeat(aim, sizes), np.repeat(softness, sizes)
+        return self._weights
+
+
+def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
+    """Return the shapes without those that always are where another is: of legs that move together."""
+    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, tree.turns.shape[1]))
+    placed = LinkShapes(tree, shapes).place(np.zeros(3, complex), tree.absolute_angles(np.zeros(3), postures))
+    where = np.concatenate((placed.start, placed.end)).T
+    keys = np.concatenate((where.real, where.imag, placed.radius[:, None]), axis=1)
+    _, first = np.unique(np.rint(keys / SAME), axis=0, return_index=True)
+    return tuple(shapes[index] for index in sorted(first))
+
+
+def _level(plan: Plan) -> int:
+    """Level of nodes that resolves theta0' of the plan well enough."""
+    flight = planar_flight(plan.problem)
+    level = 0
+    for level, count in enumerate(NODE_COUNTS):  # noqa: B007
+        quadrature = gauss_grid(count).quadrature
+        positions, velocities, _ = plan.joint_motion(quadrature.nodes * plan.duration)
+        rates = flight.equations.base_rate(positions, velocities, plan.angular_momentum)
+        if quadrature.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
+            break
+    return level
+
+
+def _second_derivatives(form: Form) -> Array:
+    """Gram matrix (m, m) of the second derivatives by u of the free polynomials."""
+    quadrature = gauss_grid(NODE_COUNTS[-1] if form.width > 20 else 48).quadrature
+    second = basis(form).values(quadrature.nodes)[2][:, CONDITIONS:]
+    return np.asarray(second.T @ (quadrature.weights[:, None] * second))
+
+
+class Outlook:
+    """The rest of a flight under a motion, evaluated when asked.
+
+    Changes y (n m,) of the free polynomials, joint by joint, are in rad and make a second derivative of the positions
+    by u whose root mean square is at most ``|y|``.
+    """
+
+    def __init__(self, views: Views, motion: RemainingMotion, present: Present, landed: bool = False) -> None:
+        self._views, self.motion, self._present, self._landed = views, motion, present, landed
+
+    def as_landed(self) -> Outlook:
+        """Return the same, its distances those of a base that turns to the goal: the miss is taken off, by time.
+
+        So that a base far from its goal, whose feet would be in the ground, is not kept from turning through there.
+        """
+        return Outlook(self._views, self.motion, self._present, landed=True)
+
+    def as_it_is(self) -> Outlook:
+        """Return the same, its distances those of the base as it turns."""
+        return Outlook(self._views, self.motion, self._present)
+
+    @cached_property
+    def watched(self) -> Array:
+        """Times (W,), s since takeoff, at which distances are watched."""
+        grid = self._views.grid
+        return self.motion.begin + self.motion.remaining * grid.s[grid.nodes :]
+
+    @cached_property
+    def shapes(self) -> Segments:
+        """The links' shapes at these."""
+        flown, motion, nodes = self.flown, self.motion, self._views.grid.nodes
+        com = self._present.com.positions(self.watched - motion.begin)
+        angles = flown.angles[nodes:]
+        if self._landed:
+            angles = angles - (self.miss * self._views.grid.s[nodes:])[:, None]
+        return flown.flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+
+    @cached_property
+    def measured(self) -> dict[object, Distances]:
+        """What blocks of rows have measured."""
+        return {}
+
+    @cached_property
+    def flown(self) -> PlanarFlown:
+        """How the base turns."""
+        views, motion, present = self._views, self.motion, self._present
+        n = len(motion.amplitude)
+        shape = SinePolynomials(motion.centre, motion.amplitude, motion.remaining, np.empty((n, 0)), (0,) * n)
+        flight = PlanarFlight(
+            views.flight.tree,
+            present.dynamics,
+            views.flight.link_shapes,
+            present.com,
+            present.orientation,
+            views.flight.final_orientation,
+            motion.remaining,
+            views.flight.final_orientation - present.orientation,
+        )
+        joints = shape.motion_of_coefficients(motion.coefficients, views.values)
+        return PlanarFlown(flight, views.grid, joints, np.array([[present.angular_momentum]]))
+
+    @cached_property
+    def miss(self) -> float:
+        """Orientation at landing less the goal, rad."""
+        return float(self.flown.residual[0, 0])
+
+    @cached_property
+    def values(self) -> tuple[Array, ...]:
+        """Values (K, r) or (W, r) of each block of rows."""
+        return tuple(block.values(self) for block in self._views.rows)
+
+    @cached_property
+    def violation(self) -> Array:
+        """By how much all values, one block after the other, are below their aim, over the softness."""
+        if not self.values:
+            return np.zeros(0)
+        aim, softness = self._views.weights(self.values)
+        return np.asarray(np.maximum(aim - np.concatenate([block.ravel() for block in self.values]), 0.0) / softness)
+
+    @cached_property
+    def worst(self) -> Array:
+        """Least value of each block."""
+        return np.array([values.min() for values in self.values])
+
+    @cached_property
+    def torque_peak(self) -> Array:
+        """Largest torque (m,) of each motor for the rest of the flight, N m."""
+        return np.asarray(np.abs(self.flown.moments @ self._views.motor_turns).max(axis=0))
+
+    @cached_property
+    def _rate_by_y(self) -> Array:
+        """Derivatives (N, n m) of theta0' at the nodes."""
+        nodes, flown = self._views.grid.nodes, self.flown
+        rate = flown.base_rate
+        partials = RowPartials(rate.by_position[:nodes], rate.by_velocity[:nodes])
+        return self._chained(partials, np.arange(nodes))
+
+    @property
+    def miss_by_y(self) -> Array:
+        """Derivative (n m,) of the miss."""
+        return np.asarray(self.motion.remaining * (self._views.grid.weights @ self._rate_by_y))
+
+    def rows_by_y(self, block: Rows, instants: IntArray, rows: IntArray) -> Array:
+        """Derivatives (S, n m) of some rows of a block at some of its instants, each (S,) indices."""
+        grid = self._views.grid
+        partials = block.partials(self, instants, rows)
+        if partials.by_attitude is not None:
+            instants = grid.nodes + instants
+        derivatives = self._chained(partials, instants)
+        if partials.by_attitude is not None:
+            integrals = grid.integrals[instants]
+            if self._landed:
+                integrals = integrals - grid.s[instants, None] * grid.weights
+            turned = integrals @ self._rate_by_y
+            derivatives += (self.motion.remaining * partials.by_attitude)[:, None] * turned
+        return derivatives
+
+    def _chained(self, partials: RowPartials, instants: IntArray) -> Array:
+        joints, amplitude = self.flown.joints, self.motion.amplitude
+        by_value, by_rate, by_curvature = None, None, None
+        if partials.by_position is not None:
+            by_value = partials.by_position * joints.position_by_p[instants]
+        if partials.by_velocity is not None:
+            part = partials.by_velocity * joints.velocity_by_p[instants]
+            by_value = part if by_value is None else by_value + part
+            by_rate = partials.by_velocity * joints.velocity_by_rate[instants]
+        if partials.by_acceleration is not None:
+            part = partials.by_acceleration * joints.acceleration_by_p[instants]
+            by_value = part if by_value is None else by_value + part
+            part = partials.by_acceleration * joints.acceleration_by_rate[instants]
+            by_rate = part if by_rate is None else by_rate + part
+            by_curvature = partials.by_acceleration * joints.acceleration_by_curvature[instants]
+        total: Array | float = 0.0
+        for weight, free in zip((by_value, by_rate, by_curvature), self._views.free, strict=True):
+            if weight is not None:
+                total = total + (weight / amplitude)[:, :, None] * free[instants][:, None, :]
+        return np.asarray(total).reshape(len(instants), -1)
+
+    def changed(self, y: Array) -> Outlook:
+        """Return the outlook under the motion changed by y."""
+        motion = self.motion
+        coefficients = motion.coefficients.copy()
+        change = y.reshape(len(motion.amplitude), -1) / motion.amplitude[:, None]
+        coefficients[CONDITIONS:] += self._views.whitening @ change.T
+        changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.table)
+        return Outlook(self._views, changed, self._present, self._landed)

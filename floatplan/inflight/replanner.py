@@ -1,0 +1,344 @@
+"""Corrections while the robot is in the air: :class:`Replanner`."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.inflight.estimate import Estimate
+from floatplan.inflight.identification import Identification
+from floatplan.inflight.law import EVALUATIONS, KEPT, Law
+from floatplan.inflight.measurement import Measurement, Plausibility, read
+from floatplan.inflight.motion import RemainingMotion, Rewriting
+from floatplan.inflight.outlook import Outlook, Present, Views
+from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.quadrature import gauss_legendre
+from floatplan.plans.plan import Plan
+
+Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
+
+SIGMA = 0.003  # [rad] miss that is worth a correction of the plan's own accelerations
+MEMORY = 64  # [-] motions that are remembered, for measurements that come late
+GAP_NODES = 5  # [-] of the quadrature between measurements
+MISSED = 10.0  # [-] sigmas of a landing that is not the planned one
+FIRST = 12  # [-] evaluations of the first correction, the largest
+LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
+LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
+EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
+FASTEST = 1e5  # [Hz]
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What became of a measurement.
+
+    Attributes
+    ----------
+    status : "applied", "limited", "refused" or "invalid"
+        The motion was corrected and keeps all limits; it was corrected in part, or breaks a limit that the last one
+        breaks too; no part of a correction keeps the limits and the last motion stays; the measurement
+        cannot be one, or comes too late, and changes nothing.
+    motion : RemainingMotion
+        The joints' motion from now on.
+    predicted_miss : rad
+        Orientation at landing less the goal, under that motion; NaN before anything was measured.
+    torque_peak : (m,) N m
+        Largest magnitude of each motor's torque for the rest of the flight, in the order of ``robot.motors``.
+    reason : why it is not "applied"
+    landing : s
+        When the robot lands.
+    angular_momentum : kg m^2/s
+        As it is estimated.
+    """
+
+    status: Status
+    motion: RemainingMotion
+    predicted_miss: float
+    torque_peak: Array
+    reason: str
+    landing: float
+    angular_momentum: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What the joints are to do at a time.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations : (n,) rad, rad/s, rad/s^2
+    feedforward : (n,) N m
+        Generalised torques: a leader's moves its followers too.
+    motors : (m,) N m
+        Each motor's own torque, in the order of ``robot.motors``.
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    feedforward: Array
+    motors: Array
+
+
+class Replanner:
+    """Corrects a plan's motion in flight, so that the robot lands as planned with what it really took off with.
+
+    The joints' motion stays continuous to the accelerations and inside the joint ranges whatever is measured.
+    One object per flight and thread.
+
+    Parameters
+    ----------
+    plan : Plan
+    rate : float
+        Corrections per second at most, Hz; calls between them measure only.
+    sigma : float
+        Miss of the orientation, rad, that is worth a correction by ``acceleration``.
+    acceleration : float, optional
+        rad/s^2; left out, the root mean square of the plan's joint accelerations.
+
+    Raises
+    ------
+    InputError
+        The plan reaches no goal, or a number is wrong.
+    """
+
+    def __init__(
+        self, plan: Plan, rate: float = 200.0, sigma: float = SIGMA, acceleration: float | None = None
+    ) -> None:
+        for name, value in (("rate", rate), ("sigma", sigma), ("acceleration", acceleration)):
+            if value is not None and not 0 < value < math.inf:
+                raise InputError(f"{value} is not positive", element=name, advice="give a positive number")
+        if rate > FASTEST:
+            raise InputError(f"{rate:g} Hz is above {FASTEST:g} Hz", element="rate")
+        if not plan.ok:
+            raise InputError("the plan does not reach its goal", element="plan", advice="plan again")
+        self.plan, self.rate = plan, float(rate)
+        self.rewriting = Rewriting(plan)
+        self.views = Views(plan, self.rewriting.form)
+        scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
+        self._law = Law(float(sigma), scale, self.views.rows)
+        self._plausible = Plausibility(plan)
+        tree = plan.robot.tree
+        self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
+        self._gap = gauss_legendre(GAP_NODES)
+        self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
+        self.reset()
+        self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all measurements and corrections: for another flight of the same plan."""
+        plan = self.plan
+        self._motions: deque[RemainingMotion] = deque([self.rewriting.first], maxlen=MEMORY)
+        path = plan.ballistics
+        nominal = self.views.flight.equations
+        start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
+        inertial = Identification(plan.robot.tree, nominal, plan.angular_momentum, start)
+        self._estimate = Estimate(
+            0.0, plan.problem.initial.orientation, inertial, path.position0, path.velocity0, path.gravity
+        )
+        self._measured = -math.inf
+        self._now = 0.0
+        self._corrected = -math.inf
+        self._landing = plan.duration
+        outlook = Outlook(self.views, self.motion, self._present(0.0))
+        self._last = Correction(
+            "applied", self.motion, outlook.miss, outlook.torque_peak, "", plan.duration, plan.angular_momentum
+        )
+
+    def _takeoff_rates(self) -> tuple[float, Array, Array]:
+        positions, velocities, _ = self.motion.at(0.0)
+        return float(self._base_rate(positions, velocities)[0]), positions[0], velocities[0]
+
+    @property
+    def motion(self) -> RemainingMotion:
+        """The joints' motion from the last correction on."""
+        return self._motions[-1]
+
+    @property
+    def landing(self) -> float:
+        """When the robot lands, s since takeoff, as far as is known."""
+        return self._landing
+
+    def reference(self, t: float) -> Reference:
+        """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
+        time = float(t)
+        positions, velocities, accelerations = self._motion_at(time).at(time if math.isfinite(time) else self._now)
+        moments = self._dynamics.moments(positions, velocities, accelerations, self._base_rate(positions, velocities))
+        torques = (moments @ self._turns)[0]
+        n = positions.shape[1]
+        return Reference(positions[0], velocities[0], accelerations[0], torques[:n], torques[n:])
+
+    def update(
+        self,
+        t: float,
+        orientation: float,
+        orientation_rate: float,
+        positions: npt.ArrayLike,
+        velocities: npt.ArrayLike,
+        now: float | None = None,
+        com_position: npt.ArrayLike | None = None,
+        com_velocity: npt.ArrayLike | None = None,
+    ) -> Correction:
+        """Take in a measurement and correct the motion; raises nothing.
+
+        Parameters
+        ----------
+        t : s since takeoff, of the measurement; later than that of the last one
+        orientation, orientation_rate : rad, rad/s
+            Unbounded: a somersault more is 2 pi more.
+        positions, velocities : (n,) rad, rad/s
+            Of the planned joints.
+        now : s since takeoff
+            From when on the motion may change; left out, ``t``. It is later where measurements arrive with a delay.
+        com_position, com_velocity : (2,) m, m/s, optional
+            Of the centre of mass; with both, the time of the landing is estimated again.
+        """
+        size = len(self.plan.robot.joints)
+        measured = read(t, orientation, orientation_rate, (positions, velocities), (com_position, com_velocity), size)
+        if measured is None:
+            return self._unchanged("invalid", "not finite numbers of the right shapes")
+        present = _time(measured.time if now is None else now)
+        if not measured.time > self._measured:
+            return self._unchanged("invalid", "not later than the last measurement")
+        if not max(measured.time, self._now) <= present < self._landing:
+            return self._unchanged("invalid", "not between the last call and the landing")
+        if not measured.time >= max(self._motions[0].begin, 0.0):
+            return self._unchanged("invalid", "measured too long ago")
+        if not self._learned(measured):
+            return self._unchanged("invalid", "too far from what is expected")
+        self._now = present
+        if present - self._corrected < (1 - EARLY) / self.rate:
+            return self._last
+        return self._corrected_motion(present)
+
+    def _learned(self, measured: Measurement) -> bool:
+        """Bring the estimate to the measurement and take it in; False where it cannot be one."""
+        estimate = self._estimate
+        began = estimate.time
+        turn = self._turned(began, measured.time)
+        positions, velocities, _ = self._motion_at(measured.time).at(measured.time)
+        inertia = self._dynamics.momentum_map(np.stack((positions[0], measured.positions)))
+        rate = (estimate.angular_momentum - inertia[0, 1:] @ velocities[0]) / inertia[0, 0]
+        expected = (
+            estimate.orientation + turn - float(inertia[0, 1:] @ (measured.positions - positions[0])) / inertia[0, 0]
+        )
+        unseen = measured.time - max(self._measured, 0.0)
+        if not (
+            self._plausible.joints(measured, positions[0], velocities[0])
+            and self._plausible.base(measured, expected, rate, unseen)
+            and self._plausible.com(measured, *estimate.place(measured.time))
+        ):
+            return False
+        estimate.advance(measured.time, turn)
+        on_reference = estimate.orientation + measured.orientation - expected
+        estimate.learn(measured, measured.time - began, on_reference)
+        self._measured = measured.time
+        return True
+
+    def _corrected_motion(self, now: float) -> Correction:
+        first, self._corrected = self._corrected < 0.0, now
+        landing = self._landing_estimate(now)
+        if landing - now <= LEAST_REMAINING * self.plan.duration:
+            return self._unchanged("refused", "too late to correct anything")
+        motion = self.rewriting.from_now(self.motion, now, landing)
+        present = Outlook(self.views, motion, self._present(now))
+        outlook, share = self._law.corrected(present, FIRST if first else EVALUATIONS)
+        self._landing = landing
+        self._motions.append(outlook.motion)
+        status, reason = _judged(outlook, share, MISSED * self._law.sigma)
+        self._last = Correction(
+            status,
+            outlook.motion,
+            outlook.miss,
+            outlook.torque_peak,
+            reason,
+            landing,
+            self._estimate.angular_momentum,
+        )
+        return self._last
+
+    def _landing_estimate(self, now: float) -> float:
+        """When the robot lands, s; moved by a share of what remains at most."""
+        estimate = self._estimate
+        found = estimate.landing(self._landing_height) if estimate.placed else None
+        if found is None:
+            return self._landing
+        reach = LARGEST_STRETCH * (self._landing - now)
+        return min(max(found, self._landing - reach), self._landing + reach)
+
+    def _present(self, now: float) -> Present:
+        """The robot at a time not before the last measurement."""
+        estimate = self._estimate
+        orientation = estimate.orientation + self._turned(estimate.time, now)
+        return Present(now, orientation, estimate.angular_momentum, estimate.path(now), self._dynamics)
+
+    def _turned(self, begin: float, end: float) -> float:
+        """By how much the base turns between two times, with the joints on their reference, rad."""
+        if end <= begin:
+            return 0.0
+        times = begin + (end - begin) * self._gap.nodes
+        motions = [self._motion_at(time) for time in times.tolist()]
+        total, first = 0.0, 0
+        while first < len(times):
+            last = first + 1
+            while last < len(times) and motions[last] is motions[first]:
+                last += 1
+            positions, velocities, _ = motions[first].at(times[first:last])
+            total += float(self._gap.weights[first:last] @ self._base_rate(positions, velocities))
+            first = last
+        return (end - begin) * total
+
+    def _motion_at(self, time: float) -> RemainingMotion:
+        """The motion that holds at a time."""
+        for motion in reversed(self._motions):
+            if motion.begin <= time:
+                return motion
+        return self._motions[-1 if math.isnan(time) else 0]
+
+    @property
+    def _dynamics(self) -> Dynamics:
+        """The robot's, with the masses that were found."""
+        return self._estimate.inertial.dynamics
+
+    def _base_rate(self, positions: Array, velocities: Array) -> Array:
+        return self._dynamics.base_rate(positions, velocities, self._estimate.angular_momentum)
+
+    def _unchanged(self, status: Status, reason: str) -> Correction:
+        last = self._last
+        return Correction(
+            status, self.motion, last.predicted_miss, last.torque_peak, reason, last.landing, last.angular_momentum
+        )
+
+
+def _time(value: object) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _judged(outlook: Outlook, share: float, miss: float) -> tuple[Status, str]:
+    if share == 0.0:
+        return "refused", "any correction breaks a limit"
+    if share < 1.0:
+        return "limited", "the whole correction breaks a limit"
+    if (outlook.worst < -KEPT).any():
+        return "limited", "a limit will be broken, as without the correction"
+    if abs(outlook.miss) > miss:
+        return "limited", "the goal is out of reach"
+    return "applied", ""
+
+
+def _rms_acceleration(plan: Plan) -> float:
+    quadrature = gauss_legendre(64)
+    _, _, accelerations = plan.joint_motion(quadrature.nodes * plan.duration)
+    mean = float(quadrature.weights @ (accelerations**2).mean(axis=1))
+    return max(math.sqrt(mean), 1 / plan.duration**2)

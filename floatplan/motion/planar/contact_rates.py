@@ -1,0 +1,191 @@
+"""Rates with which a frame leaves or meets the ground at rest, and how much of their limits they need.
+
+At takeoff and landing posture, momentum and velocity of the centre of mass are given; the frame's velocity has to
+vanish. That is three linear equations for the rates of base and joints: the one of (4), and two of the derivative
+of (6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from floatplan.arrays import Array, read_only
+from floatplan.motion.planar.ballistics import ballistics, frame_weights
+from floatplan.motion.planar.least_rates import SAME, LeastRates, least_rates
+from floatplan.motion.planar.momentum import MomentumMapping, momentum_mapping
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Frame, Robot
+
+End: TypeAlias = Literal["takeoff", "landing"]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactEquations:
+    """``matrix @ (theta0', q_1', .., q_n') = constant + angular_momentum * by_momentum``.
+
+    The rows are the angular momentum, kg m^2/s, and the velocity of the frame relative to the centre of mass,
+    horizontal and vertical, m/s.
+
+    Attributes
+    ----------
+    matrix : (3, n+1)
+    constant, by_momentum : (3,)
+    """
+
+    matrix: Array
+    constant: Array
+    by_momentum: Array
+
+    @property
+    def scale(self) -> Array:
+        """Sizes (3,) of the rows; one for both of the velocity, as either may vanish where a robot is stretched out."""
+        sizes: Array = np.abs(self.matrix).max(axis=1)
+        sizes[1:] = sizes[1:].max() or 1.0
+        return sizes
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRates:
+    """The rates at one end of a flight with the least largest share of their limits, the frame being at rest.
+
+    Attributes
+    ----------
+    ratio : largest ``|rate| / limit`` over the motors
+        None where no motor has a limit: then the largest rate itself is least. Infinite where no rates make it so.
+    rates : (n,) rad/s, of the planned joints; NaN where there are none
+    orientation_rate : rad/s
+    angular_momentum : kg m^2/s; as asked, or the best
+    joint : str, optional
+        The motor whose limit holds back most: a higher one lowers the ratio more than any other's would. Without
+        limits, that which weighs most in the largest rate. None where all are at rest, or there are no rates.
+    limits : (n,) rad/s, of the planned joints, see :func:`rate_limits`
+    """
+
+    ratio: float | None
+    rates: Array
+    orientation_rate: float
+    angular_momentum: float
+    joint: str | None
+    limits: Array
+    robot: Robot
+
+    @property
+    def exist(self) -> bool:
+        """Whether there are such rates."""
+        return bool(np.isfinite(self.rates).all())
+
+    @cached_property
+    def motor_rates(self) -> Array:
+        """Rates (m,) of ``robot.motors``, rad/s."""
+        return read_only(self.robot.motor_ratios @ self.rates)
+
+
+def has_contact(problem: Problem, end: End) -> bool:
+    """Whether a frame leaves or meets the ground at that end: any but the base link's own, which flies freely."""
+    frame = problem.takeoff.frame if end == "takeoff" else problem.landing.frame
+    return frame != problem.robot.tree.names[0]
+
+
+def at_end(problem: Problem, end: End) -> tuple[Frame, float, Array, Array]:
+    """Return the frame, and orientation, positions (n,) and velocity (2,) of the centre of mass at that end."""
+    frame, state, instant = {
+        "takeoff": (problem.takeoff_frame, problem.initial, 0.0),
+        "landing": (problem.landing_frame, problem.final, problem.flight.duration),
+    }[end]
+    return frame, state.orientation, state.positions, ballistics(problem).velocities(np.array([instant]))[0]
+
+
+def contact_equations(problem: Problem, end: End) -> ContactEquations:
+    """Return the equations that the rates satisfy at that end of the flight."""
+    frame, orientation, positions, com_velocity = at_end(problem, end)
+    return equations_at(problem.robot, frame, orientation, positions, com_velocity)
+
+
+def equations_at(
+    robot: Robot, frame: Frame, orientation: float, positions: Array, com_velocity: Array
+) -> ContactEquations:
+    """Return the equations for a frame at rest in any posture; ``com_velocity`` (2,) m/s."""
+    tree = robot.tree
+    rotations = tree.rotations(tree.absolute_angles(np.array(orientation), positions))
+    swings = 1j * tree.turn * rotations * frame_weights(robot, frame)
+    frame_rates = np.concatenate(([swings.sum()], swings @ tree.turns))
+    matrix = np.stack((_momentum_mapping(robot)(positions[None]).rows[0], frame_rates.real, frame_rates.imag))
+    return ContactEquations(
+        matrix=read_only(matrix),
+        constant=read_only([0.0, -com_velocity[0], -com_velocity[1]]),
+        by_momentum=read_only([1.0, 0.0, 0.0]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _momentum_mapping(robot: Robot) -> MomentumMapping:
+    return momentum_mapping(robot.tree)
+
+
+def rate_limits(problem: Problem) -> Array:
+    """Return the stricter of the URDF's and the problem's velocity limits (n,) rad/s; infinite where there is none.
+
+    They are those of the planned joints: as slow as their followers demand, by their ratios.
+    """
+    return np.minimum(problem.robot.velocity_limits, problem.velocity_limits)
+
+
+def contact_rates(problem: Problem, end: End, angular_momentum: float | None) -> ContactRates:
+    """Return the rates with which the frame is at rest, with the least largest ``|rate| / limit``.
+
+    Of several such rates it is that whose next largest ratio is least, and so on; joints without a limit are as slow
+    as those with one let them be.
+
+    Parameters
+    ----------
+    angular_momentum : float, optional
+        kg m^2/s; None for the one that lets the joints be slowest.
+    """
+    return rates_at(problem.robot, contact_equations(problem, end), rate_limits(problem), angular_momentum)
+
+
+def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_momentum: float | None) -> ContactRates:
+    """Return the rates that satisfy equations, see :func:`contact_rates`; ``limits`` (n,) rad/s."""
+    scale = equations.scale
+    columns, target, by_momentum = equations.matrix / scale[:, None], equations.constant / scale, equations.by_momentum
+    free = 1
+    if angular_momentum is None:
+        columns, free = np.column_stack((-by_momentum / scale, columns)), 2
+    else:
+        target = target + angular_momentum * by_momentum / scale
+    unlimited = 1 / np.abs(robot.motor_ratios).max(axis=0)  # of the fastest motor, 1 rad/s
+    limited = np.isfinite(limits)
+    costless = np.full(free, np.inf)
+    least = least_rates(columns, target, np.concatenate((costless, limits)))
+    values = least.values.copy()
+    if not limited.all() and np.isfinite(least.ratio):
+        kept = np.concatenate((costless > 0, ~limited))
+        rest = target - columns[:, ~kept] @ values[~kept]
+        others = least_rates(columns[:, kept], rest, np.concatenate((costless, unlimited[~limited])))
+        values[kept] = others.values
+        least = least if limited.any() else others
+    return ContactRates(
+        ratio=least.ratio if limited.any() or not np.isfinite(least.ratio) else None,
+        rates=read_only(values[free:]),
+        orientation_rate=float(values[free - 1]),
+        angular_momentum=float(values[0]) if angular_momentum is None else angular_momentum,
+        joint=_motor(robot, least, free),
+        limits=read_only(limits),
+        robot=robot,
+    )
+
+
+def _motor(robot: Robot, least: LeastRates, free: int) -> str | None:
+    """Of the joint with most influence the motor that is the first at its limit."""
+    influence = least.influence[free:]
+    if not 0 < least.ratio < np.inf:
+        return None
+    leader = int(np.flatnonzero(influence >= influence.max() * (1 - SAME))[0])
+    ratios = np.abs(robot.motor_ratios[:, leader])
+    limits = robot.motor_velocity_limits
+    slowness = ratios / limits if (np.isfinite(limits) & (ratios > 0)).any() else ratios
+    return robot.motors[int(np.flatnonzero(slowness >= slowness.max() * (1 - SAME))[0])]

@@ -1,0 +1,115 @@
+"""Rates of the joints at both ends of a flight, where a frame that stands on the ground is to be at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
+from floatplan.problem.problem import Problem
+
+ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
+REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
+HALVINGS = 10  # [-] of that, at most, on the way to a bend of the rates
+STRAIGHT = 1e-9  # [-] relative: a smaller bend is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class RateCurve:
+    """The rates (K, n) rad/s that belong to rising angular momenta (K,) kg m^2/s, straight between them.
+
+    The least largest share of limits makes them piecewise linear. Between two h the frame is at rest too, because the
+    equations of :class:`~floatplan.motion.planar.contact_rates.ContactEquations` are linear.
+    """
+
+    momenta: Array
+    rates: Array
+
+    def __call__(self, momentum: float) -> tuple[Array, Array]:
+        """Rates (n,) at h, and their derivatives by it."""
+        piece = int(np.clip(np.searchsorted(self.momenta, momentum) - 1, 0, len(self.momenta) - 2))
+        width = self.momenta[piece + 1] - self.momenta[piece]
+        slope = (self.rates[piece + 1] - self.rates[piece]) / width
+        return self.rates[piece] + slope * (momentum - self.momenta[piece]), slope
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarEndRates:
+    """The given rates (2, n) rad/s at takeoff and landing, and the curve of those that follow from h instead."""
+
+    given: Array
+    curves: tuple[RateCurve | None, RateCurve | None]
+
+    def __call__(self, angular_momentum: Array) -> tuple[Array, Array]:
+        """Rates (2, n) at h (1,), and their derivatives (2, n, 1)."""
+        rates, slopes = self.given.copy(), np.zeros((*self.given.shape, 1))
+        for end, curve in enumerate(self.curves):
+            if curve:
+                rates[end], slopes[end, :, 0] = curve(float(angular_momentum[0]))
+        return rates, slopes
+
+
+@lru_cache(maxsize=8)
+def end_rates(problem: Problem, momentum: MomentumSet) -> PlanarEndRates:
+    """Return the rates at both ends.
+
+    Raises
+    ------
+    InputError
+        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds.
+    """
+    states = (problem.initial, problem.final)
+    given = np.array([state.velocities for state in states])
+    curves: list[RateCurve | None] = [None, None]
+    for number, (element, end) in enumerate(ENDS):
+        if states[number].frame_rests:
+            middle = float(momentum.centre[0])
+            if momentum.free:
+                curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
+            else:
+                given[number] = _rates(problem, element, end, middle)
+    return PlanarEndRates(given, (curves[0], curves[1]))
+
+
+def _curve(problem: Problem, element: str, end: End, middle: float, reach: float) -> RateCurve:
+    """Halve the range of h until the rates are straight."""
+
+    def rates(momentum: float) -> Array:
+        return _rates(problem, element, end, momentum)
+
+    found = {momentum: rates(momentum) for momentum in (middle - reach, middle, middle + reach)}
+    open_ = [(middle - reach, middle), (middle, middle + reach)]
+    smallest = reach / 2**HALVINGS
+    while open_:
+        low, high = open_.pop()
+        between = (low + high) / 2
+        found[between] = rates(between)
+        size = STRAIGHT * (np.abs(found[low]).max() + np.abs(found[high]).max())
+        bent = np.abs(found[between] - (found[low] + found[high]) / 2).max() > size
+        if bent and high - low > smallest:
+            open_ += [(low, between), (between, high)]
+    momenta = np.array(sorted(found))
+    return RateCurve(momenta, np.array([found[momentum] for momentum in momenta.tolist()]))
+
+
+def _rates(problem: Problem, element: str, end: End, momentum: float) -> Array:
+    frame = problem.takeoff.frame if end == "takeoff" else problem.landing.frame
+    if not has_contact(problem, end):
+        raise InputError(
+            f"{end!r} needs a frame on the ground, and {frame!r} is the base itself",
+            element=f"{element}.velocities",
+            advice=f"name a frame as flight.{end}, or give the rates",
+        )
+    found = contact_rates(problem, end, momentum)
+    if not found.exist:
+        raise InputError(
+            f"no rates of the joints let frame {frame!r} be at rest at {end}, with {momentum:.4g} kg m^2/s",
+            element=f"{element}.velocities",
+            advice="plan more joints, give another posture, angular momentum or frame, or give the rates",
+        )
+    return found.rates

@@ -1,0 +1,200 @@
+"""Whether a flight can begin and end: the rates with which its frames leave and meet the ground at rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.files import plain
+from floatplan.motion.planar.bounds import angular_momentum_interval
+from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact
+from floatplan.motion.planar.reachable import reachable
+from floatplan.plans.contact_advice import FAST, Momentum, advice, size, told
+from floatplan.problem.problem import Problem
+from floatplan.tables import RELATIVE
+
+VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The frame at one end of a flight, and the joint rates with which it is at rest there.
+
+    They are those with the least largest ``|rate| / limit``, for the posture, angular momentum and velocity of the
+    centre of mass there. Limits are the URDF's and the problem's, whichever is stricter.
+
+    Attributes
+    ----------
+    problem : Problem
+    end : "takeoff" or "landing"
+    momentum : float, "midpoint" or "free"
+        Asked for, see :class:`~floatplan.Flight`.
+    found : ContactRates, optional
+        None where no frame stands on the ground: the base link's own flies freely.
+    """
+
+    problem: Problem
+    end: End
+    momentum: Momentum
+    found: ContactRates | None
+
+    @property
+    def frame(self) -> str:
+        """The frame that leaves or meets the ground."""
+        return self.problem.takeoff.frame if self.end == "takeoff" else self.problem.landing.frame
+
+    @property
+    def ratio(self) -> float | None:
+        """Largest ``|rate| / limit``; None without limits or without contact, infinite where no rates exist."""
+        return None if self.found is None else self.found.ratio
+
+    @property
+    def joint(self) -> str | None:
+        """The motor whose limit holds back most; without limits, the one that weighs most in the largest rate."""
+        return None if self.found is None else self.found.joint
+
+    @property
+    def rate(self) -> float | None:
+        """Magnitude of that motor's rate, rad/s."""
+        if self.found is None or self.joint is None:
+            return None
+        return abs(float(self.found.motor_rates[self.problem.robot.motors.index(self.joint)]))
+
+    @property
+    def limit(self) -> float | None:
+        """That motor's limit, rad/s; None without."""
+        return None if self.rate is None or self.ratio is None else self.rate / self.ratio
+
+    @property
+    def rates(self) -> Array:
+        """Rates (n,) of the planned joints, rad/s; NaN where there are none."""
+        return np.full(len(self.problem.robot.joints), np.nan) if self.found is None else self.found.rates
+
+    @property
+    def limits(self) -> Array:
+        """Velocity limits (n,) of the planned joints and what follows them, rad/s; infinite where there is none."""
+        return np.full(len(self.problem.robot.joints), np.inf) if self.found is None else self.found.limits
+
+    @property
+    def orientation_rate(self) -> float:
+        """Rate of the base, rad/s; NaN where there is none."""
+        return math.nan if self.found is None else self.found.orientation_rate
+
+    @property
+    def angular_momentum(self) -> float | None:
+        """About the centre of mass, kg m^2/s: as asked; where it is free, the best."""
+        return None if self.found is None else self.found.angular_momentum
+
+    @property
+    def ok(self) -> bool:
+        """Whether the limits allow the rates, or nothing stands on the ground."""
+        return self.found is None or (self.found.exist and (self.ratio is None or self.ratio <= 1 + RELATIVE))
+
+    @cached_property
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict for a person; where it is bad, also what was tried and would help."""
+        if self.found is None:
+            return (self.verdict,)
+        bad = size(self.found) > (1 if self.ratio is not None else FAST)
+        return (self.verdict, *(advice(self.problem, self.end, self.momentum) if bad else ()))
+
+    @cached_property
+    def verdict(self) -> str:
+        """The first sentence, of the posture as it is."""
+        found, verb = self.found, VERBS[self.end]
+        if found is None:
+            return (
+                f"No frame stands on the ground at {self.end}: {self.frame} is the base link, which flies freely;"
+                f" flight.{self.end} can name another frame."
+            )
+        if not found.exist:
+            return f"{self.frame} cannot {verb} the ground at rest at {self.end}: {_why_none(self.problem, found)}."
+        if found.joint is None:
+            return f"{self.frame} {verb}s the ground at rest at {self.end}, with every limited joint at rest."
+        if found.ratio is None:
+            return (
+                f"{self.frame} {verb}s the ground at rest at {self.end} with joints that turn at up to"
+                f" {told(found)}, {found.joint} before all; no motor has a velocity limit."
+            )
+        rates = f"{found.joint} at {self.rate:.4g} rad/s where {self.limit:.4g} rad/s are allowed"
+        if self.ok:
+            return f"{self.frame} {verb}s the ground at rest at {self.end}, with {told(found)}: {rates}."
+        return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {told(found)}, {rates}."
+
+    @property
+    def brief(self) -> str:
+        """The verdict in a few words."""
+        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {told(self.found)}" if self.found else "flies"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` prints of it; None for what is not finite."""
+        content: dict[str, Any] = plain(
+            {
+                "frame": self.frame,
+                "contact": self.found is not None,
+                "ok": self.ok,
+                "ratio": self.ratio,
+                "joint": self.joint,
+                "rates": None if self.found is None or not self.found.exist else self.rates,
+                "limits": self.limits,
+                "orientation_rate": self.orientation_rate,
+                "angular_momentum": self.angular_momentum,
+                "sentences": self.sentences,
+            }
+        )
+        return content
+
+
+def takeoff(problem: Problem, angular_momentum: float | None = None) -> Contact:
+    """Tell whether the takeoff frame can leave the ground at rest within the joints' velocity limits.
+
+    Parameters
+    ----------
+    angular_momentum : float, optional
+        kg m^2/s; left out, the problem's; where it is free, the one that lets the joints be slowest.
+    """
+    return _contact(problem, "takeoff", angular_momentum)
+
+
+def landing(problem: Problem, angular_momentum: float | None = None) -> Contact:
+    """Tell whether the landing frame can meet the ground at rest; see :func:`takeoff`."""
+    return _contact(problem, "landing", angular_momentum)
+
+
+def no_common_momentum(problem: Problem) -> str | None:
+    """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
+    if problem.flight.angular_momentum != "free":
+        return None
+    ends = takeoff(problem), landing(problem)
+    if not all(contact.found is not None and contact.ok and contact.ratio is not None for contact in ends):
+        return None
+    first, last = (reachable(problem, c.end, c.angular_momentum or 0.0).angular_momentum for c in ends)
+    if first is None or last is None or max(first[0], last[0]) <= min(first[1], last[1]):
+        return None
+    return (
+        "No angular momentum suits both ends: within the velocity limits takeoff takes"
+        f" {first[0]:.4g} to {first[1]:.4g} kg m^2/s, landing {last[0]:.4g} to {last[1]:.4g} kg m^2/s."
+    )
+
+
+def _contact(problem: Problem, end: End, angular_momentum: float | None) -> Contact:
+    asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
+    if not has_contact(problem, end):
+        return Contact(problem, end, asked, None)
+    momentum = sum(angular_momentum_interval(problem)) / 2 if asked == "midpoint" else asked
+    return Contact(problem, end, asked, contact_rates(problem, end, None if momentum == "free" else float(momentum)))
+
+
+def _why_none(problem: Problem, found: ContactRates) -> str:
+    joints = len(problem.robot.joints)
+    if joints == 1:
+        return "the base and one joint have two rates for three conditions, no velocity and the angular momentum"
+    return (
+        f"in this posture no joint rates stop it at an angular momentum of {found.angular_momentum:.4g} kg m^2/s;"
+        " joints that are stretched out cannot, bend them"
+    )

@@ -1,0 +1,263 @@
+"""Closed loop: perturbed robots fly a plan by forward dynamics, with corrections in flight and without them.
+
+At 1 kHz each motor gets the reference's feed-forward torque and joint feedback, held for the period, up to its effort.
+At the rate of the corrections a :class:`~floatplan.inflight.replanner.Replanner` gets what was measured, late.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array, read_only
+from floatplan.errors import FloatplanError, InputError
+from floatplan.inflight.replanner import Correction, Replanner
+from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.plans.plan import Plan
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
+from floatplan.simulation.disturbance import feedback_of
+from floatplan.simulation.flights import ClosedLoop, Landings, Path
+from floatplan.simulation.perturbation import Drawn, Perturbation, parse_perturbation
+from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.replay import Engine, check_engine
+from floatplan.simulation.stepping import Stepper, mujoco_stepper, pinocchio_stepper
+
+PERIOD = 1e-3  # [s] of the joints' control
+BANDWIDTH = 100.0  # [rad/s] of their feedback
+PERTURBED = "h=10%,inertia=5%,noise=0.1deg,delay=5ms"
+MOST_FLIGHTS = 10_000
+MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
+TRACED = 24  # [-] flights whose paths are kept
+TRACE_STEP = 5  # [-] periods between the points of a path
+
+
+def closed_loop(
+    plan: Plan,
+    rate: float = 200.0,
+    *,
+    perturb: str | Perturbation = PERTURBED,
+    flights: int = 100,
+    seed: int = 0,
+    engine: Engine = "pinocchio",
+    feedback: float = BANDWIDTH,
+) -> ClosedLoop:
+    """Fly perturbed robots, each with corrections in flight and without.
+
+    Parameters
+    ----------
+    plan : Plan
+    rate : float
+        Corrections per second, Hz.
+    perturb : str or Perturbation
+    flights : int
+    seed : int
+        The same seed, the same flights.
+    engine : "pinocchio" or "mujoco"
+    feedback : float
+        Bandwidth of the joints' control, rad/s.
+
+    Raises
+    ------
+    InputError
+        The plan reaches no goal, a number is wrong, or the engine is unknown or not installed.
+    FloatplanError
+        A flight cannot be integrated.
+    """
+    began = clock.perf_counter()
+    check_engine(engine)
+    if not 1 <= flights <= MOST_FLIGHTS:
+        raise InputError(f"must be from 1 to {MOST_FLIGHTS}, not {flights}", element="flights")
+    if not 0 < rate <= MOST_RATE:
+        raise InputError(f"must be above 0 and at most {MOST_RATE:g} Hz, not {rate:g}", element="replan")
+    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else perturb
+    loop = _Loop(plan, rate, perturbation, feedback, engine)
+    with_corrections: list[_Flown] = []
+    without: list[_Flown] = []
+    statuses, seconds = Counter[str](), list[float]()
+    for flight in range(flights):
+        for correct, ended in ((True, with_corrections), (False, without)):
+            ended.append(loop.fly(seed, flight, correct, statuses, seconds))
+    return ClosedLoop(
+        engine,
+        rate,
+        flights,
+        seed,
+        perturbation,
+        loop.names,
+        _gathered(with_corrections),
+        _gathered(without),
+        dict(statuses),
+        np.array(seconds),
+        loop.plan_torque_peak,
+        loop.effort,
+        tuple(flown.path for flown in with_corrections[:TRACED]),
+        tuple(flown.path for flown in without[:TRACED]),
+        clock.perf_counter() - began,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Flown:
+    orientation: float
+    joints: float
+    torque_peak: Array
+    clearance: float
+    path: Path
+
+
+def _gathered(flown: list[_Flown]) -> Landings:
+    return Landings(
+        read_only([one.orientation for one in flown]),
+        read_only([one.joints for one in flown]),
+        read_only([one.torque_peak for one in flown]),
+        read_only([one.clearance for one in flown]),
+    )
+
+
+def _updated(replanner: Replanner, now: float, measured: tuple[Any, ...]) -> Correction:
+    t, orientation, rate, positions, velocities, place, speed = measured[:7]
+    return replanner.update(t, orientation, rate, positions, velocities, now, place, speed)
+
+
+class _Loop:
+    """A plan, its controller, and the robots that fly it."""
+
+    def __init__(self, plan: Plan, rate: float, perturbation: Perturbation, feedback: float, engine: Engine) -> None:
+        self.plan, self.perturbation, self.engine, robot = plan, perturbation, engine, plan.robot
+        self.replanner = Replanner(plan, rate)
+        self.every = max(1, round(1 / (rate * PERIOD)))
+        self.reduced = reduced_model(robot, plan.ballistics.gravity)
+        self.nominal = RecordedMotion(plan.record, self.reduced)
+        self.names = tuple(self.reduced.model.names)[BASE + 1 :]
+        start = self.nominal.joints(0.0)
+        self.control = feedback_of(self.reduced, start.positions, feedback)
+        self.selection = self.reduced.selection[BASE:]
+        self.resting = self.reduced.reference[BASE:]
+        self.to_planned = np.linalg.pinv(self.selection)
+        self.motors = np.array([[float(name == motor) for motor in robot.motors] for name in self.names])
+        limits = dict(zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True))
+        self.effort = np.array([limits.get(name, np.inf) for name in self.names])
+        self.plan_torque_peak = self.motors @ plan.peaks.motor_torque
+        problem = plan.problem
+        self.obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
+        self.shapes = LinkShapes(robot.tree, robot.shapes) if self.obstacles else None
+        self.base_weights = robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
+
+    def fly(self, seed: int, flight: int, correct: bool, statuses: Counter[str], seconds: list[float]) -> _Flown:
+        """Fly one robot; what its corrections were and took is added to the lists."""
+        drawn = self.perturbation.drawn(seed, flight, len(self.names), self.reduced.model.njoints)
+        true, model = self._robot(drawn)
+        state = self._takeoff(drawn, true)
+        step = self._stepper(drawn, true)
+        replanner, delay = self.replanner, round(self.perturbation.delay / PERIOD)
+        replanner.reset()
+        measured: list[tuple[Any, ...]] = []
+        states, corrections = [state], []
+        peak = np.zeros(len(self.names))
+        tick = 0
+        while tick * PERIOD < replanner.landing - 1e-9:
+            now = tick * PERIOD
+            measured.append(self._measurement(now, state, drawn, model))
+            if correct and tick % self.every == 0 and tick >= delay:
+                began = clock.process_time()
+                correction = _updated(replanner, now, measured[tick - delay])
+                seconds.append(clock.process_time() - began)
+                statuses[correction.status] += 1
+                changed = correction.status in ("applied", "limited")
+                corrections.append((now, correction.predicted_miss, float(changed)))
+            torques = self._torques(now, measured[-1])
+            peak = np.maximum(peak, np.abs(torques))
+            left = min(PERIOD, replanner.landing - now)
+            state = step(state, drawn.torque * torques, left)
+            if not np.isfinite(state[0]).all():
+                raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
+            states.append(state)
+            tick += 1
+        return self._ended(states, peak, corrections)
+
+    def _robot(self, drawn: Drawn) -> tuple[ReducedModel, Any]:
+        model = self.reduced.model.copy()
+        for joint in range(model.njoints):
+            body = model.inertias[joint]
+            model.inertias[joint] = pin.Inertia(
+                body.mass * drawn.mass[joint], body.lever, body.inertia * drawn.inertia[joint]
+            )
+        return replace(self.reduced, model=model), (model, model.createData())
+
+    def _takeoff(self, drawn: Drawn, true: ReducedModel) -> tuple[Array, Array]:
+        """Where the plan takes off, with the velocities that give the real robot its momenta."""
+        positions, _ = self.nominal.takeoff(self.plan.angular_momentum)
+        record = self.plan.record
+        rise = np.asarray(record.com["velocity0"]) * [1.0, drawn.rise]
+        real = RecordedMotion(replace(record, com={**record.com, "velocity0": rise}), true)
+        _, velocities = real.takeoff(self.plan.angular_momentum * drawn.momentum)
+        return positions, velocities
+
+    def _stepper(self, drawn: Drawn, true: ReducedModel) -> Stepper:
+        if self.engine == "pinocchio":
+            return pinocchio_stepper(true.model)
+        return mujoco_stepper(self.plan.robot, self.reduced, self.plan.ballistics.gravity, drawn.mass, drawn.inertia)
+
+    def _measurement(self, now: float, state: tuple[Array, Array], drawn: Drawn, model: Any) -> tuple[Any, ...]:
+        """Arguments of ``update`` but for ``now``; then positions and velocities of all joints."""
+        positions, velocities = state
+        size = len(self.names) + 1
+        noise = drawn.noise.standard_normal((2, size))
+        angles = positions[BASE - 1 :] + self.perturbation.noise * noise[0]
+        rates = velocities[BASE - 1 :] + self.perturbation.noise_of_rates * noise[1]
+        com: tuple[Array | None, Array | None] = (None, None)
+        if self.perturbation.rise:
+            place = pin.centerOfMass(*model, positions, velocities)
+            com = (self.reduced.axes @ place, self.reduced.axes @ model[1].vcom[0])
+        planned = self.to_planned @ (angles[1:] - self.resting)
+        return now, angles[0], rates[0], planned, self.to_planned @ rates[1:], *com, angles[1:], rates[1:]
+
+    def _torques(self, now: float, measured: tuple[Any, ...]) -> Array:
+        reference = self.replanner.reference(now)
+        positions = self.resting + self.selection @ reference.positions
+        velocities = self.selection @ reference.velocities
+        torques = self.motors @ reference.motors + self.control.torques(
+            positions - measured[7], velocities - measured[8]
+        )
+        return np.clip(torques, -self.effort, self.effort)
+
+    def _ended(
+        self, states: list[tuple[Array, Array]], peak: Array, corrections: list[tuple[float, float, float]]
+    ) -> _Flown:
+        positions = np.array([state[0] for state in states])
+        goal, landing = self.plan.problem.final, positions[-1]
+        joints = np.abs(landing[BASE:] - self.resting - self.selection @ goal.positions).max()
+        times = np.append(PERIOD * np.arange(len(states) - 1), self.replanner.landing)
+        chosen = np.append(np.arange(0, len(states) - 1, TRACE_STEP), len(states) - 1)
+        planned = (positions[:, BASE:] - self.resting) @ self.to_planned.T
+        path = Path(
+            times[chosen],
+            positions[chosen, BASE - 1],
+            planned[chosen],
+            np.array(corrections).reshape(-1, 3),
+        )
+        return _Flown(
+            float(landing[BASE - 1] - goal.orientation), float(joints), peak, self._clearance(times, positions), path
+        )
+
+    def _clearance(self, times: Array, positions: Array) -> float:
+        """Least distance of the real links to an obstacle, m."""
+        if self.shapes is None:
+            return np.inf
+        tree = self.plan.robot.tree
+        planned = (positions[:, BASE:] - self.resting) @ self.to_planned.T
+        angles = tree.absolute_angles(positions[:, BASE - 1], planned)
+        com = positions[:, 0] + 1j * positions[:, 1] - tree.rotations(angles) @ self.base_weights
+        segments = self.shapes.place(com, angles)
+        least = np.inf
+        for obstacle in self.obstacles:
+            low, high = obstacle.window or (-np.inf, np.inf)
+            distances = obstacle_distances(segments, obstacle, times).values[(times >= low) & (times <= high)]
+            least = min(least, float(distances.min(initial=np.inf)))
+        return least

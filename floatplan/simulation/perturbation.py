@@ -1,0 +1,134 @@
+"""What the plan of a flight does not know: another momentum, other masses, noise and delay; drawn by seed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+
+LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
+NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that of angles
+LONGEST_DELAY = 1.0  # [s]
+LARGEST_NOISE = 1.0  # [rad] or rad/s times ten
+UNITS = {
+    "relative": {"%": 0.01, "": 1.0},
+    "angle": {"deg": math.pi / 180, "rad": 1.0, "": 1.0},
+    "rate": {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0},
+    "time": {"ms": 1e-3, "s": 1.0, "": 1.0},
+}
+KINDS = {
+    "h": "relative",
+    "inertia": "relative",
+    "torque": "relative",
+    "rise": "relative",
+    "noise": "angle",
+    "rate_noise": "rate",
+    "delay": "time",
+}
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """Sizes of what differs between the flights and the plan; of relative errors each has the sign of a coin.
+
+    Attributes
+    ----------
+    h, inertia, torque, rise : relative
+        Of the angular momentum at takeoff; of mass and of inertia, each for itself, of every body; of every joint's
+        torque; of the vertical velocity at takeoff, with which the centre of mass is measured too.
+    noise, rate_noise : rad, rad/s
+        Standard deviations of all measured angles and rates; the latter ten times the former, in 1/s, where left out.
+    delay : s
+        Between a measurement and the correction that knows of it.
+    """
+
+    h: float = 0.0
+    inertia: float = 0.0
+    torque: float = 0.0
+    rise: float = 0.0
+    noise: float = 0.0
+    rate_noise: float | None = None
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None:
+                continue
+            kind = KINDS[field.name]
+            most = LARGEST if kind == "relative" else LONGEST_DELAY if kind == "time" else LARGEST_NOISE
+            if not (abs(value) if kind == "relative" else value) <= most or (kind != "relative" and value < 0):
+                low = -most if kind == "relative" else 0.0
+                raise InputError(f"must be from {low:g} to {most:g}, not {value:.3g}", element=f"perturb: {field.name}")
+
+    @property
+    def noise_of_rates(self) -> float:
+        """Standard deviation of measured rates, rad/s."""
+        return NOISE_PER_SECOND * self.noise if self.rate_noise is None else self.rate_noise
+
+    def drawn(self, seed: int, flight: int, joints: int, bodies: int) -> Drawn:
+        """Draw one flight's; the same for the same numbers."""
+        rng = np.random.default_rng((seed, flight))
+
+        def coins(size: float, count: int) -> Array:
+            return np.asarray(1.0 + size * rng.choice((-1.0, 1.0), count))
+
+        return Drawn(
+            momentum=float(coins(self.h, 1)[0]),
+            mass=coins(self.inertia, bodies),
+            inertia=coins(self.inertia, bodies),
+            torque=coins(self.torque, joints),
+            rise=float(coins(self.rise, 1)[0]),
+            noise=rng,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Factors of one flight: of h, of the bodies' masses and inertias (njoints,), of torques (m,), of the rise.
+
+    ``noise`` draws the measurements' noise from here on.
+    """
+
+    momentum: float
+    mass: Array
+    inertia: Array
+    torque: Array
+    rise: float
+    noise: np.random.Generator
+
+
+def parse_perturbation(text: str) -> Perturbation:
+    """Read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
+
+    Raises
+    ------
+    InputError
+        A name is unknown or comes twice, or what follows is no number with one of its units.
+    """
+    found: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, _, value = (word.strip() for word in part.partition("="))
+        if name not in KINDS:
+            raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")
+        if name in found:
+            raise InputError(f"{name} is given twice", element="perturb", advice="keep one of them")
+        found[name] = _number(name, value)
+    return Perturbation(**found)
+
+
+def _number(name: str, text: str) -> float:
+    units = UNITS[KINDS[name]]
+    unit = next(unit for unit in sorted(units, key=len, reverse=True) if text.endswith(unit))
+    try:
+        value = float(text.removesuffix(unit)) * units[unit]
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        shown = " or ".join(filter(None, units))
+        raise InputError(f"{text!r} is no number with its unit", element=f"perturb: {name}", advice=f"units: {shown}")
+    return value

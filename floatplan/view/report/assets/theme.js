@@ -1,0 +1,48 @@
+"use strict";
+/* Light or dark, as the reader's system has it. What is painted with these colours is painted again when that changes. */
+
+const DARK = window.matchMedia("(prefers-color-scheme: dark)");
+const TONES = {
+  ink: ["#222222", "#e6e6e6"],
+  soft: ["#666666", "#a6a6a6"],
+  paper: ["#ffffff", "#15181c"],
+  grid: ["#f0f0f0", "#24282e"],
+  ground: ["#f3f1ec", "#26251f"],
+  wall: ["#e6e2da", "#34322b"],
+  stone: ["#a3a3a3", "#6b6b6b"],
+  alarm: ["#b00020", "#ff6b7a"],
+};
+const LEAST_LIGHT = 0.22; // of a curve on dark paper, 0 black to 1 white
+const painted = [];
+
+function tone(name) {
+  return TONES[name][DARK.matches ? 1 : 0];
+}
+
+/* A colour #rrggbb of data: on dark paper, mixed with white until it can be seen. */
+function shade(colour) {
+  if (!DARK.matches) return colour;
+  if (colour === TONES.ink[0]) return TONES.ink[1];
+  let parts = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+  while (lightness(parts) < LEAST_LIGHT) parts = parts.map((part) => Math.ceil(part + 0.1 * (255 - part)));
+  return `#${parts.map((part) => part.toString(16).padStart(2, "0")).join("")}`;
+}
+
+function lightness(parts) {
+  const [red, green, blue] = parts.map((part) => (part / 255) ** 2.2);
+  return 0.2126 * red + 0.7152 * green + 0.0722 * blue;
+}
+
+/* A colour #rrggbb mixed with the paper: strength 1 is the colour. */
+function faded(colour, strength) {
+  if (strength === 1) return shade(colour);
+  const [ink, paper] = [shade(colour), tone("paper")].map((one) => [1, 3, 5].map((at) => parseInt(one.slice(at, at + 2), 16)));
+  return `rgb(${ink.map((part, index) => Math.round(paper[index] + strength * (part - paper[index]))).join(",")})`;
+}
+
+function paint(action) {
+  painted.push(action);
+  action();
+}
+
+DARK.addEventListener("change", () => painted.forEach((action) => action()));

@@ -1,0 +1,100 @@
+"""The page of many flights: with and without corrections side by side, pictures, and how much can be corrected."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.files import write_atomically
+from floatplan.inflight.authority import Authority
+from floatplan.plans.plan import Plan
+from floatplan.simulation.flights import ClosedLoop, Landings
+from floatplan.view.figures.inflight_pictures import authority_png, closed_loop_png
+
+STYLE = """body { font: 15px/1.45 system-ui, sans-serif; color: #222;
+  max-width: 46em; margin: 2em auto; padding: 0 1em }
+table { border-collapse: collapse; margin: 1em 0 } td, th { padding: .25em 1em .25em 0; text-align: left }
+th { font-weight: 600; border-bottom: 1px solid #ccc } img { max-width: 100%; width: 34em }"""
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+Row = Sequence[str]
+
+
+def write_flights_page(
+    plan: Plan, path: str | Path, flights: ClosedLoop | None = None, authority: Authority | None = None
+) -> Path:
+    """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
+    parts = [f"<h1>{html.escape(plan.problem.name)}: in flight</h1>"]
+    if flights is not None:
+        parts.append(_table(("", "with corrections", "without"), landing_rows(flights)))
+        parts.append(_picture(closed_loop_png(plan, flights), "planned and flown motion, corrections, landings"))
+    if authority is not None:
+        parts.append("<h2>How much can be corrected</h2>")
+        parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(authority)))
+        parts.append(_picture(authority_png(authority), "errors that are corrected"))
+    page = (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" '
+        f'content="{POLICY}"><title>{html.escape(plan.problem.name)}: in flight</title><style>{STYLE}</style></head>'
+        f"<body>{''.join(parts)}</body></html>\n"
+    )
+    return write_atomically(path, page)
+
+
+def landing_rows(flights: ClosedLoop) -> list[Row]:
+    """Return rows of (what, with corrections, without) of many flights, for reading."""
+    both = (flights.corrected, flights.uncorrected)
+    rows: list[Row] = [
+        ("orientation, median", *(f"{_degrees(np.median(np.abs(ends.orientation)))}" for ends in both)),
+        ("orientation, worst", *(_degrees(np.abs(ends.orientation).max()) for ends in both)),
+        ("joints, worst", *(_degrees(ends.joints.max()) for ends in both)),
+        ("peak torque, median", *(f"{np.median(ends.torque_peak.max(axis=1)):.4g} N m" for ends in both)),
+    ]
+    planned = flights.plan_torque_peak.max()
+    rows.append(("of the plan's", *(f"{_ratio(ends, planned)}" for ends in both)))
+    if np.isfinite(flights.corrected.clearance).any():
+        rows.append(("least clearance", *(f"{ends.clearance.min():.4g} m" for ends in both)))
+        rows.append(("touched", *(f"{(ends.clearance < 0).sum()} of {flights.flights}" for ends in both)))
+    counts = ", ".join(f"{count} {status}" for status, count in sorted(flights.statuses.items()))
+    median, most = flights.update_milliseconds
+    return [
+        *rows,
+        ("corrections", counts or "none", ""),
+        ("processor time of one", f"{median:.2f} ms, 99 % below {most:.2f} ms", ""),
+    ]
+
+
+def authority_rows(found: Authority) -> list[Row]:
+    """Return rows of (begin, momentum, inertia), for reading."""
+    return [
+        (f"{time:.3g} s", _interval(*momentum), _interval(*inertia))
+        for time, momentum, inertia in zip(
+            found.times.tolist(), found.momentum.tolist(), found.inertia.tolist(), strict=True
+        )
+    ]
+
+
+def _interval(low: float, high: float) -> str:
+    return "none" if math.isnan(low) else f"{100 * low:+.1f} % to {100 * high:+.1f} %"
+
+
+def _ratio(ends: Landings, planned: float) -> str:
+    return f"{np.median(ends.torque_peak.max(axis=1)) / planned:.2f} times" if planned > 0 else "-"
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.3g}°"
+
+
+def _table(titles: Row, rows: Sequence[Row]) -> str:
+    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _picture(content: bytes, text: str) -> str:
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'

@@ -1,0 +1,104 @@
+"""Writes docs/keys.md, the reference of problem files, from the JSON Schema that floatplan checks them against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from floatplan.problem.json_schema import MODELS, problem_schema
+from floatplan.problem.keys import KEYS, TABLES
+from floatplan.problem.parts import OBSTACLE_KINDS
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
+OPENING = """# Keys of a problem file
+
+A problem file is TOML. Every key that floatplan knows is here, and any other is refused. Angles and rates are in
+radians unless the file says `angles = "deg"`. [Limits](limits.md) has the ranges of numbers. `floatplan schema` prints
+the same as JSON Schema 2020-12, for editors: with `floatplan schema -o floatplan.schema.json` and, as the first line of
+a problem file, `#:schema ./floatplan.schema.json`.
+
+This page is made by `scripts/key_reference.py`.
+"""
+
+
+def page() -> str:
+    """Return the page's text."""
+    schema = problem_schema()
+    sections = [OPENING]
+    for place in KEYS:
+        table = _table(schema, place)
+        required = set(table.get("required", ()))
+        rows = [
+            f"| `{name}` | {_form(schema, form)} | {_default(form, name in required)} | {key.meaning} | {key.unit} |"
+            for name, key in KEYS[place].items()
+            for form in [table["properties"][name]]
+        ]
+        head = "| key | value | default | meaning | unit |\n| --- | --- | --- | --- | --- |"
+        sections.append("\n".join([f"## {_heading(place)}", "", f"{TABLES[place]}.", "", head, *rows, ""]))
+    return "\n".join(sections)
+
+
+def _table(schema: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+    """The schema of a table; ``goal`` has that of ``start``."""
+    if not place:
+        return schema
+    definitions: Mapping[str, Any] = schema["$defs"]
+    if place.startswith("obstacles["):
+        kind = place.removeprefix("obstacles[").removesuffix("]")
+        found: Mapping[str, Any] = definitions[f"{OBSTACLE_KINDS[kind].__name__}Table"]
+        return found
+    return dict(definitions[MODELS["start" if place == "goal" else place].__name__])
+
+
+def _heading(place: str) -> str:
+    if not place:
+        return "Top of the file"
+    if place.startswith("obstacles["):
+        return f'`[[obstacles]]` with `kind = "{place.removeprefix("obstacles[").removesuffix("]")}"`'
+    if place.endswith("[]"):
+        return f"`[[{place.removesuffix('[]')}]]`"
+    return f"`[{place.replace('*', 'JOINT')}]`"
+
+
+def _form(schema: Mapping[str, Any], form: Mapping[str, Any]) -> str:
+    """What a value may be, in words."""
+    return " or ".join(dict.fromkeys(_forms(schema, form)))
+
+
+def _forms(schema: Mapping[str, Any], form: Mapping[str, Any]) -> Iterator[str]:
+    for alternatives in (form.get("anyOf"), form.get("oneOf")):
+        for inner in alternatives or ():
+            yield from _forms(schema, inner)
+    if "$ref" in form:
+        yield "table"
+    elif "const" in form:
+        yield f'`"{form["const"]}"`'
+    elif "enum" in form:
+        yield from (f'`"{word}"`' for word in form["enum"])
+    elif "prefixItems" in form:
+        yield f"[{', '.join(_form(schema, inner) for inner in form['prefixItems'])}]"
+    elif form.get("type") == "array":
+        yield "list"
+    elif form.get("type") == "object":
+        yield "table"
+    elif form.get("type") in WORDS:
+        yield WORDS[form["type"]]
+
+
+WORDS = {"number": "number", "integer": "whole number", "string": "text", "boolean": "`true`, `false`"}
+
+
+def _default(form: Mapping[str, Any], needed: bool) -> str:
+    if needed:
+        return "needed"
+    default = form.get("default")
+    if isinstance(default, str):
+        return f'`"{default}"`'
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
+    return "" if default in (None, {}, []) else f"`{default}`"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

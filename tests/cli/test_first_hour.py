@@ -1,0 +1,254 @@
+"""What a new user asks first: which robots there are, what one is, and what a problem file may hold."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from robot_samples import GYMNAST, PAIR, inertial, robot_text
+
+import floatplan as fp
+from floatplan.robot.urdf import example_robots
+
+ROOT = Path(__file__).resolve().parents[2]
+URDF = ROOT / "urdf"
+PROBLEMS = ROOT / "problems"
+Command = Callable[..., Any]
+FLIGHT = ("--start", "0,0.1,0.2", "--goal", "1,0.4,-0.3", "--duration", "1")
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Path:
+    path = tmp_path / "pair.urdf"
+    path.write_text(robot_text(f'<link name="body">{inertial(2.0, "0 0 0")}</link>', PAIR))
+    return path
+
+
+class TestRobots:
+    def test_each_can_be_named_as_it_is_listed(self, floatplan: Command) -> None:
+        listed = json.loads(floatplan("robots", "--json").stdout)
+        own = [facts for facts in listed["robots"] if "example-robot-data" not in facts["robot"]]
+        assert {Path(facts["robot"]).name for facts in own} == {path.name for path in URDF.glob("*.urdf")}
+        for facts in own:
+            assert fp.Robot.from_urdf(facts["robot"]).joints == tuple(facts["joints"])
+        for line, facts in zip(floatplan("robots").stdout.splitlines()[1:], listed["robots"], strict=False):
+            assert line.removesuffix(" --coupled mirror").endswith(facts["robot"])
+            assert line.endswith("--coupled mirror") == (facts["coupled"] == "mirror")
+
+    def test_of_example_robot_data(self, floatplan: Command) -> None:
+        if example_robots.robots_folder() is None:
+            pytest.skip("example-robot-data is not installed")
+        listed = json.loads(floatplan("robots", "--json").stdout)
+        named = {facts["robot"]: facts for facts in listed["robots"]}
+        go2 = named["example-robot-data:go2_description/urdf/go2.urdf"]
+        assert (len(go2["joints"]), len(go2["followers"]), go2["coupled"]) == (4, 4, "mirror")
+        assert all(facts["reason"] for facts in listed["unusable"])
+        known = {example_robots.PREFIX + name for name in example_robots.example_urdfs()}
+        assert known <= named.keys() | {facts["robot"] for facts in listed["unusable"]}
+
+    def test_where_there_are_none_it_says_how_to_get_them(
+        self, floatplan: Command, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(example_robots, "robots_folder", lambda: None)
+        run = floatplan("robots")
+        assert run.code == 0
+        assert "gymnast.urdf" in run.stdout
+        assert "[robots]'" in run.stdout.splitlines()[-1]
+
+
+class TestInfo:
+    def test_joints_come_first_and_the_rest_when_asked_for(self, floatplan: Command) -> None:
+        run = floatplan("info", URDF / "gymnast.urdf")
+        lines = run.stdout.splitlines()
+        assert [line.split()[0] for line in lines[:5]] == ["robot", "plane", "joint", "q1", "q2"]
+        assert "body1" not in run.stdout
+        assert "hand" in floatplan("info", URDF / "gymnast.urdf", "--frames").stdout
+        assert "body1 0.4 m" in floatplan("info", URDF / "gymnast.urdf", "--shapes").stdout
+        assert "body1 0.4 m" in floatplan("info", "--shapes", URDF / "gymnast.urdf", "--frames").stdout
+        assert floatplan("info", URDF / "gymnast.urdf", "--shapes", "links.png").code == 0
+        assert Path("links.png").is_file()
+
+    def test_followers_are_said_in_words(self, floatplan: Command, pair: Path) -> None:
+        text = floatplan("info", pair, "--coupled", "mirror").stdout
+        assert "right_hip follows left_hip\n" in text
+        text = floatplan("info", pair, "--coupled", "right_hip=-left_hip,right_knee=0.5*left_knee").stdout
+        assert "right_hip follows -left_hip\n" in text
+        assert "right_knee follows 0.5 left_knee\n" in text
+
+    def test_a_file_with_the_robot_alone(self, floatplan: Command, pair: Path) -> None:
+        file = pair.with_name("robot.toml")
+        file.write_text('angles = "deg"\n[robot]\nurdf = "pair.urdf"\nlocked = { left_knee = 90, right_knee = 90 }\n')
+        facts = json.loads(floatplan("info", file, "--json").stdout)
+        assert facts["locked"] == {"left_knee": np.pi / 2, "right_knee": np.pi / 2}
+        run = floatplan("info", file, "--coupled", "mirror")
+        assert (run.code, "set robot.coupled in the file" in run.stderr) == (2, True)
+
+    @pytest.mark.parametrize("more", ["goal = 1", "[robots]", "[start]\norientation = 0"])
+    def test_more_than_the_robot_must_be_a_whole_problem(self, floatplan: Command, pair: Path, more: str) -> None:
+        file = pair.with_name("robot.toml")
+        file.write_text(
+            f'{more if "=" in more and "[" not in more else ""}\n[robot]\nurdf = "pair.urdf"\n'
+            f"{more if '[' in more else ''}\n"
+        )
+        run = floatplan("info", file)
+        assert run.code == 2
+        assert "flight: is missing" in run.stderr
+
+
+class TestChoices:
+    def test_are_those_of_python(self, floatplan: Command, pair: Path) -> None:
+        run = floatplan(
+            *("info", pair, "--coupled", "right_hip = left_hip", "--degrees", "--json"),
+            *("--locked", "left_knee=90, right_knee=45"),
+        )
+        facts = json.loads(run.stdout)
+        assert facts["joints"] == ["left_hip"]
+        assert facts["coupled"] == {"right_hip": {"leader": "left_hip", "ratio": 1.0, "offset": 0.0}}
+        assert facts["locked"] == {"left_knee": np.pi / 2, "right_knee": np.pi / 4}
+
+    def test_of_a_plan_are_in_its_problem_file(self, floatplan: Command, pair: Path) -> None:
+        run = floatplan("plan", pair, *FLIGHT, "--coupled", "mirror", "--no-figures", "-o", "out")
+        assert run.code == 0, run
+        robot = fp.load_problem("out/problem.toml").robot
+        assert set(robot.coupled) == {"right_hip", "right_knee"}
+        assert not Path("out/problem.toml").read_text().startswith("#:schema")
+
+    def test_reference_posture(self, floatplan: Command, pair: Path) -> None:
+        state = '<group_state name="standing" group="all"><joint name="left_knee" value="0.7"/></group_state>'
+        pair.with_suffix(".srdf").write_text(f'<robot name="sample">{state}</robot>')
+        run = floatplan("info", pair, "--reference", "standing", "--coupled", "right_hip=left_hip", "--json")
+        expected = fp.Robot.from_urdf(pair, reference="standing", coupled={"right_hip": "left_hip"})
+        assert json.loads(run.stdout)["locked"] == dict(expected.locked), run
+
+    @pytest.mark.parametrize(
+        ("arguments", "naming"),
+        [
+            (["--coupled", "left"], ["--coupled", "'left' is not FOLLOWER=LEADER"]),
+            (["--coupled", ""], ["--coupled", "FOLLOWER=LEADER"]),
+            (["--coupled", "right_hip=x*left_hip"], ["--coupled", "'x' is not a number"]),
+            (["--coupled", "right_hip=nan*left_hip"], ["coupled", "right_hip"]),
+            (["--coupled", "right_hip=toe"], ["toe"]),
+            (["--coupled", "right_hip=left_hip,right_hip=left_knee"], ["right_hip", "given twice"]),
+            (["--locked", "left_hip"], ["--locked", "JOINT=ANGLE"]),
+            (["--locked", "left_hip=nan"], ["left_hip"]),
+            (["--locked", "toe=1"], ["toe"]),
+            (["--locked", "left_hip=9"], ["left_hip"]),
+            (["--reference", "standing"], ["standing"]),
+        ],
+    )
+    @pytest.mark.parametrize("command", [["info"], ["plan", *FLIGHT]])
+    def test_wrong_ones(
+        self, floatplan: Command, pair: Path, command: list[str], arguments: list[str], naming: list[str]
+    ) -> None:
+        run = floatplan(command[0], pair, *command[1:], *arguments)
+        assert (run.code, run.stdout) == (2, ""), run
+        assert all(part in run.stderr for part in naming), run.stderr
+
+    @pytest.mark.parametrize("option", ["coupled", "locked", "reference", "plane"])
+    def test_beside_a_problem_file(self, floatplan: Command, option: str) -> None:
+        for command in ("info", "plan"):
+            run = floatplan(command, PROBLEMS / "handstand.toml", f"--{option}", "xz")
+            assert run.code == 2
+            assert f"set robot.{option} in the file" in run.stderr
+
+
+@pytest.fixture(scope="module")
+def validator() -> Any:
+    from floatplan.problem.json_schema import problem_schema
+
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = problem_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+class TestSchema:
+    @pytest.mark.parametrize("path", sorted(PROBLEMS.rglob("*.toml")), ids=lambda path: path.stem)
+    def test_admits_every_problem(self, validator: Any, path: Path) -> None:
+        content = tomllib.loads(path.read_text())
+        assert "vary" in content or list(validator.iter_errors(content)) == []
+
+    def test_admits_what_floatplan_writes(self, validator: Any, tmp_path: Path) -> None:
+        for name in ("obstacle_hard", "somersault_motors", "moving_hoop"):
+            path = fp.save_problem(fp.load_problem(PROBLEMS / f"{name}.toml"), tmp_path / f"{name}.toml")
+            assert list(validator.iter_errors(tomllib.loads(path.read_text()))) == []
+
+    @pytest.mark.parametrize(
+        ("old", "new", "place"),
+        [
+            ("duration = 1.4", "duration = -1", "flight.duration"),
+            ("duration = 1.4", 'duration = "long"', "flight.duration"),
+            ("duration = 1.4", "", "flight"),
+            ("duration = 1.4", "duration = 1.4\nwings = 2", "flight"),
+            ("[motion]", "[motions]", ""),
+            ('kind = "circle"', 'kind = "blob"', "obstacles.0"),
+            ("radius = 0.2", "radius = [1]", "obstacles.0"),
+            ("orientation = 72", "orientation = true", "start.orientation"),
+        ],
+    )
+    def test_refuses_what_the_program_refuses(
+        self, validator: Any, tmp_path: Path, old: str, new: str, place: str
+    ) -> None:
+        text = (PROBLEMS / "obstacle.toml").read_text().replace("../urdf", str(URDF))
+        assert old in text
+        path = tmp_path / "problem.toml"
+        path.write_text(text.replace(old, new, 1))
+        places = {
+            ".".join(map(str, error.absolute_path)) for error in validator.iter_errors(tomllib.loads(path.read_text()))
+        }
+        assert place in places
+        with pytest.raises(fp.InputError):
+            fp.load_problem(path)
+
+    def test_every_key_is_described(self) -> None:
+        """A key that a table gets has to get its meaning too, and a meaning goes with its key."""
+        from floatplan.problem.json_schema import MODELS, problem_schema
+        from floatplan.problem.keys import KEYS, TABLES
+
+        tables = {name: set(model.model_fields) for name, model in MODELS.items()}
+        tables["goal"] = tables["start"]
+        for name, place in (("CircleTable", "circle"), ("HalfPlaneTable", "half-plane"), ("BarTable", "capsule")):
+            tables[f"obstacles[{place}]"] = set(problem_schema()["$defs"][name]["properties"])
+        top = tables[""] - {name.split(".")[0].split("[")[0] for name in tables if name}
+        assert {place: set(keys) for place, keys in KEYS.items()} == {**tables, "": top}
+        assert set(KEYS) <= set(TABLES)
+
+    def test_the_command(self, floatplan: Command) -> None:
+        from floatplan.problem.json_schema import problem_schema
+
+        for arguments in (("schema",), ("schema", "problem")):
+            assert json.loads(floatplan(*arguments).stdout) == problem_schema()
+        assert floatplan("schema", "horoscope").code == 2
+        run = floatplan("schema", "-o", "out/floatplan.schema.json")
+        assert json.loads(Path(run.stdout.strip()).read_text()) == problem_schema()
+
+    def test_a_problem_file_written_beside_it_names_it(self, floatplan: Command, pair: Path) -> None:
+        floatplan("schema", "-o", "out/floatplan.schema.json")
+        assert floatplan("plan", pair, *FLIGHT, "--coupled", "mirror", "--no-figures", "-o", "out").code == 0
+        assert Path("out/problem.toml").read_text().startswith("#:schema ./floatplan.schema.json\n")
+        assert fp.load_problem("out/problem.toml").robot.coupled
+
+    def test_the_reference_is_in_step(self) -> None:
+        from key_reference import PAGE, page
+
+        assert PAGE.read_text(encoding="utf-8") == page(), "run scripts/key_reference.py"
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_byte_order_marks_are_read(tmp_path: Path, floatplan: Command, mark: bytes) -> None:
+    (tmp_path / "robot.urdf").write_bytes(mark + GYMNAST.encode())
+    text = (PROBLEMS / "handstand.toml").read_text().replace("../urdf/gymnast.urdf", "robot.urdf")
+    (tmp_path / "problem.toml").write_bytes(mark + text.encode())
+    assert floatplan("info", tmp_path / "robot.urdf").code == 0
+    run = floatplan("plan", tmp_path / "problem.toml", "--no-figures", "-o", tmp_path / "out")
+    assert run.code == 0, run
+    assert floatplan("certify", tmp_path / "out" / "plan.json").code == 0
+    assert floatplan("replay", tmp_path / "out" / "plan.json").code == 0
+    plan = tmp_path / "out" / "plan.json"
+    plan.write_bytes(mark + plan.read_bytes())
+    assert floatplan("certify", plan).code == 0

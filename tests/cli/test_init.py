@@ -1,0 +1,109 @@
+"""``floatplan init``: from a robot to a flight that is proved and without warnings, without an edit."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
+
+Command = Callable[..., Any]
+
+
+def planned(floatplan: Command, path: Path) -> fp.Plan:
+    run = floatplan("plan", path, "--no-figures", "-o", "result")
+    assert run.code == 0, run
+    plan = fp.load_plan("result/plan.json")
+    assert plan.certificate is not None
+    assert plan.certificate.proved
+    assert plan.warnings == ()
+    return plan
+
+
+def full_turn(plan: fp.Plan) -> bool:
+    turned = plan.problem.final.orientation - plan.problem.initial.orientation
+    return abs(turned) > math.radians(270)
+
+
+def test_gymnast_in_three_commands(floatplan: Command, root: Path) -> None:
+    assert floatplan("init", root / "urdf" / "gymnast.urdf").code == 0
+    plan = planned(floatplan, Path("gymnast.toml"))
+    assert full_turn(plan)
+    assert plan.problem.ground
+    assert plan.problem.takeoff.frame == "foot"
+    assert floatplan("show", "result/plan.json").code == 0
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+def test_a_quadruped_flips_within_its_limits(floatplan: Command) -> None:
+    assert floatplan("init", PREFIX + "a1_description/urdf/a1.urdf", "-q").code == 0
+    content = tomllib.loads(Path("a1.toml").read_text())
+    assert content["robot"]["coupled"] == "mirror"
+    assert content["robot"]["reference"] == "standing"
+    assert content["start"]["velocities"] == "takeoff"
+    assert content["goal"]["velocities"] == "landing"
+    assert content["limits"] == {"velocity": "urdf", "torque": "urdf"}
+    plan = planned(floatplan, Path("a1.toml"))
+    assert full_turn(plan)
+    for contact in plan.contacts:
+        assert contact.ratio is not None
+        assert contact.ratio <= 0.95
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+def test_an_arm_turns_its_base_afloat(floatplan: Command) -> None:
+    assert floatplan("init", PREFIX + "ur_description/urdf/ur5_robot.urdf", "-o", "arm.toml").code == 0
+    first = Path("arm.toml").read_text().splitlines()[0]
+    assert "afloat" in first
+    plan = planned(floatplan, Path("arm.toml"))
+    assert plan.angular_momentum == 0
+    assert abs(plan.problem.final.orientation) > math.radians(10)
+
+
+def test_one_joint(floatplan: Command, root: Path) -> None:
+    """It can neither push off nor choose where it ends: what its swing makes of the base is the goal."""
+    assert floatplan("init", root / "urdf" / "acrobat.urdf").code == 0
+    text = Path("acrobat.toml").read_text()
+    assert "flip" in " ".join(text.split())
+    planned(floatplan, Path("acrobat.toml"))
+
+
+def test_the_same_file_again(floatplan: Command, root: Path) -> None:
+    for name in ("one.toml", "two.toml"):
+        assert floatplan("init", root / "urdf" / "gymnast.urdf", "-o", name).code == 0
+    assert Path("one.toml").read_bytes() == Path("two.toml").read_bytes()
+
+
+def test_files_are_kept_unless_forced(floatplan: Command, root: Path) -> None:
+    gymnast = root / "urdf" / "gymnast.urdf"
+    Path("gymnast.toml").write_text("mine")
+    run = floatplan("init", gymnast)
+    assert run.code == 2
+    assert "--force" in run.stderr
+    assert Path("gymnast.toml").read_text() == "mine"
+    assert floatplan("init", gymnast, "--force").code == 0
+    assert json.dumps(tomllib.loads(Path("gymnast.toml").read_text())["angles"]) == '"deg"'
+
+
+@pytest.mark.parametrize(("robot", "output"), [("nowhere.urdf", "a.toml"), ("gymnast.urdf", "a.urdf")])
+def test_bad_input(floatplan: Command, root: Path, robot: str, output: str) -> None:
+    run = floatplan("init", root / "urdf" / robot, "-o", output)
+    assert run.code == 2
+    assert not Path(output).exists()
+
+
+def test_round_numbers(floatplan: Command, root: Path) -> None:
+    assert floatplan("init", root / "urdf" / "high_jumper.urdf").code == 0
+    content = tomllib.loads(Path("high_jumper.toml").read_text())
+    for table in ("start", "goal"):
+        angles = [content[table]["orientation"], *content[table]["positions"].values()]
+        assert all(isinstance(angle, int) for angle in angles)
+    assert np.isclose(content["flight"]["duration"], round(content["flight"]["duration"], 2))

@@ -1,0 +1,116 @@
+"""Limits and obstacles while correcting: what a correction keeps, and how rows change with the motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flown_plans import Drifting, forward_plan
+
+import floatplan as fp
+from floatplan.inflight.outlook import Outlook, Present
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+
+
+def distance_to_circle(plan: fp.Plan, times: np.ndarray, orientations: np.ndarray, positions: np.ndarray) -> float:
+    """Least distance of any link to the first obstacle's surface, sampled along the links."""
+    robot, obstacle = plan.robot, plan.problem.obstacles[0]
+    com = plan.ballistics.positions(times)
+    angles = robot.tree.absolute_angles(orientations, positions)
+    least = math.inf
+    for shape in robot.shapes:
+        for share in np.linspace(0.0, 1.0, 21):
+            local = np.array([shape.start + share * (shape.end - shape.start)])
+            weights = robot.tree.point_weights(np.array([shape.body]), local)[0]
+            place = robot.tree.rotations(angles) @ weights + com[:, 0] + 1j * com[:, 1]
+            away = np.abs(place - complex(*obstacle.center)) - obstacle.radius - shape.radius
+            least = min(least, float(away.min()))
+    return least
+
+
+@pytest.mark.parametrize("error", [-0.1, 0.1])
+def test_an_obstacle_is_passed(error: float) -> None:
+    plan = fp.plan(fp.load_problem(PROBLEMS / "obstacle.toml"))
+    replanner = fp.Replanner(plan)
+    robot = Drifting(plan, plan.angular_momentum * (1 + error))
+    least = math.inf
+    for following in (plan.duration * np.arange(1, 141) / 140).tolist():
+        correction = replanner.update(*robot.state(replanner))
+        assert correction.status in ("applied", "limited")
+        least = min(least, distance_to_circle(plan, *robot.fly(replanner, following)))
+    assert least > 0.9 * plan.problem.obstacles[0].margin
+    assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.1)
+
+
+@pytest.mark.parametrize(("quantity", "share"), [("torque", 1.1), ("velocity", 1.0)])
+def test_limits_are_kept_where_corrections_are_applied(quantity: str, share: float) -> None:
+    free = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+    limit = share * (free.peaks.motor_torque if quantity == "torque" else free.peaks.velocity)
+    plan = replace(free, problem=replace(free.problem, limits=fp.Limits(position="full", **{quantity: limit})))
+    momentum = 0.9 * plan.angular_momentum
+    for checked, breaks in ((plan, False), (free, True)):
+        replanner = fp.Replanner(checked)
+        robot = Drifting(checked, momentum)
+        most = 0.0
+        for following in (plan.duration * np.arange(1, 101) / 100).tolist():
+            replanner.update(*robot.state(replanner))
+            times = np.linspace(robot.time, following, 5)
+            joints = replanner.motion.at(times)
+            rate = plan.dynamics.base_rate(joints[0], joints[1], momentum)
+            used = plan.dynamics.torques(*joints, rate) if quantity == "torque" else joints[1]
+            most = max(most, float((np.abs(used) / limit).max()))
+            robot.fly(replanner, following)
+        if breaks:
+            assert most > 1.01, "the limit would be broken without being watched"
+        else:
+            assert most <= 1.005
+            assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.5)
+
+
+def test_an_impossible_correction_is_told() -> None:
+    free = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+    limits = fp.Limits(position="full", torque=1.001 * free.peaks.motor_torque, velocity=1.001 * free.peaks.velocity)
+    plan = replace(free, problem=replace(free.problem, limits=limits))
+    replanner = fp.Replanner(plan)
+    robot = Drifting(plan, 0.8 * plan.angular_momentum)
+    correction = replanner.update(*robot.state(replanner))
+    assert correction.status in ("limited", "refused")
+    assert correction.reason
+    assert abs(correction.predicted_miss) > math.radians(5)
+
+
+NAMES = ["obstacle", "somersault_motors", "moving_hoop", "high_jump", "torque_limited", "handstand_ground"]
+
+
+@pytest.mark.parametrize("landed", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_change_as_their_derivatives_say(name: str, landed: bool) -> None:
+    problem = fp.load_problem(PROBLEMS / f"{name}.toml")
+    problem = replace(problem, limits=replace(problem.limits, acceleration=50.0, orientation_rate=9.0, velocity=8.0))
+    plan = forward_plan(problem, size=0.3)
+    replanner = fp.Replanner(plan)
+    begin = 0.3 * plan.duration
+    path = plan.ballistics
+    com = type(path)(path.positions(np.array([begin]))[0], path.velocities(np.array([begin]))[0], path.gravity)
+    start = float(plan.orientation(np.array([begin]))[0])
+    present = Present(begin, start + 0.1, 1.05 * plan.angular_momentum, com, replanner.views.flight.equations)
+    motion = replanner.rewriting.from_now(replanner.motion, begin, plan.duration)
+    outlook = Outlook(replanner.views, motion, present, landed)
+    size = motion.amplitude.size * (len(motion.coefficients) - 6)
+    rng, step = np.random.default_rng(0), 1e-5
+    direction = rng.standard_normal(size)
+    ahead, back = outlook.changed(step * direction), outlook.changed(-step * direction)
+    slope = (ahead.miss - back.miss) / (2 * step)
+    assert outlook.miss_by_y @ direction == pytest.approx(slope, rel=1e-5, abs=1e-8)
+    assert replanner.views.rows
+    for block, now, plus, minus in zip(replanner.views.rows, outlook.values, ahead.values, back.values, strict=True):
+        usable = np.flatnonzero(np.isfinite(now).ravel())
+        chosen = rng.choice(usable, min(20, usable.size), replace=False)
+        instants, rows = np.divmod(chosen, now.shape[1])
+        found = outlook.rows_by_y(block, instants, rows) @ direction
+        expected = ((plus - minus) / (2 * step)).ravel()[chosen]
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * (1 + np.abs(expected).max()))

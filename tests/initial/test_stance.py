@@ -1,0 +1,85 @@
+"""What a robot stands on, and whether it can leave the ground from a posture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.initial.candidates import MOST, Flights
+from floatplan.initial.limbs import feet, upright
+from floatplan.initial.robots import chosen_robot
+from floatplan.initial.stance import Stance
+from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
+
+needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+
+FEET = {
+    "a1_description/urdf/a1.urdf": ("RL_foot", "FL_foot"),
+    "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf": ("left_ankle_roll_link",),
+    "human_description/robots/human.urdf": ("left_foot",),
+    "quadruped_description/urdf/quadruped.urdf": ("BL_contact", "FL_contact"),
+    "ur_description/urdf/ur5_robot.urdf": (),
+    "panda_description/urdf/panda.urdf": (),
+    "tiago_description/robots/tiago_dual.urdf": (),
+}
+
+
+@needs_robots
+@pytest.mark.parametrize("urdf", FEET)
+def test_feet(urdf):
+    found = chosen_robot(PREFIX + urdf).feet
+    sides = {"left": "right", "RL": "RR", "FL": "FR", "BL": "BR"}
+    other = tuple(next((f.replace(a, b) for a, b in sides.items() if a in f), f) for f in FEET[urdf])
+    assert all(frame in pair for frame, pair in zip(found, zip(FEET[urdf], other, strict=True), strict=True))
+
+
+@needs_robots
+def test_fingers_stay_locked_and_legs_choose_the_plane():
+    chosen = chosen_robot(PREFIX + "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf")
+    assert chosen.robot.plane.name == "xz"
+    assert {"left_hip_pitch_joint", "left_knee_joint", "left_ankle_pitch_joint"} <= set(chosen.robot.joints)
+    assert not [joint for joint in chosen.robot.joints if "hand" in joint]
+
+
+def test_a_chain_stands_up(root):
+    robot = fp.Robot.from_urdf(root / "urdf" / "gymnast.urdf")
+    assert feet(robot) == ("foot",)
+    angle = upright(robot, "foot")
+    assert angle == pytest.approx(math.pi / 2)
+    stance = Stance(robot, "foot")
+    assert stance.height(angle, robot.resting) > 0.4
+    assert stance.sunk(angle, robot.resting) == 0
+    assert stance.sunk(angle + math.pi, robot.resting) > 0.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_candidates_are_what_the_verdicts_say(root, seed):
+    """The ratios of a candidate are those of the problem that is made of it."""
+    robot = fp.Robot.from_urdf(root / "urdf" / "high_jumper.urdf")
+    stance = Stance(robot, "foot")
+    found = Flights(robot, stance, upright(robot, "foot"), 0, (0.2, 0.5), 0.5).search(seed)
+    postures = [fp.Posture(o, q) for o, q in zip(found.orientations, found.positions, strict=True)]
+    problem = fp.Problem(
+        robot,
+        *postures,
+        fp.Flight(
+            found.duration,
+            found.angular_momentum,
+            takeoff=fp.Takeoff("foot"),
+            horizontal_velocity=found.horizontal_velocity,
+        ),
+        limits=fp.Limits(velocity="urdf"),
+        ground=True,
+    )
+    ratios = [fp.takeoff(problem).ratio, fp.landing(problem).ratio]
+    np.testing.assert_allclose(found.ratios, ratios, rtol=1e-9)
+    assert found.begins_and_ends == (max(ratios) <= MOST and found.depth == 0)
+    assert found.begins_and_ends
+    degrees = np.rad2deg([*found.orientations, *found.positions.ravel()])
+    np.testing.assert_allclose(degrees, degrees.round(), atol=1e-9)
+    again = Flights(robot, stance, upright(robot, "foot"), 0, (0.2, 0.5), 0.5).search(seed)
+    assert again.duration == found.duration
+    np.testing.assert_array_equal(again.positions, found.positions)

@@ -1,0 +1,175 @@
+"""Takeoff and landing: verdicts in words, what would help, and warnings of plans."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.plans import contact_advice
+from floatplan.robot.urdf.example_robots import robots_folder
+
+
+@pytest.fixture
+def load(root):
+    def loaded(name):
+        if name.startswith("gallery/") and robots_folder() is None:
+            pytest.skip("example-robot-data is not installed")
+        return fp.load_problem(root / "problems" / f"{name}.toml")
+
+    return loaded
+
+
+class TestVerdicts:
+    @pytest.mark.parametrize(
+        ("name", "end", "ratio"),
+        [
+            ("high_jump", fp.takeoff, 2.83),
+            ("gallery/g1", fp.takeoff, 2.51),
+            ("gallery/human", fp.takeoff, 3.56),
+            ("gallery/g1", fp.landing, 1.27),
+        ],
+    )
+    def test_ratios(self, load, name, end, ratio):
+        found = end(load(name))
+        assert found.ratio == pytest.approx(ratio, abs=0.005)
+        assert not found.ok
+        assert found.rate / found.limit == pytest.approx(found.ratio)
+        assert found.joint in found.sentences[0]
+        assert "cannot" in found.sentences[0]
+
+    @pytest.mark.parametrize(("name", "rate"), [("somersault", 817), ("handstand", 354)])
+    def test_rates_without_limits(self, load, name, rate):
+        found = fp.takeoff(load(name))
+        assert found.ratio is None
+        assert found.limit is None
+        assert found.ok
+        assert np.abs(found.rates).max() == pytest.approx(rate, abs=0.5)
+        assert f"{rate} rad/s" in found.sentences[0]
+        assert len(found.sentences) > 1
+
+    def test_a_free_base_has_none(self, load):
+        found = fp.takeoff(load("falling_cat"))
+        assert (found.ratio, found.joint, found.ok, found.angular_momentum) == (None, None, True, None)
+        assert np.isnan(found.rates).all()
+        (sentence,) = found.sentences
+        assert "No frame stands on the ground" in sentence
+
+    def test_a_free_momentum_is_the_best(self, load):
+        problem = load("gallery/go2")
+        best = fp.takeoff(problem)
+        assert best.ok
+        for momentum in (best.angular_momentum - 1, best.angular_momentum + 1):
+            other = fp.takeoff(problem, momentum)
+            assert other.ratio > best.ratio
+            assert other.angular_momentum == momentum
+
+    def test_no_free_momentum_for_both_ends(self, load):
+        problem = load("gallery/go2")
+        sentence = fp.plans.contact.no_common_momentum(problem)
+        ends = [float(number) for number in re.findall(r"(-?[\d.]+) (?:to|kg)", sentence)]
+        for end, (low, high) in ((fp.takeoff, ends[:2]), (fp.landing, ends[2:])):
+            assert end(problem, low).ratio == pytest.approx(1.0, abs=0.01)
+            assert end(problem, high).ratio == pytest.approx(1.0, abs=0.01)
+        assert ends[1] < ends[2]
+        assert fp.plans.contact.no_common_momentum(load("high_jump")) is None
+
+    def test_stretched_out(self, load):
+        found = fp.landing(load("handstand"))
+        assert found.ratio == np.inf
+        assert not found.ok
+        assert found.rate is None
+        assert "stretched out" in found.sentences[0]
+
+    def test_json_has_no_number_that_is_not_finite(self, load):
+        content = fp.landing(load("handstand")).to_dict()
+        assert content["ratio"] is None
+        assert content["rates"] is None
+        assert content["contact"] is True
+        assert content["ok"] is False
+        assert content["limits"] == [None, None]
+
+
+class TestAdvice:
+    """What the sentences promise is what the changed problem gives."""
+
+    @pytest.mark.parametrize("name", ["high_jump", "somersault", "gallery/g1", "gallery/human"])
+    @pytest.mark.parametrize("end", [fp.takeoff, fp.landing])
+    def test_holds(self, load, name, end):
+        problem = load(name)
+        found = end(problem)
+        for sentence in found.sentences[1:]:
+            changed = self.changed(problem, end, sentence)
+            share = self.promised(sentence)
+            assert contact_advice.size(end(changed).found) == pytest.approx(share, rel=0.03), sentence
+            assert share < contact_advice.size(found.found)
+
+    def test_is_repeated(self, load):
+        assert fp.takeoff(load("high_jump")).sentences == fp.takeoff(load("high_jump")).sentences
+
+    def test_is_not_given_unasked(self, load, monkeypatch):
+        """Neither a verdict nor a plan's warnings make trials."""
+        calls = []
+        monkeypatch.setattr("floatplan.plans.contact.advice", lambda *_: calls.append(1) or iter(()))
+        problem = load("high_jump")
+        found = fp.takeoff(problem)
+        assert found.ratio > 1
+        assert found.verdict
+        assert not calls
+        assert found.sentences
+        assert calls
+
+    def changed(self, problem, end, sentence):
+        flight, side = problem.flight, "start" if end is fp.takeoff else "goal"
+        if momentum := re.search(r"momentum of (\S+) kg", sentence):
+            flight = replace(flight, angular_momentum=float(momentum[1]))
+        if duration := re.search(r"duration of (\S+) s", sentence):
+            flight = replace(flight, duration=float(duration[1]))
+        posture = getattr(problem, side)
+        if joints := re.findall(r"(\w+) at (-?[\d.e-]+)", sentence):
+            assert [joint for joint, _ in joints] == list(problem.robot.joints)
+            posture = replace(posture, positions={joint: np.deg2rad(float(angle)) for joint, angle in joints})
+        return replace(problem, flight=flight, **{side: posture})
+
+    def promised(self, sentence):
+        if share := re.search(r"takes (\S+) % of", sentence):
+            return float(share[1]) / 100
+        return float(re.search(r"takes (\S+) (?:times|rad/s)", sentence)[1])
+
+
+class TestPlans:
+    def test_warnings_use_the_plan_s_own_momentum(self, load):
+        plan = fp.plan(load("gallery/go2"))
+        assert plan.problem.flight.angular_momentum == "free"
+        found = fp.landing(plan.problem, plan.angular_momentum)
+        warnings = [warning for warning in plan.warnings if warning.kind in ("takeoff", "landing")]
+        assert [warning.kind for warning in warnings] == ["landing"]
+        (warning,) = warnings
+        assert warning.value / warning.limit == pytest.approx(found.ratio)
+        assert (warning.subject, warning.unit, warning.instant) == (found.joint, "rad/s", plan.duration)
+        assert "floatplan takeoff" in warning.message
+        assert fp.takeoff(plan.problem, plan.angular_momentum).ok
+
+    def test_a_plan_that_nothing_stands_in_has_none(self, planned):
+        assert planned("falling_cat").contacts == ()
+        assert not [w for w in planned("falling_cat").warnings if w.kind in ("takeoff", "landing")]
+
+    def test_a_plan_does_not_look_before_it_is_asked(self, load, monkeypatch):
+        def refuse(*_):
+            raise AssertionError("a verdict was made")
+
+        problem = load("high_jump")
+        with monkeypatch.context() as patched:
+            patched.setattr("floatplan.plans.contact.contact_rates", refuse)
+            plan = fp.plan(problem)
+        assert {"takeoff", "landing"} <= {warning.kind for warning in plan.warnings}
+
+    def test_they_are_the_same_after_saving(self, planned, tmp_path):
+        plan = planned("handstand")
+        again = fp.load_plan(plan.save(tmp_path / "plan.json"))
+        assert [w.to_dict() for w in again.warnings] == [w.to_dict() for w in plan.warnings]
+        (warning,) = plan.warnings
+        assert (warning.kind, warning.subject, warning.value, warning.limit) == ("landing", "hand", None, None)

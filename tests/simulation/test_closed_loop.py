@@ -1,0 +1,190 @@
+"""Perturbed robots in forward dynamics, with corrections and without; the commands; how much can be corrected."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from flown_plans import Drifting
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.inflight import authority as authority_module
+from floatplan.simulation.perturbation import Perturbation, parse_perturbation
+from floatplan.simulation.reduced_model import reduced_model
+from floatplan.simulation.stepping import mujoco_stepper, pinocchio_stepper
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
+
+
+@pytest.fixture(scope="module")
+def plan() -> fp.Plan:
+    return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+
+
+@pytest.fixture(scope="module")
+def flown(plan: fp.Plan) -> fp.ClosedLoop:
+    return fp.closed_loop(plan, perturb=PERTURBED, flights=2, seed=5)
+
+
+def numbers(result: fp.ClosedLoop) -> dict[str, Any]:
+    """All that is the same for the same seed."""
+    return {key: value for key, value in result.to_dict().items() if key not in ("seconds", "update_milliseconds")}
+
+
+def test_corrected_flights_land(flown: fp.ClosedLoop) -> None:
+    assert np.abs(flown.corrected.orientation).max() < math.radians(0.5)
+    assert np.abs(flown.uncorrected.orientation).min() > math.radians(5)
+    assert flown.corrected.joints.max() < math.radians(0.5)
+    assert (flown.corrected.torque_peak.max(axis=1) < 3 * flown.plan_torque_peak.max()).all()
+    assert set(flown.statuses) == {"applied"}
+    for path in flown.paths:
+        assert np.abs(np.diff(path.orientation)).max() < 0.2
+
+
+def test_the_same_seed_the_same_flights(plan: fp.Plan, flown: fp.ClosedLoop) -> None:
+    again = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5)
+    assert again.corrected.orientation[0] == flown.corrected.orientation[0]
+    assert again.uncorrected.orientation[0] == flown.uncorrected.orientation[0]
+    np.testing.assert_array_equal(again.corrected.torque_peak[0], flown.corrected.torque_peak[0])
+    other = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=6)
+    assert other.corrected.orientation[0] != flown.corrected.orientation[0]
+
+
+def test_an_undisturbed_robot_lands_without_corrections(plan: fp.Plan) -> None:
+    result = fp.closed_loop(plan, perturb=Perturbation(), flights=1)
+    for ends in (result.corrected, result.uncorrected):
+        assert np.abs(ends.orientation).max() < math.radians(0.02)
+        assert ends.torque_peak.max() < 1.01 * result.plan_torque_peak.max()
+
+
+def test_a_higher_jump_lands_later(plan: fp.Plan) -> None:
+    result = fp.closed_loop(plan, perturb="h=5%,rise=4%", flights=1, seed=1)
+    assert result.paths[0].times[-1] != pytest.approx(plan.duration, abs=0.01)
+    assert np.abs(result.corrected.orientation).max() < math.radians(0.3)
+
+
+def test_engines_take_the_same_steps(plan: fp.Plan) -> None:
+    try:
+        import mujoco  # noqa: F401
+    except ImportError:
+        skip_or_fail("mujoco is not installed")
+    reduced = reduced_model(plan.robot, 9.81)
+    rng = np.random.default_rng(0)
+    factors = np.ones(reduced.model.njoints)
+    state = rng.standard_normal(reduced.model.nv), rng.standard_normal(reduced.model.nv)
+    other = state
+    torques = rng.standard_normal(reduced.model.nv - 3)
+    steppers = pinocchio_stepper(reduced.model), mujoco_stepper(plan.robot, reduced, 9.81, factors, factors)
+    for _ in range(20):
+        state, other = (step(each, torques, 1e-3) for step, each in zip(steppers, (state, other), strict=True))
+    for one, two in zip(state, other, strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9)
+    heavier = mujoco_stepper(plan.robot, reduced, 9.81, 1.05 * factors, 0.95 * factors)(state, torques, 1e-3)
+    assert np.abs(heavier[1] - steppers[1](state, torques, 1e-3)[1]).max() > 1e-5
+
+
+def test_mujoco_lands_too(plan: fp.Plan) -> None:
+    try:
+        import mujoco  # noqa: F401
+    except ImportError:
+        skip_or_fail("mujoco is not installed")
+    result = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5, engine="mujoco")
+    assert np.abs(result.corrected.orientation).max() < math.radians(0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "value"),
+    [
+        ("h=10%", "h", 0.1),
+        ("h=-0.1", "h", -0.1),
+        ("inertia=5%, h=0", "inertia", 0.05),
+        ("noise=0.5deg", "noise", math.radians(0.5)),
+        ("noise=0.01rad", "noise", 0.01),
+        ("noise=0.01", "noise", 0.01),
+        ("rate_noise=2deg/s", "rate_noise", math.radians(2)),
+        ("delay=5ms", "delay", 0.005),
+        ("delay=0.02s", "delay", 0.02),
+        ("rise=2%", "rise", 0.02),
+        ("torque=3%", "torque", 0.03),
+    ],
+)
+def test_perturbations_are_read(text: str, name: str, value: float) -> None:
+    assert getattr(parse_perturbation(text), name) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    "text", ["g=1", "h", "h=x", "h=1e9", "h=nan", "h=1%,h=2%", "noise=5ms", "delay=-1ms", "delay=5deg", "noise=9"]
+)
+def test_wrong_perturbations_are_told(plan: fp.Plan, text: str) -> None:
+    with pytest.raises(InputError):
+        fp.closed_loop(plan, perturb=text, flights=1)
+
+
+@pytest.mark.parametrize("wrong", [{"rate": 0.0}, {"rate": 1e4}, {"flights": 0}, {"engine": "ode"}, {"feedback": -1.0}])
+def test_wrong_numbers_are_told(plan: fp.Plan, wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        fp.closed_loop(plan, **wrong)
+
+
+def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(authority_module, "SHARES", (0.5,))
+    monkeypatch.setattr(authority_module, "RESOLUTION", 0.2)
+    hostile = replace(plan, problem=replace(plan.problem, name="<script>alert(1)</script>"))
+    path = hostile.save("plan.json")
+    options = ("--flights", 1, "--seed", 3, "--perturb", PERTURBED)
+    run = floatplan("replay", path.absolute(), "--replan", 100, *options, "--authority", "--json", "-o", "out")
+    assert run.code == 0
+    facts = json.loads(run.stdout)
+    assert {"replan", "flights", "seed", "corrected", "uncorrected", "statuses", "authority"} <= set(facts)
+    assert facts["corrected"]["orientation_error_worst"] < facts["uncorrected"]["orientation_error_worst"]
+    page = Path("out/flights.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 2
+    assert "<script" not in page
+    run = floatplan("replay", path.absolute(), "--replan", 100, *options)
+    assert run.code == 0
+    assert "with corrections" in run.stdout
+    for wrong in (
+        ("--replan", 0),
+        ("--output", "out"),
+        ("--replan", 100, "--save"),
+        ("--replan", 100, "--perturb", "x"),
+    ):
+        assert floatplan("replay", path.absolute(), *wrong, "--flights", 1).code == 2
+
+
+@pytest.fixture(scope="module")
+def found(plan: fp.Plan) -> fp.Authority:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(authority_module, "SHARES", (0.0, 0.6))
+        patch.setattr(authority_module, "RESOLUTION", 0.04)
+        return fp.authority(plan)
+
+
+def test_authority_shrinks_with_time(found: fp.Authority) -> None:
+    for intervals in (found.momentum, found.inertia):
+        assert (intervals[:, 0] < 0).all()
+        assert (intervals[:, 1] > 0).all()
+        assert intervals[1, 1] - intervals[1, 0] < intervals[0, 1] - intervals[0, 0]
+    assert found.until(0.01) == found.times[1]
+    assert found.until(0.99) is None
+
+
+@pytest.mark.parametrize(("factor", "reached"), [(0.9, True), (1.5, False)])
+def test_authority_says_what_flies(plan: fp.Plan, found: fp.Authority, factor: float, reached: bool) -> None:
+    begin, (_, most) = float(found.times[1]), found.momentum[1]
+    replanner = fp.Replanner(plan, 200)
+    robot = Drifting(plan, plan.angular_momentum * (1 + factor * most))
+    robot.fly(replanner, begin, 400)
+    for following in np.linspace(begin, plan.duration, 90)[1:].tolist():
+        replanner.update(*robot.state(replanner))
+        robot.fly(replanner, following)
+    assert (abs(robot.orientation - plan.problem.final.orientation) < 1.5 * found.reached) == reached
