@@ -9,7 +9,6 @@ from pathlib import Path
 
 LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
 LONGEST_WORD = 80  # characters of something quoted
-HALF = (LONGEST_WORD - 5) // 2  # of them, before and after what is left out
 LONGEST_PART = 400  # characters of a reason, an element or an advice
 LONGEST_PATH = 300  # characters of a file's path
 
@@ -19,11 +18,11 @@ def escaped(text: str) -> str:
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
-def printable(text: str, most: int = LONGEST_PART) -> str:
+def printable(text: str, longest_word: int = LONGEST_WORD) -> str:
     """Text from anywhere as it may be shown: one line without control characters, nothing in it overlong."""
-    shown = escaped(text)
-    shown = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: f"{word[0][:HALF]} ... {word[0][-HALF:]}", shown)
-    return shown if len(shown) <= most else f"{shown[: most - 4]} ..."
+    half = (longest_word - 5) // 2  # of what is left of a word, before and after what is left out
+    shown = re.sub(rf"\S{{{longest_word + 1},}}", lambda word: f"{word[0][:half]} ... {word[0][-half:]}", escaped(text))
+    return shown if len(shown) <= LONGEST_PART else f"{shown[: LONGEST_PART - 4]} ..."
 
 
 def check_name(name: str, element: str) -> None:
@@ -70,7 +69,7 @@ class InputError(FloatplanError, ValueError):
         self.reason = printable(reason)
         self.source = None if source is None else str(source)
         self.element = None if element is None else printable(element)
-        self.advice = None if advice is None else printable(advice)
+        self.advice = None if advice is None else printable(advice, LONGEST_PATH)  # it may be a command
         place = ": ".join(part for part in (_shown_path(self.source), self.element) if part)
         super().__init__(f"{place}: {self.reason}" if place else self.reason)
 

@@ -9,7 +9,7 @@ import pytest
 from floatplan import errors, files, tables
 from floatplan.export import ros_bag, table
 from floatplan.planning import search
-from floatplan.plans import record
+from floatplan.plans import reading
 from floatplan.problem import checks, family, file, limits
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, values
@@ -68,8 +68,8 @@ def test_sizes(page):
     "number",
     [
         f"{limits.NARROWEST:g} rad wide",
-        f"at most {record.LARGEST_ANGLE:g} rad",
-        f"above\n{record.LARGEST:g}",
+        f"at most {reading.LARGEST_ANGLE:g} rad",
+        f"above {reading.LARGEST:g}",
         f"below {values.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
         *(f"`.{kind}`" for kind in meshes.KINDS),

@@ -13,7 +13,8 @@ from typing import Protocol
 from floatplan.certificate.certificate import BUDGET, prove
 from floatplan.certificate.planar.shapes import LinkShape
 from floatplan.errors import naming
-from floatplan.plans.record import PlanRecord, load_record
+from floatplan.plans.reading import load_record
+from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import check_meshes, find_urdf, recorded_robot
 from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate

@@ -252,7 +252,7 @@ def certify(
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     from floatplan.certificate.certificate import BUDGET
     from floatplan.certificate.certify import certify as prove
-    from floatplan.plans.record import load_record
+    from floatplan.plans.reading import load_record
 
     with progress("proving"):
         certificate = prove(plan_file, urdf=urdf, budget=budget or BUDGET)

@@ -21,7 +21,8 @@ from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.compiled import compiled_solution
 from floatplan.planning.starts import Start, starts
-from floatplan.planning.transcription.constraints import Constraint, constraints
+from floatplan.planning.transcription.asked import constraints
+from floatplan.planning.transcription.constraints import Constraint
 from floatplan.planning.transcription.exchange import Worst, local_minima, solve
 from floatplan.planning.transcription.objectives import Objective, objective_value
 from floatplan.planning.transcription.program import (

@@ -8,7 +8,8 @@ from floatplan.arrays import read_only
 from floatplan.errors import InputError, naming
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.plans.plan import Plan
-from floatplan.plans.record import PlanRecord, load_record
+from floatplan.plans.reading import load_record
+from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import check_meshes, recorded_robot
 from floatplan.plans.schema import check_asked
 from floatplan.problem.file import problem_from_dict

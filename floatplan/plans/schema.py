@@ -12,7 +12,8 @@ from numbers import Integral, Real
 from typing import Any, TypeAlias
 
 from floatplan.errors import InputError
-from floatplan.plans.record import PlanRecord, as_written
+from floatplan.plans.reading import as_written
+from floatplan.plans.record import PlanRecord
 from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST
 
 Check: TypeAlias = Callable[[Any, str], None]
@@ -49,7 +50,7 @@ def checked(record: PlanRecord) -> PlanRecord:
     Raises
     ------
     InputError
-        As :func:`floatplan.plans.record.as_written` and :func:`check_asked`.
+        As :func:`floatplan.plans.reading.as_written` and :func:`check_asked`.
     """
     written = as_written(record)
     check_asked(written)

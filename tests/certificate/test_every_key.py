@@ -18,7 +18,8 @@ from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import Balls
 from floatplan.errors import InputError
 from floatplan.plans.plan_file import load_plan, rebuild
-from floatplan.plans.record import PlanRecord, record_from_dict
+from floatplan.plans.reading import record_from_dict
+from floatplan.plans.record import PlanRecord
 from floatplan.plans.schema import check_asked
 from floatplan.robot.robot import Coupling, Robot
 

@@ -277,6 +277,10 @@ class TestText:
         assert str(error).isprintable()
         assert printable("/a/" + "b" * 200 + "/end").endswith("/end")
 
+    def test_a_command_in_advice_stays_whole(self):
+        command = f"/{'folder/' * 25}python"
+        assert str(InputError("is missing", advice=f"run: {command}")).endswith(command)
+
     def test_many_faults_fit_one_message(self, root):
         problem = fp.load_problem(root / "problems" / "obstacle.toml")
         bad = replace(problem.obstacles[0], radius=-1.0)

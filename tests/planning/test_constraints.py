@@ -22,13 +22,13 @@ from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.sine_polynomial import Form
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import objectives as objectives_module
+from floatplan.planning.transcription.asked import constraints
 from floatplan.planning.transcription.constraints import (
     LinkClearance,
     MagnitudeLimit,
     MotorLimit,
     ObstacleClearance,
     applies,
-    constraints,
     window_ends,
 )
 from floatplan.planning.transcription.objectives import CoefficientNorm, FollowingCoefficientNorm, IntegralOfSquares

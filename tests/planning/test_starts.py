@@ -13,7 +13,7 @@ import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.planning.starts import Start, starts
-from floatplan.planning.transcription.constraints import constraints
+from floatplan.planning.transcription.asked import constraints
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
 
 NODES = 96

@@ -17,6 +17,7 @@ from scipy.integrate import simpson
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.plan import Plan
 from floatplan.plans.plan_file import rebuild
 
@@ -225,3 +226,9 @@ def test_record_holds_what_the_plan_says(planned):
     assert content["robot"]["sha256"] == plan.robot.sha256
     assert content["robot"]["joints"] == ["q1", "q2"]
     assert {"iterations", "evaluations", "seconds", "seed"} <= content["solver"].keys()
+
+
+def test_every_seed_of_a_search_can_be_read_back(planned, tmp_path):
+    plan, file = planned("handstand"), tmp_path / "plan.json"
+    replace(plan, solver={**plan.solver, "seed": LARGEST_SEED}).save(file)
+    assert fp.load_plan(file).solver["seed"] == LARGEST_SEED

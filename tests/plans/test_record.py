@@ -16,7 +16,8 @@ import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan_file import rebuild
-from floatplan.plans.record import FORMAT, PlanRecord, load_record, record_from_dict
+from floatplan.plans.reading import load_record, record_from_dict
+from floatplan.plans.record import FORMAT, PlanRecord
 
 AWKWARD = [0.1 + 0.2, -0.0, 5e-324, np.nextafter(1e4, 0), 1 / 3, np.nextafter(1, 2), -1e-17, 1e4 / 3]
 

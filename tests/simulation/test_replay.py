@@ -13,7 +13,7 @@ import pytest
 from robot_samples import PAIR, TWO_LINKS, inertial, joint, robot_text
 
 import floatplan as fp
-from floatplan.plans.record import load_record
+from floatplan.plans.reading import load_record
 from floatplan.simulation.disturbance import Disturbance, parse_disturbance
 from floatplan.simulation.mujoco_engine import whole_step
 

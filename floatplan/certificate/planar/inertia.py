@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import flint
-import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.certificate.enclosure import PRECISION, Balls
+from floatplan.certificate.planar.roles import check_roles, motor_ratios, motors_of, position_at_zero
 from floatplan.certificate.planar.urdf import IDENTITY, Joint, Placement, Urdf, motion, rotate, unit_axis
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
@@ -152,7 +152,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         is not the plane's normal.
     """
     with flint.ctx.workprec(PRECISION):
-        _check_roles(urdf, record)
+        check_roles(urdf, record)
         horizontal, vertical = _axes(record.plane)
         normal_axis = 3 - horizontal - vertical
         placed, signs = _placed(urdf, record, normal_axis)
@@ -162,7 +162,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         def in_plane(point: Any) -> Any:
             return flint.acb(flint.arb(point[horizontal]), sigma * flint.arb(point[vertical]))
 
-        motors = _motors(urdf, record)
+        motors = motors_of(urdf, record)
         turning = {name: sign * normal for name, sign in signs.items()}
         bodies, body_of = _gather(urdf, record, placed, turning, motors, in_plane)
         for link in urdf.links.values():
@@ -185,7 +185,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         return PlanarRobot(
             joints=record.joints,
             motors=motors,
-            motor_ratios=_motor_ratios(record, motors),
+            motor_ratios=motor_ratios(record, motors),
             motor_turns=Balls.from_arb(
                 [flint.arb(turn) for body in bodies for turn in body.motor_turns], (count, len(motors))
             ),
@@ -206,34 +206,10 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         )
 
 
-def _check_roles(urdf: Urdf, record: RobotRecord) -> None:
-    moving = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
-    roles = [*record.joints, *record.coupled, *record.locked]
-    for name in roles:
-        if name not in moving:
-            raise InputError(f'the robot has no joint "{name}" that moves', element="robot")
-    if len(set(roles)) != len(roles):
-        raise InputError("a joint has two roles", element="robot")
-    for name, joint in moving.items():
-        if name not in roles:
-            raise InputError(f'joint "{name}" is neither planned, nor coupled, nor locked', element="robot")
-        if joint.kind == "prismatic" and name not in record.locked:
-            raise InputError(f'joint "{name}" is prismatic and can only be locked', element="robot")
-    for name, coupling in record.coupled.items():
-        if not isinstance(coupling, Mapping) or coupling.get("leader") not in record.joints:
-            raise InputError("its leader must be a planned joint", element=f"robot.coupled.{name}")
-
-
 def _axes(plane: str) -> tuple[int, int]:
     if len(plane) != 2 or plane[0] == plane[1] or not set(plane) <= set(LETTERS):
         raise InputError(f'"{plane}" is not two different letters of x, y and z', element="robot.plane")
     return LETTERS.index(plane[0]), LETTERS.index(plane[1])
-
-
-def _position_at_zero(joint: Joint, record: RobotRecord) -> float:
-    if joint.name in record.coupled:
-        return float(record.coupled[joint.name].get("offset", 0.0))
-    return float(record.locked.get(joint.name, 0.0))
 
 
 def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str, Placement], dict[str, float]]:
@@ -254,7 +230,7 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
             x, y, z = (sign * flint.arb(value) for value in at.rotation[normal_axis])
             turned = replace(joint, axis=(x, y, z))
             signs[joint.name] = sign
-        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, _position_at_zero(joint, record))
+        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, position_at_zero(joint, record))
     return placed, signs
 
 
@@ -275,35 +251,6 @@ def _carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
             chain.append(fixed_to[chain[-1]])
         carriers[link] = tuple(chain)
     return {joint.name: carriers[joint.child] for joint in urdf.joints} | carriers
-
-
-def _motors(urdf: Urdf, record: RobotRecord) -> tuple[str, ...]:
-    """The planned joints, and the coupled ones less those that the file itself couples just so."""
-    by_name = {joint.name: joint for joint in urdf.joints}
-    return (*record.joints, *(name for name in record.coupled if not _is_geared(by_name, record, name)))
-
-
-def _is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
-    """Whether the file's ``<mimic>``, followed to the joint that leads, says what the record's coupling says."""
-    ratio, offset, leader, settled = 1.0, 0.0, name, {*record.joints, *record.locked}
-    for _ in joints:
-        mimic = joints[leader].mimic
-        if mimic is None or leader in settled:
-            break
-        ratio, offset, leader = ratio * mimic.multiplier, offset + ratio * mimic.offset, mimic.leader
-        if leader not in joints:
-            return False
-    coupling = record.coupled[name]
-    said = (coupling["leader"], float(coupling.get("ratio", 1.0)), float(coupling.get("offset", 0.0)))
-    return leader != name and said == (leader, ratio, offset)
-
-
-def _motor_ratios(record: RobotRecord, motors: Sequence[str]) -> Array:
-    ratios = np.zeros((len(motors), len(record.joints)))
-    for index, name in enumerate(motors):
-        coupling = record.coupled.get(name, {"leader": name})
-        ratios[index, record.joints.index(coupling["leader"])] = float(coupling.get("ratio", 1.0))
-    return ratios
 
 
 def _gather(
