@@ -18,8 +18,8 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
-BLOCK = 64  # plans
-NODES = (49, 65, 129, 257)  # Chebyshev nodes, as many as the motion needs
+BLOCK = 32  # plans
+NODES = (65, 129, 257)  # Chebyshev nodes, as many as the motion needs
 RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
 FINENESS = 4  # points of the search grid per node
 

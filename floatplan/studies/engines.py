@@ -128,7 +128,9 @@ class _Pool:
 
 
 def _processes(count: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(count, get_context("forkserver"), initializer=_end_with_parent)
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["floatplan.studies.study"])  # loaded once for all
+    return ProcessPoolExecutor(count, context, initializer=_end_with_parent)
 
 
 def _end_with_parent() -> None:

@@ -32,6 +32,7 @@ def write_maps(asked: StudyFile, table: Any, folder: Path) -> list[Path]:
         for form in ("png", "svg"):
             stream = io.BytesIO()
             figure.savefig(stream, format=form, dpi=DPI_OF_MAPS, metadata=METADATA[form])
+            figure.set_layout_engine("none")  # laid out once
             written.append(write_atomically(folder / f"map.{form}", stream.getvalue()))
     if len(asked) <= MOST_PAGE_ROWS:
         written.append(write_page(asked, table, folder / "map.html"))

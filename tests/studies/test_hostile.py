@@ -13,7 +13,7 @@ from fuzz_runs import judge
 from floatplan.studies import file
 
 ROOT = Path(__file__).resolve().parents[2]
-CASES, BATCH = 120, 30
+CASES, BATCH = 40, 20
 TEXT = """
 sampling = "grid"
 seed = 3

@@ -7,7 +7,6 @@ import json
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import slow_study
 from needed import skip_or_fail
 
 import floatplan as fp
@@ -35,6 +35,14 @@ WHOLE = """
 "obstacles.0.center.0" = { from = 0.9, to = 1.7, count = 3 }
 "goal.positions.q1" = [0, 200]
 """
+
+
+@pytest.fixture(autouse=True)
+def without_maps(request, monkeypatch):
+    """Their files are what test_maps.py is about, and half of the time of a small study."""
+    if "done" in request.fixturenames:
+        request.getfixturevalue("done")
+    monkeypatch.setattr("floatplan.studies.study.write_maps", lambda *_: [])
 
 
 def timeless(table):
@@ -271,28 +279,19 @@ class TestFolder:
 def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     path, study = done
     rng = random.Random(5)
-    command = [sys.executable, "-c", SLOWLY, str(path), str(tmp_path / "out")]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    kept = 0
-    for _ in range(3):
-        with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as process:
-            more = kept + rng.randint(1, 4)
-            while process.poll() is None and kept < more:
-                time.sleep(0.01)
-                kept = len(list((tmp_path / "out" / "chunks").glob("*.parquet")))
-            time.sleep(rng.uniform(0, 0.05))
-            process.send_signal(signal.SIGKILL)
-    assert 0 < kept < 24, "killed in the middle"
+    chunks, kept = tmp_path / "out" / "chunks", 0
+    for _ in range(4):
+        process = slow_study.started(str(path), str(tmp_path / "out"))
+        wanted = kept + rng.randint(1, 4)
+        while process.is_alive() and kept < wanted:
+            time.sleep(0.005)
+            kept = len(list(chunks.glob("*.parquet")))
+        time.sleep(rng.uniform(0, slow_study.PAUSE))
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    assert 0 < kept < 96 / slow_study.ROWS, "killed in the middle"
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
-
-
-SLOWLY = """
-import sys, time
-import floatplan as fp
-from floatplan.studies import driver
-driver.FIRST_TOGETHER = driver.MOST_IN_CHUNK = 4
-fp.study(sys.argv[1], folder=sys.argv[2], jobs=1, progress=lambda _: time.sleep(0.05))
-"""
 
 
 def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
