@@ -19,8 +19,10 @@ ROOT = Path(__file__).resolve().parents[1]
 STUDY = f"""
 problem = "{ROOT / "problems" / "somersault.toml"}"
 [vary]
-"flight.angular_momentum" = {{ from = 2.8, to = 4.4, count = 60 }}
-"flight.duration" = {{ from = 0.9, to = 1.3, count = 40 }}
+"flight.angular_momentum" = {{ from = 3.2, to = 4.0, count = 40 }}
+"flight.duration" = {{ from = 0.95, to = 1.15, count = 40 }}
+[plan]
+starts = 32
 """
 
 

@@ -10,12 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
 from floatplan.view.style import ALARM, SEQUENCE, new_figure, styled
 
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
+MANY_DECADES = 3000.0  # times the least colour: where the largest is more, powers of ten alone are told
 STATUS_COLOURS = {
     "optimal": "#0072B2",
     "feasible": "#56B4E9",
@@ -109,4 +111,8 @@ def _draw_colours(figure: Figure, axes: Axes, shown: HeatMap) -> None:
     mesh = axes.pcolormesh(
         shown.x.edges, shown.y.edges, np.ma.masked_invalid(shown.colour), cmap=SEQUENCE, norm=norm, rasterized=True
     )
-    figure.colorbar(mesh, ax=axes, label=shown.label)
+    bar = figure.colorbar(mesh, ax=axes, label=shown.label)
+    if spreads:
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+        bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        bar.ax.yaxis.set_minor_locator(NullLocator())

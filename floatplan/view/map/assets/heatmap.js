@@ -2,6 +2,7 @@
 /* The map: rows gathered into cells, each of which shows its best row. */
 
 const MARGIN = { left: 62, right: 12, top: 8, bottom: 46 };
+const BETWEEN = 64; // pixels, of two numbers on the scale
 const LOGARITHMIC = 30; // times the least colour: where the largest is more, the scale is logarithmic
 const SOLVED = 2; // statuses below it hold a plan
 const WORST_FIRST = [0, 0, 1, 2, 3]; // which status a cell without a plan shows: impossible only where all are
@@ -68,10 +69,14 @@ class HeatMap {
     const value = this.values ? this.values[row] : NaN;
     if (!this.values || status >= SOLVED) return this.rows.statuses[status].colour;
     if (!Number.isFinite(value)) return tone("paper");
+    return this.rows.scale[Math.round(this.share(value) * (this.rows.scale.length - 1))];
+  }
+
+  /* Where a value is on the scale, from 0 to 1. */
+  share(value) {
     const [low, high] = this.range;
     const at = this.isLogarithmic ? Math.log : (number) => number;
-    const share = high > low ? Math.min((at(value) - at(low)) / (at(high) - at(low)), 1) : 0;
-    return this.rows.scale[Math.round(share * (this.rows.scale.length - 1))];
+    return high > low ? Math.min((at(value) - at(low)) / (at(high) - at(low)), 1) : 0;
   }
 
   resize() {
@@ -184,7 +189,16 @@ class HeatMap {
     pen.textAlign = "right";
     pen.fillText(`${this.isCut ? "≥ " : ""}${shortNumber(this.range[1])}`, right, 28);
     pen.textAlign = "center";
-    pen.fillText(this.rows.label(this.z) + (this.isLogarithmic ? ", logarithmic" : ""), (left + right) / 2, 42);
+    const room = (right - left) / BETWEEN;
+    let last = left + BETWEEN / 2;
+    for (const value of this.isLogarithmic ? logarithmicTicks(...this.range) : ticks(this.range, room)) {
+      const place = left + this.share(value) * (right - left);
+      if (place < last + BETWEEN / 2 || place > right - BETWEEN) continue;
+      pen.fillRect(place - 0.5, 14, 1, 4);
+      pen.fillText(shortNumber(value), place, 28);
+      last = place;
+    }
+    pen.fillText(this.rows.label(this.z) + (this.isLogarithmic ? ", logarithmic" : ""), (left + right) / 2, 44);
   }
 
   placeOf(row) {
@@ -243,6 +257,16 @@ function ticks(edges, room) {
   const first = Math.ceil(low / step - 1e-9);
   const count = Math.floor(high / step + 1e-9) - first;
   return Array.from({ length: Math.max(count + 1, 0) }, (_, index) => (first + index) * step);
+}
+
+/* 1, 2 and 5 times the powers of ten from low to high, where these are few; else the powers alone. */
+function logarithmicTicks(low, high) {
+  const found = [];
+  const factors = high / low < 3000 ? [1, 2, 5] : [1];
+  for (let power = Math.floor(Math.log10(low)); 10 ** power <= high; power++) {
+    found.push(...factors.map((factor) => factor * 10 ** power));
+  }
+  return found.filter((value) => value >= low && value <= high);
 }
 
 function shortNumber(value) {
