@@ -8,8 +8,9 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from multiprocessing import get_context, parent_process
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from floatplan.errors import InputError
@@ -109,38 +110,42 @@ class _Pool:
     def __init__(self, count: int) -> None:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes: they are as many as the processors
         self._count = count
-        self.executor = _processes(count)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._open = ExitStack()
+        self.executor = self._open.enter_context(_processes(self._count))
 
     def slots(self) -> int:
         return self._count
 
     def renew(self) -> None:
         self.close()
-        self.executor = _processes(self._count)
+        self._begin()
 
-    @contextmanager
-    def alone(self) -> Iterator[Executor]:
-        with _processes(1) as executor:
-            yield executor
+    def alone(self) -> AbstractContextManager[Executor]:
+        return _processes(1)
 
     def close(self) -> None:
-        self.executor.shutdown(wait=False, cancel_futures=True)
+        self._open.close()
 
 
-def _processes(count: int) -> ProcessPoolExecutor:
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    """Make processes that end at once, in the middle of a row too, where they are let go or this process ends."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["floatplan.studies.study"])  # loaded once for all
-    return ProcessPoolExecutor(count, context, initializer=_end_with_parent)
+    ended, held = context.Pipe(duplex=False)
+    with ended, ProcessPoolExecutor(count, context, initializer=_end_with, initargs=(ended,)) as executor, held:
+        yield executor
 
 
-def _end_with_parent() -> None:
-    """Make a process ready: Ctrl-C is for the main one, and where that is killed, this one goes too."""
+def _end_with(ended: Connection) -> None:
+    """Make a process ready: Ctrl-C is for the main one; where that lets go of its end of a pipe, this one goes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    assert parent is not None, "made by a pool"
 
     def watch() -> None:
-        parent.join()
+        ended.poll(None)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

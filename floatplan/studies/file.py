@@ -16,6 +16,7 @@ import numpy as np
 
 from floatplan.errors import InputError, naming
 from floatplan.files import plain, read_regular
+from floatplan.kernel.library import description
 from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.recorded_robot import robot_record
 from floatplan.problem.checks import refuse
@@ -77,10 +78,10 @@ class StudyFile:
         return family(self.base, self.factors, self.samples.values(first, stop))
 
     def digest(self) -> str:
-        """Hash of all that the rows' answers follow from: problem file, robot, sampling, effort and version."""
+        """Hash of all that the rows' answers follow from: problem file, robot, sampling, effort, version and solver."""
         robot = asdict(robot_record(self.base.robot))
         content = {
-            "floatplan": version("floatplan"),
+            "versions": versions(),
             "problem": self.problem_file.decode("utf-8", "replace"),
             "robot": {key: value for key, value in robot.items() if key != "urdf"},
             "vary": [[axis.path, axis.values] for axis in self.samples.axes],
@@ -88,6 +89,11 @@ class StudyFile:
             "plan": self.plan.model_dump(),
         }
         return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """What the answers come from; whoever shares the work must have the same."""
+    return {"floatplan": version("floatplan"), "solver": description().partition(" (")[0]}
 
 
 def family(base: Problem, factors: Mapping[str, float], values: Values) -> Family:

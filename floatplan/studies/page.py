@@ -12,9 +12,9 @@ from floatplan.arrays import Array, BoolArray
 from floatplan.files import write_atomically
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.plans.plan import Plan
-from floatplan.studies.file import StudyFile, coloured
+from floatplan.studies.file import StudyFile, coloured, versions
 from floatplan.studies.maps import draw, drawn_map, edges_of, units_of
-from floatplan.studies.rows import STATUSES, versions
+from floatplan.studies.rows import STATUSES
 from floatplan.view.figures.figures import METADATA
 from floatplan.view.map.page import colours, flight_data, map_page, packed
 from floatplan.view.style import styled

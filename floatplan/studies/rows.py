@@ -8,29 +8,27 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import FloatplanError, printable
-from floatplan.kernel.library import description
 from floatplan.kernel.rows import is_plain_family
 from floatplan.optional import import_optional
 from floatplan.planning.many import plan_many
+from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.many_peaks import many_peaks
 from floatplan.plans.measures import Utilisation
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
-from floatplan.studies.file import StudyFile, family
+from floatplan.studies.file import StudyFile, family, versions
 from floatplan.studies.sampling import Values
 from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 LONGEST_EXPLANATION = 400  # characters
-SEEDS = 10**12  # of rows: no number of a plan file is larger
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +59,6 @@ class Planned:
 
     content: bytes
     seconds: float
-
-
-def versions() -> dict[str, str]:
-    """What the answers come from; whoever shares the work must have the same."""
-    return {"floatplan": version("floatplan"), "solver": description().partition(" (")[0]}
 
 
 def arrow() -> tuple[Any, ...]:
@@ -236,7 +229,7 @@ def _used(use: Utilisation) -> float | None:
 
 def row_seed(seed: int, index: int) -> int:
     """The seed of a row that has a search of its own: of the study's and the row's index."""
-    return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) % SEEDS
+    return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) & LARGEST_SEED
 
 
 def _statuses(plans: Plans) -> list[str]:

@@ -20,11 +20,11 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started
-from floatplan.studies.file import StudyFile, load_study_file
+from floatplan.studies.file import StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder
 from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map
 from floatplan.studies.page import write_maps
-from floatplan.studies.rows import arrow, row_seed, versions
+from floatplan.studies.rows import arrow, row_seed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,7 +21,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan import InputError, files
-from floatplan.studies import driver, rows
+from floatplan.studies import driver, engines, rows
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
 ROOT = Path(__file__).resolve().parents[2]
@@ -294,8 +294,16 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
+def test_processes_end_at_once_where_they_are_let_go():
+    with engines.started("processes", 2, None) as engine:
+        assert engine.executor.submit(os.getpid).result() != os.getpid()
+        asleep = engine.executor.submit(time.sleep, 600)
+    assert isinstance(asleep.exception(timeout=60), BrokenProcessPool)
+
+
 def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
     try:
+        import dask
         import distributed
     except ImportError:
         skip_or_fail("dask is not installed: the extra study")
@@ -303,6 +311,7 @@ def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
     monkeypatch.setattr(driver, "FIRST_TOGETHER", 6)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 6)
     killed = []
+    dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})  # with the package loaded already
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
@@ -343,4 +352,4 @@ def test_without_pyarrow_it_says_what_to_install(study_file, tmp_path, monkeypat
 def test_rows_of_a_whole_search_have_seeds_of_their_own():
     seeds = {rows.row_seed(seed, index) for seed in range(3) for index in range(100)}
     assert len(seeds) == 300
-    assert all(0 <= seed <= 1e12 for seed in seeds)
+    assert all(0 <= seed < 2**63 for seed in seeds)
