@@ -44,12 +44,16 @@ def _duration(seconds: float) -> str:
     return f"{whole // 60} min {whole % 60} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-def fill(study: StudyFile, folder: StudyFolder, engine: Engine, progress: Callable[[Progress], None] | None) -> None:
-    """Plan all rows that are missing."""
-    gaps = folder.missing()
+def fill(
+    study: StudyFile,
+    folder: StudyFolder,
+    gaps: list[Range],
+    engine: Engine,
+    progress: Callable[[Progress], None] | None,
+) -> None:
+    """Plan the rows that are missing."""
     missing = sum(stop - first for first, stop in gaps)
-    if missing:
-        _Run(study, folder, engine, missing, progress).run(gaps)
+    _Run(study, folder, engine, missing, progress).run(gaps)
 
 
 class _Run:

@@ -150,8 +150,8 @@ def naming_the_folder(path: Path) -> Iterator[None]:
 
 
 def _is_whole(path: Path, rows: int) -> bool:
-    """Whether a chunk can be read and has its rows."""
+    """Whether a chunk can be read, its pages have their checksums, and it has its rows."""
     pa, pq = arrow()
     with contextlib.suppress(OSError, pa.ArrowException):
-        return bool(pq.read_metadata(path).num_rows == rows)
+        return bool(pq.read_table(path, page_checksum_verification=True).num_rows == rows)
     return False

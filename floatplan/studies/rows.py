@@ -93,10 +93,8 @@ def planned_rows(packed: bytes, first: int, values: Values) -> Planned:
     columns = _together(work, problems) if is_plain_family(problems) else None
     if columns is None:
         columns = _one_by_one(work, problems, first)
-    _, pq = arrow()
-    stream = io.BytesIO()
-    pq.write_table(_table(work, first, values, columns), stream, compression="zstd")
-    return Planned(stream.getvalue(), time.perf_counter() - began)
+    content = _written(_table(work, first, values, columns))
+    return Planned(content, time.perf_counter() - began)
 
 
 @dataclass(eq=False)
@@ -255,10 +253,7 @@ def lost_row(work: bytes, index: int, values: Values, reason: str) -> Planned:
         coefficients=[None],
         verdict=[""],
     )
-    _, pq = arrow()
-    stream = io.BytesIO()
-    pq.write_table(_table(unpacked, index, values, columns), stream, compression="zstd")
-    return Planned(stream.getvalue(), 0.0)
+    return Planned(_written(_table(unpacked, index, values, columns)), 0.0)
 
 
 def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:
@@ -296,6 +291,14 @@ def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:
         for (name, _, _, unit), array in zip(given, arrays, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def _written(table: Any) -> bytes:
+    """A table as a Parquet file, whose damage would be seen."""
+    _, pq = arrow()
+    stream = io.BytesIO()
+    pq.write_table(table, stream, compression="zstd", write_page_checksum=True)
+    return stream.getvalue()
 
 
 def _column(pa: Any, values: Any, kind: Any) -> Any:

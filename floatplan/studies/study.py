@@ -176,9 +176,10 @@ def study(
     place = StudyFolder(asked.folder if folder is None else Path(folder), len(asked))
     with place.locked():
         place.open(asked.digest(), facts(asked), restart)
-        if place.missing():
+        gaps = place.missing()
+        if gaps:
             with started(engine, jobs, scheduler) as chosen:
-                fill(asked, place, chosen, progress)
+                fill(asked, place, gaps, chosen, progress)
         done = Study(asked, place, place.merge())
         if asked.map:
             done.files += write_maps(asked, done.table, place.path)

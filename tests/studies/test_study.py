@@ -231,6 +231,11 @@ def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
+def flipped(content):
+    """One bit of the pages is another; the first page's header is about 30 bytes."""
+    return content[:60] + bytes([content[60] ^ 1]) + content[61:]
+
+
 class TestFolder:
     def test_of_another_study_is_refused(self, done, tmp_path, study_file, floatplan):
         _, study = done
@@ -255,11 +260,12 @@ class TestFolder:
         assert json.loads(run.stdout)["rows"] == 1
         assert (out / "notes.txt").read_text() == "mine"
 
-    def test_damaged_chunks_are_planned_again(self, study_file, tmp_path):
+    @pytest.mark.parametrize("damage", [lambda content: content[:100], flipped])
+    def test_damaged_chunks_are_planned_again(self, study_file, tmp_path, damage):
         path, out = study_file('[vary]\n"flight.duration" = [1.0, 1.1]'), tmp_path / "out"
         first = fp.study(path, folder=out, jobs=1)
         (chunk,) = (out / "chunks").iterdir()
-        chunk.write_bytes(chunk.read_bytes()[:100])
+        chunk.write_bytes(damage(chunk.read_bytes()))
         assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(first.table))
 
     @pytest.mark.parametrize("record", ["[", "[]", '{"hash": 5}', "{}"])
