@@ -39,5 +39,7 @@ from floatplan.simulation.flights import ClosedLoop as ClosedLoop
 from floatplan.simulation.perturbation import Perturbation as Perturbation
 from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
+from floatplan.studies.study import Study as Study
+from floatplan.studies.study import study as study
 
 __version__: str

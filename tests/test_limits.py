@@ -14,6 +14,8 @@ from floatplan.problem import checks, family, file, limits
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, values
 from floatplan.simulation import disturbance, forward, replay
+from floatplan.studies import file as study_file
+from floatplan.studies import page as study_page
 
 SIZES = {
     "planned joints": checks.MOST_JOINTS,
@@ -23,13 +25,17 @@ SIZES = {
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": checks.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
-    "processes of a search, threads of a batch": search.MOST_JOBS,
+    "processes of a search or a study, threads of a batch": search.MOST_JOBS,
+    "rows of a study": study_file.MOST_ROWS,
+    "keys that a study varies": study_file.MOST_VARIED,
+    "solved starts of a study's row": study_file.MOST_STARTS,
+    "rows on a study's page": study_page.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,
     "transforms of an export to MCAP: instants times joints that move": ros_bag.MOST_TRANSFORMS,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
     "bandwidth of a replay's feedback": f"{disturbance.FASTEST:.0f} rad/s",
-    "a problem file": f"{file.LARGEST_PROBLEM // 10**6} MB",
+    "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
     "a mesh": f"{meshes.LARGEST_MESH // 10**6} MB",
     "characters of a name": errors.LONGEST_NAME,

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
+import shutil
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -56,9 +57,11 @@ def with_snippets(*languages: str) -> list[str]:
 
 @pytest.mark.parametrize("page", with_snippets("python", "sh"))
 def test_snippets_run(page: str, floatplan: Command) -> None:
-    for name in ("problems", "urdf"):
-        Path(name).symlink_to(ROOT / name)
-    names: dict[str, Any] = {}
+    Path("urdf").symlink_to(ROOT / "urdf")
+    shutil.copytree(ROOT / "problems", "problems")
+    for study in Path("problems/studies").iterdir():  # of a few rows
+        study.write_text(re.sub(r"\bcount = \d+", "count = 3", study.read_text()))
+    names: dict[str, Any] = {"__name__": "__main__"}
     for language, block in blocks(page, "python", "sh"):
         if language == "python":
             exec(compile(block, page, "exec"), names)  # the project's own text
@@ -73,8 +76,10 @@ def test_snippets_run(page: str, floatplan: Command) -> None:
 
 @pytest.mark.parametrize("page", with_snippets("toml"))
 def test_toml_is_as_the_schema_says(page: str, floatplan: Command) -> None:
-    """Tables of a problem file, some of them left out."""
-    schema = json.loads(floatplan("schema").stdout)
-    schema.pop("required")
+    """Tables of a problem file, some of them left out, or of a study file."""
+    schemas = {kind: json.loads(floatplan("schema", kind).stdout) for kind in ("problem", "study")}
+    schemas["problem"].pop("required")
     for _, block in blocks(page, "toml"):
-        jsonschema.Draft202012Validator(schema).validate(tomllib.loads(block))
+        content = tomllib.loads(block)
+        schema = schemas["study" if "vary" in content else "problem"]
+        jsonschema.Draft202012Validator(schema).validate(content)

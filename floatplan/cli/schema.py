@@ -16,6 +16,7 @@ class File(StrEnum):
     """Files that have a schema."""
 
     PROBLEM = "problem"
+    STUDY = "study"
 
 
 @reporting_errors
@@ -26,10 +27,12 @@ def schema(
         typer.Option("--output", "-o", metavar="FILE", help="Write it there: floatplan.schema.json beside problems."),
     ] = None,
 ) -> None:
-    """Print the JSON Schema (2020-12) of problem files, by which editors complete and check them."""
+    """Print the JSON Schema (2020-12) of problem or study files, by which editors complete and check them."""
     from floatplan.problem.json_schema import problem_schema
+    from floatplan.studies.schema import study_schema
 
-    text = json.dumps(problem_schema(), indent=2, allow_nan=False)
+    made = {File.PROBLEM: problem_schema, File.STUDY: study_schema}[file]
+    text = json.dumps(made(), indent=2, allow_nan=False)
     if output is None:
         typer.echo(text)
         return

@@ -21,7 +21,7 @@ from floatplan.files import plain, read_text, write_atomically
 from floatplan.problem.checks import ProblemError
 from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
-from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable, Table
+from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.robot.robot import Robot
 from floatplan.tables import REST
 
@@ -34,7 +34,7 @@ BY_JOINT = {
     "limits": ("position",),
 }
 
-AnyTable = TypeVar("AnyTable", bound=Table)
+AnyTable = TypeVar("AnyTable", bound=BaseModel)
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -54,7 +54,7 @@ def load_problem(path: str | Path) -> Problem:
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
     content = _parsed(text, path)
     try:
-        tables = _validated(ProblemFileTable, content)
+        tables = validated(ProblemFileTable, content)
         robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
         return _problem(tables, robot, path.stem, text)
     except InputError as error:
@@ -68,7 +68,7 @@ def load_robot(path: str | Path) -> Robot:
     if not set(content) <= set(RobotFileTable.model_fields):
         return load_problem(path).robot
     try:
-        table = _validated(RobotFileTable, content).robot
+        table = validated(RobotFileTable, content).robot
         return Robot.from_urdf(_urdf_source(table.urdf, path), **table.choices())
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
@@ -95,7 +95,7 @@ def problem_from_dict(
         As :func:`load_problem`.
     """
     try:
-        return _problem(_validated(RecordedProblemTable, content), robot, "flight", written)
+        return _problem(validated(RecordedProblemTable, content), robot, "flight", written)
     except InputError as error:
         raise error.within(source=source) from None
 
@@ -188,13 +188,25 @@ def problem_text(problem: Problem, path: str | Path) -> str:
     return tomli_w.dumps(_without_gaps(content))
 
 
-def _parsed(text: str, path: Path) -> dict[str, Any]:
+def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
+    """Read a problem file, or another ``kind`` of no larger TOML files.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is not TOML.
+    """
+    text = read_text(path, LARGEST_PROBLEM, kind)
+    return _parsed(text, path, kind)
+
+
+def _parsed(text: str, path: Path, kind: str = "a problem file") -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except ValueError as error:
         raise InputError(f"is not TOML: {error}", source=path) from None
     except RecursionError:
-        raise InputError("is not a problem: nested too deeply", source=path) from None
+        raise InputError(f"is not {kind}: nested too deeply", source=path) from None
 
 
 def _urdf_source(urdf: str, path: Path) -> str | Path:
@@ -255,7 +267,14 @@ def _without_gaps(value: Any) -> Any:
     return {key: item for key, item in kept.items() if item is not None and item not in ({}, [])}
 
 
-def _validated(model: type[AnyTable], content: Mapping[str, Any]) -> AnyTable:
+def validated(model: type[AnyTable], content: Mapping[str, Any]) -> AnyTable:
+    """Check the content of a file.
+
+    Raises
+    ------
+    ProblemError
+        All that is wrong with it, each with its path.
+    """
     try:
         return model.model_validate(content, context={"degrees": content.get("angles") == "deg"})
     except ValidationError as error:
@@ -321,13 +340,13 @@ def _keys(model: type[BaseModel], table: Sequence[str | int]) -> list[str]:
     """Keys of the table at a location, found by walking the models' fields."""
     candidates = [model]
     for part in table:
-        fields = [candidate.model_fields[part] for candidate in candidates if part in candidate.model_fields]
+        fields = [candidate.model_fields[str(part)] for candidate in candidates if part in candidate.model_fields]
         if fields:
             candidates = [inner for field in fields for inner in _models(field.annotation)]
         elif _is_tag(part):
             kind = str(part).strip("<>")
             candidates = [c for c in candidates if "kind" not in c.model_fields or kind in _kinds(c)] or candidates
-    return sorted({name for candidate in candidates for name in candidate.model_fields})
+    return sorted({field.alias or name for candidate in candidates for name, field in candidate.model_fields.items()})
 
 
 def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:

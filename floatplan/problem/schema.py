@@ -33,7 +33,8 @@ def _obstacle_kind(value: Any) -> str | None:
     return f"<{kind}>" if isinstance(kind, str) else None
 
 
-def _any_of(wanted: str) -> Discriminator:
+def any_of(wanted: str) -> Discriminator:
+    """Tell apart by their shapes what a key may hold; else it is not ``wanted``."""
     return Discriminator(_shape, custom_error_type="wrong_shape", custom_error_message=f"is not {wanted}")
 
 
@@ -47,64 +48,64 @@ JointAngles: TypeAlias = Annotated[
     Annotated[dict[str, Angle], Tag("<table>")]
     | Annotated[list[Angle], Tag("<list>")]
     | Annotated[Angle, Tag("<number>")],
-    _any_of("a number, a list in joint order, or a table by joint"),
+    any_of("a number, a list in joint order, or a table by joint"),
 ]
 Velocities: TypeAlias = Annotated[
     Annotated[dict[str, Angle], Tag("<table>")]
     | Annotated[list[Angle], Tag("<list>")]
     | Annotated[Literal["takeoff", "landing"], Tag("<word>")]
     | Annotated[Angle, Tag("<number>")],
-    _any_of("a number, a list in joint order, a table by joint, or 'takeoff' or 'landing'"),
+    any_of("a number, a list in joint order, a table by joint, or 'takeoff' or 'landing'"),
 ]
 Accelerations: TypeAlias = Annotated[
     Annotated[dict[str, Angle], Tag("<table>")]
     | Annotated[list[Angle], Tag("<list>")]
     | Annotated[Literal["free"], Tag("<word>")]
     | Annotated[Angle, Tag("<number>")],
-    _any_of("a number, a list in joint order, a table by joint, or 'free'"),
+    any_of("a number, a list in joint order, a table by joint, or 'free'"),
 ]
 PositionLimits: TypeAlias = Annotated[
     Annotated[dict[str, Range], Tag("<table>")]
     | Annotated[list[Range], Tag("<list>")]
     | Annotated[Literal["urdf", "full"], Tag("<word>")],
-    _any_of("'urdf', 'full', or a table of [low, high] by joint"),
+    any_of("'urdf', 'full', or a table of [low, high] by joint"),
 ]
 AngularLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Angle, Tag("<number>")], _any_of("a number or 'none'")
+    Annotated[Literal["none"], Tag("<word>")] | Annotated[Angle, Tag("<number>")], any_of("a number or 'none'")
 ]
 AngularLimits: TypeAlias = Annotated[
     Annotated[dict[str, Angle], Tag("<table>")]
     | Annotated[list[AngularLimit | None], Tag("<list>")]
     | Annotated[Literal["urdf", "none"], Tag("<word>")]
     | Annotated[Angle, Tag("<number>")],
-    _any_of("'urdf', 'none', a number, or a table by joint"),
+    any_of("'urdf', 'none', a number, or a table by joint"),
 ]
 AccelerationLimits: TypeAlias = Annotated[
     Annotated[dict[str, Angle], Tag("<table>")]
     | Annotated[list[AngularLimit | None], Tag("<list>")]
     | Annotated[Literal["none"], Tag("<word>")]
     | Annotated[Angle, Tag("<number>")],
-    _any_of("'none', a number, or a table by joint"),
+    any_of("'none', a number, or a table by joint"),
 ]
 TorqueLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")], _any_of("a number or 'none'")
+    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")], any_of("a number or 'none'")
 ]
 TorqueLimits: TypeAlias = Annotated[
     Annotated[dict[str, Number], Tag("<table>")]
     | Annotated[list[TorqueLimit | None], Tag("<list>")]
     | Annotated[Literal["urdf", "none"], Tag("<word>")]
     | Annotated[Number, Tag("<number>")],
-    _any_of("'urdf', 'none', a number, or a table by joint"),
+    any_of("'urdf', 'none', a number, or a table by joint"),
 ]
 AngularMomentum: TypeAlias = Annotated[
     Annotated[Literal["midpoint", "free"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
-    _any_of("a number, 'midpoint' or 'free'"),
+    any_of("a number, 'midpoint' or 'free'"),
 ]
 Degree: TypeAlias = Annotated[
     Annotated[list[Whole], Tag("<list>")]
     | Annotated[Literal["auto"], Tag("<word>")]
     | Annotated[Whole, Tag("<number>")],
-    _any_of("a whole number, a list of them, or 'auto'"),
+    any_of("a whole number, a list of them, or 'auto'"),
 ]
 
 
@@ -128,11 +129,11 @@ class CouplingTable(Table):
 
 CoupledJoint: TypeAlias = Annotated[
     Annotated[CouplingTable, Tag("<table>")] | Annotated[str, Tag("<word>")],
-    _any_of("the name of the joint that leads, or a table with leader, ratio, offset"),
+    any_of("the name of the joint that leads, or a table with leader, ratio, offset"),
 ]
 CoupledJoints: TypeAlias = Annotated[
     Annotated[dict[str, CoupledJoint], Tag("<table>")] | Annotated[Literal["mirror"], Tag("<word>")],
-    _any_of("a table of joints and their leaders, or 'mirror'"),
+    any_of("a table of joints and their leaders, or 'mirror'"),
 ]
 
 

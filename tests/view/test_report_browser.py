@@ -19,7 +19,7 @@ from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
 ROOT = Path(__file__).parents[2]
-PROBLEMS = sorted((ROOT / "problems").glob("**/*.toml"))
+PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
 BUDGET = 5.0  # s of search: a report shows what was found, also where that is no plan
 PATIENCE = 10.0  # s for what takes a fraction of one
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"

@@ -41,17 +41,17 @@ def report(plan: Plan, path: str | Path | None = None) -> str:
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     """
-    licence, plots = map(_asset, PLOTS)
-    scripts = [f"/*\n{licence}\n*/\n{plots}", *map(_asset, SCRIPTS)]
+    licence, plots = map(asset, PLOTS)
+    scripts = [f"/*\n{licence}\n*/\n{plots}", *map(asset, SCRIPTS)]
     word, _ = verdict(plan)
     parts = {
         "title": html.escape(f"{plan.problem.name}: {word}"),
-        "policy": _policy(scripts),
-        "style": "\n".join(_asset(name) for name in STYLES),
+        "policy": policy(scripts),
+        "style": "\n".join(asset(name) for name in STYLES),
         "data": escaped_json(report_data(plan, path)),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
     }
-    return filled(_asset("report.html"), parts)
+    return filled(asset("report.html"), parts)
 
 
 def write_report(plan: Plan, path: str | Path) -> Path:
@@ -97,13 +97,15 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
-def _policy(scripts: list[str]) -> str:
+def policy(scripts: list[str]) -> str:
+    """Return the security policy of a page with no other scripts than these, and no address of any kind."""
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
     return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """Return a file that the pages are made of."""
     return files("floatplan.view.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 

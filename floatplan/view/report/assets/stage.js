@@ -6,11 +6,19 @@ const TRAILS = { com: "#8a8a8a", frames: ["#8b5e00", "#6a3d9a"] };
 
 class Stage {
   constructor(motion, holder) {
-    this.motion = motion;
     this.holder = holder;
     this.backdrop = holder.querySelector("#backdrop");
     this.front = holder.querySelector("#robot");
     this.shown = { ghosts: true, trails: true, margins: true, goal: true };
+    this.part = null;
+    this.take(motion);
+    new ResizeObserver(() => this.resize()).observe(holder);
+    paint(() => this.resize());
+  }
+
+  /* Another motion, from its beginning. */
+  take(motion) {
+    this.motion = motion;
     this.trails = motion.data.frames.map((frame, index) => ({
       name: frame.name,
       colour: TRAILS.frames[index],
@@ -21,9 +29,6 @@ class Stage {
     this.moving = motion.data.obstacles.filter(moves);
     this.colours = motion.data.robot.colours;
     this.time = 0;
-    this.part = null;
-    new ResizeObserver(() => this.resize()).observe(holder);
-    paint(() => this.resize());
   }
 
   /* The part that the reader has chosen stands out: 0 is the base, null none. */

@@ -1,0 +1,1 @@
+"""Studies: many plans of one problem, each with other numbers, in a table and in maps."""

@@ -1,0 +1,182 @@
+"""Who plans the chunks of a study: this process, a pool of processes, or the machines of a dask cluster."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from floatplan.errors import InputError
+from floatplan.optional import import_optional
+from floatplan.planning.search import MOST_JOBS
+
+ENGINES = ("processes", "dask")
+PATIENCE = 30  # [s] for a scheduler to answer
+
+
+class Engine(Protocol):
+    """Where chunks go."""
+
+    @property
+    def executor(self) -> Executor:
+        """Takes chunks."""
+
+    def slots(self) -> int:
+        """How many it plans at a time."""
+
+    def renew(self) -> None:
+        """Put another executor in the place of one that a dead process has broken."""
+
+    def alone(self) -> AbstractContextManager[Executor]:
+        """Return an executor for one chunk that may end its process."""
+
+
+class Here(Executor):
+    """Plans in this process, when asked."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call at once."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, MOST_JOBS)
+
+
+@contextmanager
+def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engine]:
+    """Start an engine, and end it.
+
+    Parameters
+    ----------
+    name : "processes" or "dask"
+    jobs : processes; None for as many as there are processors
+    scheduler : address of dask's; None for a cluster on this machine
+
+    Raises
+    ------
+    InputError
+        There is no such engine, or it cannot be started.
+    """
+    if name not in ENGINES:
+        raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {name!r}", element="engine")
+    if scheduler is not None and name != "dask":
+        raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
+    count = processors() if jobs is None else jobs
+    if not 1 <= count <= MOST_JOBS:
+        raise InputError(f"{count} processes, not 1 to {MOST_JOBS}", element="jobs")
+    engine = _Dask(count, scheduler) if name == "dask" else _Pool(count) if count > 1 else _Inline()
+    try:
+        yield engine
+    finally:
+        engine.close()
+
+
+class _Inline:
+    """The process that asks."""
+
+    def __init__(self) -> None:
+        self.executor: Executor = Here()
+
+    def slots(self) -> int:
+        return 1
+
+    def renew(self) -> None:
+        """Nothing breaks here that is not the end."""
+
+    def alone(self) -> AbstractContextManager[Executor]:
+        return nullcontext(self.executor)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+class _Pool:
+    """Processes of this machine, which end with this one."""
+
+    def __init__(self, count: int) -> None:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes: they are as many as the processors
+        self._count = count
+        self._begin()
+
+    def _begin(self) -> None:
+        self._open = ExitStack()
+        self.executor = self._open.enter_context(_processes(self._count))
+
+    def slots(self) -> int:
+        return self._count
+
+    def renew(self) -> None:
+        self.close()
+        self._begin()
+
+    def alone(self) -> AbstractContextManager[Executor]:
+        return _processes(1)
+
+    def close(self) -> None:
+        self._open.close()
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    """Make processes that end at once, in the middle of a row too, where they are let go or this process ends."""
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["floatplan.studies.study"])  # loaded once for all
+    ended, held = context.Pipe(duplex=False)
+    with ended, ProcessPoolExecutor(count, context, initializer=_end_with, initargs=(ended,)) as executor, held:
+        yield executor
+
+
+def _end_with(ended: Connection) -> None:
+    """Make a process ready: Ctrl-C is for the main one; where that lets go of its end of a pipe, this one goes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        ended.poll(None)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class _Dask:
+    """The workers of a dask scheduler, which gives the chunks of a dead worker to others."""
+
+    def __init__(self, jobs: int, scheduler: str | None) -> None:
+        distributed = import_optional("distributed", name="dask", element="engine", extra="study")
+        self._cluster = None
+        try:
+            if scheduler is None:
+                self._cluster = distributed.LocalCluster(
+                    n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+                )
+            self._client = distributed.Client(self._cluster or scheduler, timeout=PATIENCE)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"no scheduler answers: {error}", element="scheduler") from None
+        self.executor: Executor = self._client.get_executor(pure=False)
+
+    def slots(self) -> int:
+        return max(int(sum(self._client.nthreads().values())), 1)
+
+    def renew(self) -> None:
+        """The scheduler starts workers anew."""
+
+    def alone(self) -> AbstractContextManager[Executor]:
+        return nullcontext(self.executor)
+
+    def close(self) -> None:
+        self._client.close()
+        if self._cluster is not None:
+            self._cluster.close()

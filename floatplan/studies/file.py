@@ -1,0 +1,215 @@
+"""Study files: TOML in; a base problem, what varies of it, and how to plan it out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.errors import InputError, naming
+from floatplan.files import plain, read_regular
+from floatplan.kernel.library import description
+from floatplan.planning.search import LARGEST_SEED
+from floatplan.plans.recorded_robot import robot_record
+from floatplan.problem.checks import refuse
+from floatplan.problem.family import Family
+from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml, validated
+from floatplan.problem.problem import Problem
+from floatplan.studies.numbers import quantity
+from floatplan.studies.sampling import Axis, Samples, Values
+from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable
+
+MOST_ROWS = 1_000_000  # of a study
+MOST_VARIED = 32  # numbers of a problem that a study varies
+MOST_STARTS = 1000  # solved starts of a row
+
+
+@dataclass(frozen=True, eq=False)
+class StudyFile:
+    """A study as asked for.
+
+    Attributes
+    ----------
+    name : of the file
+    base : the problem whose numbers vary
+    problem_file : content of its file
+    samples : the rows
+    plan : how hard to try
+    folder : where results go, from the working directory
+    map : horizontal key, vertical key, colour; None where nothing can be drawn
+    """
+
+    name: str
+    base: Problem
+    problem_file: bytes
+    samples: Samples
+    plan: PlanTable
+    folder: Path
+    map: tuple[str, str, str] | None
+
+    def __len__(self) -> int:
+        return self.samples.count
+
+    @property
+    def paths(self) -> list[str]:
+        """Keys that vary."""
+        return [axis.path for axis in self.samples.axes]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each key in the table, as the file has it."""
+        return {axis.path: axis.quantity.unit for axis in self.samples.axes}
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """From the table's units to the problem's, by key."""
+        return {axis.path: axis.quantity.factor for axis in self.samples.axes}
+
+    def family(self, first: int, stop: int) -> Family:
+        """Problems of some rows."""
+        return family(self.base, self.factors, self.samples.values(first, stop))
+
+    def digest(self) -> str:
+        """Hash of all that the rows' answers follow from: problem file, robot, sampling, effort, version and solver."""
+        robot = asdict(robot_record(self.base.robot))
+        content = {
+            "versions": versions(),
+            "problem": self.problem_file.decode("utf-8", "replace"),
+            "robot": {key: value for key, value in robot.items() if key != "urdf"},
+            "vary": [[axis.path, axis.values] for axis in self.samples.axes],
+            "sampling": [self.samples.kind, self.samples.count, self.samples.seed],
+            "plan": self.plan.model_dump(),
+        }
+        return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """What the answers come from; whoever shares the work must have the same."""
+    return {"floatplan": version("floatplan"), "solver": description().partition(" (")[0]}
+
+
+def family(base: Problem, factors: Mapping[str, float], values: Values) -> Family:
+    """Problems with values in a study file's units."""
+    in_si = {path: column if factors[path] == 1 else factors[path] * column for path, column in values.items()}
+    return Family(base, in_si)
+
+
+def load_study_file(path: str | Path) -> StudyFile:
+    """Read a study file, and the problem that it names.
+
+    Raises
+    ------
+    InputError
+        The file, its problem or the robot cannot be read; or keys are unknown, missing or wrong: all in one message.
+    """
+    path = Path(path)
+    with naming(path):
+        tables = validated(StudyFileTable, read_toml(path, "a study file"))
+    problem = path.parent / tables.problem
+    base = load_problem(problem)
+    content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
+    with naming(path):
+        if tables.plan.starts > MOST_STARTS:
+            raise InputError(f"{tables.plan.starts} starts, more than {MOST_STARTS}", element="plan.starts")
+        samples = _samples(tables, base, degrees=read_toml(problem).get("angles") == "deg")
+        folder = Path(tables.result.folder) if tables.result.folder else default_folder(path)
+        return StudyFile(path.stem, base, content, samples, tables.plan, folder, _map(tables, base))
+
+
+def default_folder(path: Path) -> Path:
+    """Return ``runs/<name of the study file>``, the name made fit for a folder."""
+    return Path("runs") / (re.sub(r"[^\w.-]+", "_", path.stem).strip("._") or "study")
+
+
+def _samples(tables: StudyFileTable, base: Problem, degrees: bool) -> Samples:
+    if not tables.vary:
+        raise InputError("varies nothing", element="vary", advice='give a path such as "flight.duration"')
+    if len(tables.vary) > MOST_VARIED:
+        raise InputError(f"{len(tables.vary)} keys, more than {MOST_VARIED}", element="vary")
+    if tables.seed > LARGEST_SEED:
+        raise InputError(f"{tables.seed} is outside 0 to {LARGEST_SEED}", element="seed")
+    count = _count(tables)
+    errors: list[InputError] = []
+    axes: list[Axis] = []
+    for path, varied in tables.vary.items():
+        try:
+            axes.append(_axis(path, varied, tables.sampling, degrees))
+            Family(base, {path: axes[-1].column(axes[-1].values[:1])})
+        except InputError as error:
+            errors.append(error if (error.element or "").startswith("vary.") else error.within(element="vary"))
+    refuse(errors)
+    return Samples(axes, tables.sampling, count, tables.seed)
+
+
+def _count(tables: StudyFileTable) -> int:
+    """Number of rows."""
+    if tables.sampling == "grid":
+        if tables.samples is not None:
+            raise InputError("is not for a grid", element="samples", advice='set sampling = "sobol" or "random"')
+        lengths = [each.count if isinstance(each, RangeTable) else len(each) for each in tables.vary.values()]
+        count = math.prod(length or 1 for length in lengths)
+    elif tables.samples is None:
+        raise InputError("is missing", element="samples", advice="give the number of rows to draw")
+    else:
+        count = tables.samples
+    if count > MOST_ROWS:
+        raise InputError(f"{count} rows, more than {MOST_ROWS}", element="vary", advice="vary less, or more coarsely")
+    return count
+
+
+def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
+    number, element = quantity(path, degrees), f"vary.{path}"
+    if isinstance(varied, RangeTable):
+        if varied.low > varied.high:
+            raise InputError(f"from {varied.low:g} is above to {varied.high:g}", element=element)
+        if sampling == "grid" and varied.count is None:
+            raise InputError("is missing", element=f"{element}.count", advice="give the number of values of a grid")
+        if sampling != "grid" and varied.count is not None:
+            raise InputError(f"is for a grid, not for sampling = {sampling!r}", element=f"{element}.count")
+        values = np.linspace(varied.low, varied.high, varied.count or 2)
+    elif sampling != "grid" or not varied:
+        raise InputError("must be a table with from and to" if varied else "is an empty list", element=element)
+    else:
+        values = np.array(varied)
+    if number.whole and sampling != "grid":
+        raise InputError("is a whole number, which is not drawn", element=element, advice='use sampling = "grid"')
+    for value in values if number.whole else (values.min(), values.max()):
+        number.check(float(value), element)
+    return Axis(path, number, values)
+
+
+def _map(tables: StudyFileTable, base: Problem) -> tuple[str, str, str] | None:
+    keys = list(tables.vary)
+    if tables.result.map is None:
+        return (keys[0], keys[1], "torque_peak") if len(keys) > 1 else None
+    for place, known in zip(tables.result.map, (keys, keys, [*keys, *coloured(base)]), strict=True):
+        if place not in known:
+            raise InputError(
+                f"{place!r} is not in the table", element="result.map", advice=f"known: {', '.join(known)}"
+            )
+    if tables.result.map[0] == tables.result.map[1]:
+        raise InputError("both axes are the same key", element="result.map", advice="give two that vary")
+    return tables.result.map
+
+
+def coloured(base: Problem) -> list[str]:
+    """Columns of numbers that a map can show."""
+    torques = [f"torque_peak.{motor}" for motor in base.robot.motors]
+    return [
+        "objective",
+        "angular_momentum",
+        "torque_peak",
+        *torques,
+        "utilisation",
+        "clearance",
+        "starts",
+        "milliseconds",
+    ]

@@ -1,0 +1,157 @@
+"""The folder of a study: chunks written whole, resumed by their ranges, merged into one table; one run at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import io
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from floatplan.errors import InputError
+from floatplan.files import read_text, write_atomically
+from floatplan.studies.rows import arrow
+
+FORMAT = "floatplan.study/1"
+STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"
+MAPS = ("map.png", "map.svg", "map.html")
+ROW_GROUP = 65_536  # rows
+LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
+
+Range = tuple[int, int]
+
+
+class StudyFolder:
+    """Where the rows of a study are kept, ``count`` of them when it is done."""
+
+    def __init__(self, path: Path, count: int) -> None:
+        self.path = path
+        self._count = count
+
+    @property
+    def results(self) -> Path:
+        """The merged table."""
+        return self.path / RESULTS
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs out; a lock goes with its process, however that ends.
+
+        Raises
+        ------
+        InputError
+            Another run is at work here, or the folder cannot be written to.
+        """
+        with naming_the_folder(self.path):
+            self.path.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError("another run is at work in this folder", source=self.path) from None
+            yield
+        finally:
+            os.close(descriptor)
+
+    def open(self, digest: str, facts: Mapping[str, Any], restart: bool) -> None:
+        """Take the folder for a study, or go on with it.
+
+        Raises
+        ------
+        InputError
+            It holds another study, or results of unknown origin.
+        """
+        if restart:
+            self._discard()
+        known = self._digest()
+        if known is None:
+            if any(self.path.glob(f"{CHUNKS}/*.parquet")) or self.results.exists():
+                raise InputError("holds results of no known study", source=self.path, advice=ADVICE)
+            record = {"format": FORMAT, "hash": digest, **facts}
+            write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
+        elif known != digest:
+            raise InputError(
+                "holds results of another study, problem, robot, version or solver", source=self.path, advice=ADVICE
+            )
+
+    def _digest(self) -> str | None:
+        path = self.path / STUDY
+        if not path.exists():
+            return None
+        try:
+            content = json.loads(read_text(path, LARGEST_STUDY_RECORD, "a study's record"))
+        except (ValueError, RecursionError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError("is not JSON", source=path, advice=ADVICE) from None
+        digest = content.get("hash") if isinstance(content, dict) else None
+        return digest if isinstance(digest, str) else ""
+
+    def _discard(self) -> None:
+        """Remove what a study leaves, and nothing else."""
+        made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
+        for path in [*(path for path, _ in self._chunks()), *made]:
+            path.unlink(missing_ok=True)
+
+    def _chunks(self) -> list[tuple[Path, Range]]:
+        """Files of chunks by their names, in the order of their rows."""
+        found = []
+        for path in (self.path / CHUNKS).glob("*.parquet"):
+            name = re.fullmatch(r"(\d{7,9})-(\d{7,9})", path.stem, flags=re.ASCII)
+            if name:
+                found.append((path, (int(name[1]), int(name[2]) + 1)))
+        return sorted(found, key=lambda chunk: chunk[1])
+
+    def keep(self, first: int, stop: int, content: bytes) -> None:
+        """Write a chunk, whole or not at all."""
+        with naming_the_folder(self.path):
+            write_atomically(self.path / CHUNKS / f"{first:07d}-{stop - 1:07d}.parquet", content)
+
+    def missing(self) -> list[Range]:
+        """Ranges of rows that are still to be planned; chunks that cannot be read are removed."""
+        gaps, reached = [], 0
+        for path, (first, stop) in self._chunks():
+            if first < reached or stop > self._count or not _is_whole(path, stop - first):
+                path.unlink(missing_ok=True)
+                continue
+            if first > reached:
+                gaps.append((reached, first))
+            reached = stop
+        return [*gaps, (reached, self._count)] if reached < self._count else gaps
+
+    def merge(self) -> Any:
+        """Put all chunks into one table, write it, and return it."""
+        pa, pq = arrow()
+        table = pa.concat_tables([pq.read_table(path) for path, _ in self._chunks()])
+        stream = io.BytesIO()
+        pq.write_table(table, stream, row_group_size=ROW_GROUP, compression="zstd")
+        with naming_the_folder(self.path):
+            write_atomically(self.results, stream.getvalue())
+        return table
+
+
+ADVICE = "--restart discards them; or give another folder"
+
+
+@contextmanager
+def naming_the_folder(path: Path) -> Iterator[None]:
+    """Turn what the system refuses, such as a full disk, into an error that names the file."""
+    try:
+        yield
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror or error}"
+        raise InputError(reason, source=error.filename or path, advice="what is there stays, and is resumed") from None
+
+
+def _is_whole(path: Path, rows: int) -> bool:
+    """Whether a chunk can be read, its pages have their checksums, and it has its rows."""
+    pa, pq = arrow()
+    with contextlib.suppress(OSError, pa.ArrowException):
+        return bool(pq.read_table(path, page_checksum_verification=True).num_rows == rows)
+    return False

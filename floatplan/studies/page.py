@@ -1,0 +1,118 @@
+"""What a study shows: its map as a picture, and its rows as the page reads them."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray
+from floatplan.files import write_atomically
+from floatplan.motion.planar.ballistics import ballistics
+from floatplan.plans.plan import Plan
+from floatplan.studies.file import StudyFile, coloured, versions
+from floatplan.studies.maps import draw, drawn_map, edges_of, units_of
+from floatplan.studies.rows import STATUSES
+from floatplan.view.figures.figures import METADATA
+from floatplan.view.map.page import colours, flight_data, map_page, packed
+from floatplan.view.style import styled
+
+DPI_OF_MAPS = 200  # [1/in]
+MOST_PAGE_ROWS = 200_000  # of a page
+
+
+def write_maps(asked: StudyFile, table: Any, folder: Path) -> list[Path]:
+    """Write the map that the study asks for, PNG and SVG, and the page."""
+    assert asked.map is not None, "asked for"
+    written = []
+    with styled():
+        figure = draw(drawn_map(asked, table, *asked.map))
+        for form in ("png", "svg"):
+            stream = io.BytesIO()
+            figure.savefig(stream, format=form, dpi=DPI_OF_MAPS, metadata=METADATA[form])
+            figure.set_layout_engine("none")  # laid out once
+            written.append(write_atomically(folder / f"map.{form}", stream.getvalue()))
+    if len(asked) <= MOST_PAGE_ROWS:
+        written.append(write_page(asked, table, folder / "map.html"))
+    return written
+
+
+def write_page(asked: StudyFile, table: Any, path: Path) -> Path:
+    """Write the page, whole or not at all."""
+    return write_atomically(path, map_page(f"{asked.name}: map", page_data(asked, table)))
+
+
+def page_data(asked: StudyFile, table: Any) -> dict[str, Any]:
+    """Return all that the page shows."""
+    units = {**asked.units, **units_of(table)}
+    names = [*asked.paths, *coloured(asked.base)]
+    texts, index = np.unique(table["explanation"].to_numpy().astype(str), return_inverse=True)
+    statuses = table["status"].to_numpy().astype(str)
+    coefficients = _in_fractions(asked, table)
+    return {
+        "name": asked.name,
+        "question": f"{asked.base.name}, {asked.base.robot.name}: {len(table)} rows",
+        "version": versions()["floatplan"],
+        "count": len(table),
+        "map": asked.map,
+        "axes": [_axis(asked, path) for path in asked.paths],
+        "columns": {
+            name: {"unit": units.get(name, ""), "values": packed(table[name].to_numpy(), "<f4")} for name in names
+        },
+        "status": packed([STATUSES.index(status) for status in statuses], "<u1"),
+        "explanation": {"texts": texts.tolist(), "index": packed(index, "<u4")},
+        "coefficients": {"size": coefficients.shape[1], "values": packed(coefficients, "<f4")},
+        "colours": colours(),
+        "flight": flight_data(_base_plan(asked)),
+    }
+
+
+def _axis(asked: StudyFile, path: str) -> dict[str, Any]:
+    edges = edges_of(asked, path)
+    values = np.unique(next(axis.values for axis in asked.samples.axes if axis.path == path))
+    middles = values if asked.samples.kind == "grid" else (edges[:-1] + edges[1:]) / 2
+    return {"key": path, "factor": asked.factors[path], "edges": edges.tolist(), "values": middles.tolist()}
+
+
+def _in_fractions(asked: StudyFile, table: Any) -> Array:
+    """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
+    column = table["coefficients"].combine_chunks()
+    there = column.is_valid().to_numpy(zero_copy_only=False)
+    joints = column.flatten()
+    n = len(asked.base.robot.joints)
+    sizes = joints.value_lengths().to_numpy()
+    size = int(sizes.max(initial=0))
+    found = np.full((len(table), n, size), np.nan)
+    inside = np.arange(size) < sizes.reshape(-1, n)[..., None]
+    found[there] = _placed(inside, joints.flatten().to_numpy())
+    varied = "flight.duration" in asked.paths
+    duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), asked.base.flight.duration)
+    return np.asarray(found * duration[:, None, None] ** np.arange(size)).reshape(len(table), n * size)
+
+
+def _placed(inside: BoolArray, values: Array) -> Array:
+    """Values one after the other, put where ``inside`` is true; NaN elsewhere."""
+    found = np.full(inside.shape, np.nan)
+    found[inside] = values
+    return found
+
+
+def _base_plan(asked: StudyFile) -> Plan:
+    """A plan of the base problem that stands still: how the robot is drawn does not depend on its motion."""
+    base = asked.base
+    low, high = base.position_limits.T
+    return Plan(
+        problem=base,
+        centre=(low + high) / 2,
+        amplitude=(high - low) / 2,
+        coefficients=np.zeros((len(low), 2)),
+        angular_momentum=0.0,
+        ballistics=ballistics(base),
+        angular_momentum_bounds=(0.0, 0.0),
+        status="infeasible",
+        ok=False,
+        explanation="",
+        solver={},
+    )

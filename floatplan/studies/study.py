@@ -1,0 +1,202 @@
+"""A study: run or resumed, then looked at."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from floatplan.certificate.certify import certify
+from floatplan.errors import InputError
+from floatplan.kernel.rows import is_plain_family
+from floatplan.planning.repair import judged
+from floatplan.plans.plan import Plan
+from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
+from floatplan.studies.driver import Progress, fill
+from floatplan.studies.engines import started
+from floatplan.studies.file import StudyFile, load_study_file, versions
+from floatplan.studies.folder import StudyFolder
+from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map
+from floatplan.studies.page import write_maps
+from floatplan.studies.rows import arrow, row_seed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Study:
+    """The answers of a study: what :func:`floatplan.study` returns.
+
+    Attributes
+    ----------
+    folder : Path
+        Where its files are.
+    table : pyarrow.Table
+        A row for each problem, in the order of their index: the keys that vary, in the units of the problem file, and
+        what was found; what there is not is null. A column's unit is in its field's metadata.
+    statuses : dict of str to int
+        Number of rows by status.
+    files : list of Path
+        The table, and the maps where there is one.
+    """
+
+    def __init__(self, asked: StudyFile, folder: StudyFolder, table: Any) -> None:
+        self._asked = asked
+        self.folder = folder.path
+        self.table = table
+        self.files = [folder.results]
+
+    def __len__(self) -> int:
+        return len(self._asked)
+
+    @cached_property
+    def statuses(self) -> dict[str, int]:
+        """Number of rows by status."""
+        return {pair["values"]: pair["counts"] for pair in self.table["status"].value_counts().to_pylist()}
+
+    def heatmap(self, x: str, y: str, z: str = "torque_peak") -> Figure:
+        """Draw a map.
+
+        Where more keys vary than two, each cell shows its best row: the one of least ``z`` (for clearance the largest).
+
+        Parameters
+        ----------
+        x, y : str
+            Keys that vary.
+        z : str
+            A column of numbers, or "status".
+
+        Raises
+        ------
+        InputError
+            There is no such key or column.
+        """
+        return draw(drawn_map(self._asked, self.table, x, y, z))
+
+    def best(self, k: int = 1, by: str = "objective") -> Any:
+        """Return the k best rows that hold a plan, as a table: least ``by`` first, of clearance the largest.
+
+        Raises
+        ------
+        InputError
+            There is no such column of numbers.
+        """
+        pa, _ = arrow()
+        if by not in self.table.column_names or not _is_number(pa, self.table.schema.field(by).type):
+            raise InputError("is no column of numbers", element=f"by {by!r}")
+        values = self.table[by].to_numpy().astype(np.float64)
+        solved = np.isin(self.table["status"].to_numpy(), SOLVED) & ~np.isnan(values)
+        rows = np.flatnonzero(solved)
+        order = np.argsort(-values[rows] if by in LARGER_IS_BETTER else values[rows], kind="stable")
+        return self.table.take(pa.array(rows[order][: max(k, 0)]))
+
+    def plan(self, index: int) -> Plan:
+        """Return a row's plan, rebuilt from the table and proved; the nearest motion where none was found.
+
+        Raises
+        ------
+        InputError
+            The row's problem is wrong, or it has no motion.
+        """
+        index = range(len(self))[index]
+        row = self.table.slice(index, 1).to_pylist()[0]
+        family, seed = self._asked.family(index, index + 1), self._asked.samples.seed
+        if row["coefficients"] is None:
+            raise InputError(row["explanation"], element=f"row {index}")
+        solved = row["status"] in SOLVED
+        answer = Answer(
+            status=row["status"],
+            objective=row["objective"] if solved else np.nan,
+            angular_momentum=row["angular_momentum"],
+            coefficients=_padded(row["coefficients"]),
+            starts=row["starts"],
+            message="" if row["explanation"] == GOAL_MET else row["explanation"],
+        )
+        plan = answer.plan(family[0], seed if is_plain_family(family) else row_seed(seed, index))
+        if not solved:
+            return plan
+        return judged(plan, certify(plan))
+
+
+def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    longest = max(map(len, rows))
+    return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
+
+
+def _is_number(pa: Any, kind: Any) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+
+
+def study(
+    path: str | Path,
+    *,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    engine: str = "processes",
+    scheduler: str | None = None,
+    jobs: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Study:
+    """Run a study, or go on with one: the rows that its folder has are not planned again.
+
+    Parameters
+    ----------
+    path : path
+        The study file.
+    folder : path, optional
+        Where results go; left out, as the file says, from the working directory.
+    restart : bool
+        Whether to discard what the folder has.
+    engine : "processes" or "dask"
+    scheduler : str, optional
+        Address of dask's scheduler; left out, a cluster on this machine.
+    jobs : int, optional
+        Processes, as many as processors where left out; 1 is this one. In a script, more need
+        ``if __name__ == "__main__":``.
+    progress : callable, optional
+        Told how far it is after each chunk.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        The study file, its problem or the folder is wrong; or pyarrow, or dask, is not installed.
+    """
+    arrow()
+    asked = load_study_file(path)
+    place = StudyFolder(asked.folder if folder is None else Path(folder), len(asked))
+    with place.locked():
+        place.open(asked.digest(), facts(asked), restart)
+        gaps = place.missing()
+        if gaps:
+            with started(engine, jobs, scheduler) as chosen:
+                fill(asked, place, gaps, chosen, progress)
+        done = Study(asked, place, place.merge())
+        if asked.map:
+            done.files += write_maps(asked, done.table, place.path)
+    return done
+
+
+def facts(asked: StudyFile) -> dict[str, Any]:
+    """What a folder says of its study, beside the hash."""
+    return {
+        "name": asked.name,
+        "problem": asked.base.name,
+        "rows": len(asked),
+        "vary": asked.paths,
+        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": {
+            **versions(),
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "pyarrow", "pin")},
+        },
+    }

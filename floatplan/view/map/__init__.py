@@ -1,0 +1,1 @@
+"""A study as a page: maps, and the plan of any point of them."""

@@ -1,0 +1,195 @@
+"use strict";
+/* A row's plan, flown from its coefficients: joints by sine polynomials, the base by conservation of momentum. */
+
+const INTERVALS = 180;
+const SNAPSHOTS = 6;
+const ARC = 48;
+
+class Flight {
+  constructor(data) {
+    this.data = data;
+  }
+
+  /* The problem of a row: the base problem with the values of its keys, by their paths, in SI units. */
+  problem(values) {
+    const problem = structuredClone(this.data.problem);
+    const joints = this.data.robot.joints;
+    for (const [path, value] of values) {
+      const parts = path.split(".");
+      let place = problem;
+      for (const part of parts.slice(0, -1)) place = place && place[entry(place, part)];
+      const last = parts[parts.length - 1];
+      if (!place) continue;
+      const key = entry(place, last);
+      place[key] = Array.isArray(place[key]) ? place[key].map(() => value) : value;
+    }
+    return problem;
+
+    function entry(place, part) {
+      return Array.isArray(place) && joints.includes(part) ? joints.indexOf(part) : part;
+    }
+  }
+
+  /* What the stage shows of a row: coefficients are those of powers of s = t / T, joint by joint. */
+  motion(problem, h, coefficients) {
+    const duration = problem.flight.duration;
+    const ranges = problem.limits.position || this.data.ranges;
+    const size = coefficients.length / ranges.length;
+    const joints = ranges.map((range, index) => [range, coefficients.slice(index * size, (index + 1) * size)]);
+    const states = Array.from({ length: 2 * INTERVALS + 1 }, (_, index) => this.state(joints, duration, h, index / (2 * INTERVALS)));
+    const columns = { orientation: [problem.start.orientation], com_x: [], com_y: [] };
+    joints.forEach((_, joint) => {
+      columns[`positions.${joint}`] = states.filter((_, index) => index % 2 === 0).map((state) => state.positions[joint]);
+    });
+    for (let index = 0; index < INTERVALS; index++) {
+      const [a, b, c] = states.slice(2 * index, 2 * index + 3).map((state) => state.rate);
+      columns.orientation.push(columns.orientation[index] + (duration / INTERVALS) * (a + 4 * b + c) / 6);
+    }
+    const shown = {
+      duration,
+      columns,
+      robot: this.data.robot,
+      frames: this.frames(),
+      obstacles: (problem.obstacles || []).map(outlined),
+      ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
+      ground: [],
+    };
+    this.addPath(shown, problem);
+    const motion = new Motion(shown);
+    const end = [columns.com_x[INTERVALS], columns.com_y[INTERVALS]];
+    shown.goal = { orientation: problem.goal.orientation, positions: problem.goal.positions, com: end };
+    shown.box = this.box(motion, problem, shown);
+    return motion;
+  }
+
+  frames() {
+    const { takeoff, landing } = this.data.frames;
+    const one = takeoff.name === landing.name;
+    const frames = [{ ...takeoff, role: one ? "takes off and lands" : "takes off" }];
+    return one ? frames : [...frames, { ...landing, role: "lands" }];
+  }
+
+  /* Joint positions and the rate of the base at a fraction of the flight. */
+  state(joints, duration, h, s) {
+    const positions = [];
+    const velocities = [];
+    for (const [[low, high], factors] of joints) {
+      let p = 0;
+      let rate = 0;
+      for (let k = factors.length - 1; k >= 0; k--) {
+        rate = rate * s + p;
+        p = p * s + factors[k];
+      }
+      positions.push((low + high) / 2 + ((high - low) / 2) * Math.sin(p));
+      velocities.push((((high - low) / 2) * Math.cos(p) * rate) / duration);
+    }
+    return { positions, rate: this.baseRate(positions, velocities, h) };
+  }
+
+  baseRate(positions, velocities, h) {
+    const { turn, turns, offsets, coupling, inertia } = this.data.robot;
+    const angles = turns.map((row, body) => turn * (offsets[body] + dot(row, positions)));
+    let locked = 0;
+    let moved = 0;
+    for (let j = 0; j < angles.length; j++) {
+      let share = inertia[j];
+      for (let i = 0; i < angles.length; i++) {
+        const [re, im] = coupling[i][j];
+        const between = angles[j] - angles[i];
+        share += re * Math.cos(between) - im * Math.sin(between);
+      }
+      locked += share;
+      moved += share * dot(turns[j], velocities);
+    }
+    return (h - moved) / locked;
+  }
+
+  /* The centre of mass: from where the takeoff frame leaves to the height at which the landing frame arrives. */
+  addPath(shown, problem) {
+    const motion = new Motion({ ...shown, columns: { ...shown.columns, com_x: [0], com_y: [0] } });
+    const { takeoff, landing } = this.data.frames;
+    const at = (index) => {
+      const positions = motion.data.robot.joints.map((_, joint) => shown.columns[`positions.${joint}`][index]);
+      return motion.pose(shown.columns.orientation[index], positions, [0, 0]);
+    };
+    const flight = problem.flight;
+    const duration = shown.duration;
+    const [left, low] = motion.place(at(0), takeoff.weights);
+    const [x, y] = [flight.takeoff.position[0] - left, flight.takeoff.position[1] - low];
+    const end = (flight.landing.height || 0) - motion.place(at(INTERVALS), landing.weights)[1];
+    const climb = (end - y) / duration + (flight.gravity * duration) / 2;
+    for (let index = 0; index <= INTERVALS; index++) {
+      const t = (duration * index) / INTERVALS;
+      shown.columns.com_x.push(x + flight.horizontal_velocity * t);
+      shown.columns.com_y.push(y + climb * t - (flight.gravity * t * t) / 2);
+    }
+  }
+
+  /* Left, low, right, high of all that is drawn; the ground is found on the way. */
+  box(motion, problem, shown) {
+    const box = [Infinity, Infinity, -Infinity, -Infinity];
+    const add = (x, y, radius) => {
+      box[0] = Math.min(box[0], x - radius);
+      box[1] = Math.min(box[1], y - radius);
+      box[2] = Math.max(box[2], x + radius);
+      box[3] = Math.max(box[3], y + radius);
+    };
+    for (let index = 0; index <= INTERVALS; index += 3) {
+      const posture = motion.posture(motion.times[index]);
+      for (const link of shown.robot.links) {
+        for (const end of [link.start, link.end]) add(...motion.place(posture, end), link.radius);
+      }
+      if (index === 0) {
+        const [left, low, right, high] = box;
+        const foot = problem.flight.takeoff.position[1];
+        if (Math.abs(low - foot) < 0.05 * (high - low)) shown.ground.push([low, left, right]);
+      }
+    }
+    if (shown.ground.length && box[1] < shown.ground[0][0] - 0.15 * (box[3] - box[1])) shown.ground.pop();
+    for (const obstacle of shown.obstacles) {
+      if (obstacle.kind === "half-plane") continue;
+      for (const [x, y] of obstacle.outline) add(x, y, 0);
+    }
+    const room = 0.04 * Math.max(box[2] - box[0], box[3] - box[1]);
+    return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
+  }
+}
+
+function dot(row, values) {
+  return row.reduce((sum, share, index) => sum + share * values[index], 0);
+}
+
+function outlined(obstacle, index) {
+  return {
+    kind: obstacle.kind,
+    colour: ["#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"][index % 6],
+    outline: outline(obstacle, 0),
+    margin: obstacle.margin > 0 ? outline(obstacle, obstacle.margin) : null,
+    velocity: obstacle.velocity || [0, 0],
+    window: obstacle.window || null,
+  };
+}
+
+function outline(obstacle, margin) {
+  if (obstacle.kind === "half-plane") {
+    const length = Math.hypot(...obstacle.normal);
+    const [nx, ny] = obstacle.normal.map((part) => part / length);
+    const [x, y] = [obstacle.point[0] + margin * nx, obstacle.point[1] + margin * ny];
+    const far = 1e3;
+    return [
+      [x + far * ny, y - far * nx],
+      [x - far * ny, y + far * nx],
+      [x - far * (nx + ny), y - far * (ny - nx)],
+      [x - far * (nx - ny), y - far * (ny + nx)],
+    ];
+  }
+  const [start, end] = obstacle.kind === "circle" ? [obstacle.center, obstacle.center] : [obstacle.start, obstacle.end];
+  const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
+  const radius = obstacle.radius + margin;
+  return [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
+    Array.from({ length: ARC + 1 }, (_, index) => {
+      const angle = along + Math.PI * (from + index / ARC);
+      return [x + radius * Math.cos(angle), y + radius * Math.sin(angle)];
+    }),
+  );
+}

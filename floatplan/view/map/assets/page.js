@@ -1,0 +1,230 @@
+"use strict";
+/* Puts the page together. Whatever comes from a file is written as text, never as markup. */
+
+class Rows {
+  constructor(data) {
+    this.data = data;
+    this.count = data.count;
+    this.status = new Uint8Array(unpacked(data.status));
+    this.statuses = data.colours.statuses;
+    this.scale = data.colours.scale;
+    this.columns = {};
+    this.axes = Object.fromEntries(data.axes.map((axis) => [axis.key, { ...axis, label: this.label(axis.key) }]));
+    this.explanation = new Uint32Array(unpacked(data.explanation.index));
+    this.coefficients = new Float32Array(unpacked(data.coefficients.values));
+  }
+
+  column(name) {
+    this.columns[name] ??= new Float32Array(unpacked(this.data.columns[name].values));
+    return this.columns[name];
+  }
+
+  axis(key) {
+    const axis = this.axes[key];
+    if (!axis.cell) {
+      const edges = axis.edges;
+      axis.cell = Int32Array.from(this.column(key), (value) => Math.min(Math.max(cellOf(edges, value), 0), edges.length - 2));
+    }
+    return axis;
+  }
+
+  unit(name) {
+    return this.data.columns[name] ? this.data.columns[name].unit : "";
+  }
+
+  label(name) {
+    return this.unit(name) ? `${name} (${this.unit(name)})` : name;
+  }
+
+  shown(name, row) {
+    const value = this.column(name)[row];
+    return Number.isNaN(value) ? "–" : `${shortNumber(value)} ${this.unit(name)}`.trim();
+  }
+
+  coefficientsOf(row) {
+    const { size } = this.data.coefficients;
+    const values = this.coefficients.slice(row * size, (row + 1) * size);
+    return size && !Number.isNaN(values[0]) ? Array.from(values, (value) => (Number.isNaN(value) ? 0 : value)) : null;
+  }
+}
+
+function unpacked(text) {
+  const bytes = atob(text);
+  return Uint8Array.from(bytes, (letter) => letter.charCodeAt(0)).buffer;
+}
+
+function make(tag, name, text) {
+  const element = document.createElement(tag);
+  if (name) element.className = name;
+  if (text !== undefined) element.textContent = text;
+  return element;
+}
+
+function fillSelect(select, options, chosen) {
+  select.replaceChildren(...options.map(([value, text]) => {
+    const option = make("option", "", text);
+    option.value = value;
+    return option;
+  }));
+  select.value = chosen;
+}
+
+class Page {
+  constructor(data) {
+    this.data = data;
+    this.rows = new Rows(data);
+    this.flight = data.flight && new Flight(data.flight);
+    this.holder = document.getElementById("map");
+    this.tip = document.getElementById("tip");
+    this.map = new HeatMap(this.rows, this.holder, document.getElementById("bar"));
+    this.stage = this.player = null;
+    this.fixed = new Map();
+    this.fill();
+    this.listen();
+    this.redraw();
+  }
+
+  fill() {
+    const { data, rows } = this;
+    document.getElementById("name").textContent = data.name;
+    document.getElementById("question").textContent = data.question;
+    document.getElementById("version").textContent = data.version ? ` ${data.version}` : "";
+    const keys = data.axes.map((axis) => [axis.key, rows.label(axis.key)]);
+    const colours = Object.keys(data.columns);
+    this.selects = ["across", "up", "colour"].map((id) => document.getElementById(id));
+    fillSelect(this.selects[0], keys, data.map[0]);
+    fillSelect(this.selects[1], keys, data.map[1]);
+    fillSelect(this.selects[2], [["status", "status"], ...colours.map((name) => [name, rows.label(name)])], data.map[2]);
+    this.cut = document.getElementById("cut");
+    const key = document.getElementById("key");
+    const counts = rows.statuses.map((_, index) => rows.status.reduce((sum, one) => sum + (one === index), 0));
+    rows.statuses.forEach(({ colour, words }, index) => {
+      if (!counts[index]) return;
+      const entry = key.appendChild(make("li"));
+      entry.appendChild(make("i", "swatch bar")).style.background = colour;
+      entry.appendChild(make("span", "", `${words} (${counts[index]})`));
+    });
+  }
+
+  listen() {
+    const [across, up] = this.selects;
+    this.selects.forEach((select) =>
+      select.addEventListener("change", () => {
+        if (across.value === up.value) {
+          const other = select === across ? up : across;
+          other.value = this.data.axes.find((axis) => axis.key !== select.value).key;
+        }
+        this.redraw();
+      }),
+    );
+    this.cut.addEventListener("change", () => this.redraw());
+    this.holder.addEventListener("pointermove", (event) => this.onMove(event));
+    this.holder.addEventListener("pointerleave", () => this.leave());
+    this.holder.addEventListener("click", (event) => {
+      const place = this.map.at(...this.inside(event));
+      if (place !== null) this.choose(this.map.row[place]);
+    });
+    this.holder.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      event.stopPropagation();
+      const first = this.map.row.find((row) => row >= 0);
+      this.choose(this.map.selected === null ? first : this.map.beside(this.map.selected, ...step));
+    });
+  }
+
+  redraw() {
+    const [x, y, z] = this.selects.map((select) => select.value);
+    const others = this.data.axes.filter((axis) => axis.key !== x && axis.key !== y);
+    const holder = document.getElementById("others");
+    holder.replaceChildren(...others.map((axis) => this.slice(axis)));
+    this.map.show(x, y, z, others.map((axis) => [axis.key, this.fixed.get(axis.key) ?? null]), this.cut.checked);
+    this.leave();
+  }
+
+  /* The choice of a value for a key that is on no axis. */
+  slice(axis) {
+    const label = make("label", "", `${this.rows.label(axis.key)} `);
+    const select = label.appendChild(make("select"));
+    const cells = axis.values.map((value, index) => [String(index), shortNumber(value)]);
+    const chosen = this.fixed.get(axis.key);
+    fillSelect(select, [["best", "the best"], ...cells], chosen === undefined ? "best" : String(chosen));
+    select.addEventListener("change", () => {
+      if (select.value === "best") this.fixed.delete(axis.key);
+      else this.fixed.set(axis.key, Number(select.value));
+      this.redraw();
+    });
+    return label;
+  }
+
+  inside(event) {
+    const box = this.holder.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  onMove(event) {
+    if (event.pointerType === "touch") return;
+    const [x, y] = this.inside(event);
+    const place = this.map.at(x, y);
+    if (place === null) {
+      this.leave();
+      return;
+    }
+    this.map.hover(place);
+    const row = this.map.row[place];
+    const names = [...this.data.axes.map((axis) => axis.key), ...(this.map.values ? [this.map.z] : [])];
+    const lines = [...new Set(names)].map((name) => `${name}: ${this.rows.shown(name, row)}`);
+    this.tip.textContent = [this.rows.statuses[this.rows.status[row]].name.replace("_", " "), ...lines].join("\n");
+    this.tip.hidden = false;
+    const { offsetWidth: width, offsetHeight: height } = this.tip;
+    this.tip.style.left = `${x + width + 24 > this.holder.clientWidth ? Math.max(x - width - 12, 0) : x + 16}px`;
+    this.tip.style.top = `${Math.min(y + 12, Math.max(this.holder.clientHeight - height, 0))}px`;
+  }
+
+  leave() {
+    this.tip.hidden = true;
+    if (this.map.x) this.map.hover(null);
+  }
+
+  choose(row) {
+    this.map.select(row);
+    const { rows, data } = this;
+    const text = data.explanation.texts[rows.explanation[row]];
+    document.getElementById("verdict").textContent = `Row ${row}: ${rows.statuses[rows.status[row]].words}. ${text}`;
+    const list = document.getElementById("values");
+    list.replaceChildren();
+    for (const name of Object.keys(data.columns)) {
+      list.appendChild(make("dt", "", name));
+      list.appendChild(make("dd", "", rows.shown(name, row)));
+    }
+    this.fly(row);
+  }
+
+  fly(row) {
+    const coefficients = this.flight && this.rows.coefficientsOf(row);
+    const nothing = document.getElementById("nothing");
+    nothing.hidden = Boolean(coefficients);
+    if (this.player) this.player.pause();
+    document.getElementById("stage").classList.toggle("empty", !coefficients);
+    if (!coefficients) {
+      nothing.textContent = "This row has no motion.";
+      return;
+    }
+    const values = this.data.axes.map((axis) => [axis.key, this.rows.column(axis.key)[row] * axis.factor]);
+    const motion = this.flight.motion(this.flight.problem(values), this.rows.column("angular_momentum")[row], coefficients);
+    if (!this.stage) {
+      this.stage = new Stage(motion, document.getElementById("stage"));
+      this.player = new Player(motion.duration, (time) => this.stage.draw(time));
+    } else {
+      this.stage.take(motion);
+      this.stage.resize();
+      this.player.duration = motion.duration;
+      this.player.controls.scrub.max = motion.duration;
+      this.player.seek(0);
+    }
+    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.player.play();
+  }
+}
+
+window.floatplan = new Page(JSON.parse(document.getElementById("data").textContent));

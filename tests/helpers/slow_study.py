@@ -1,0 +1,27 @@
+"""A study in small chunks with a pause after each, for processes that are to be killed in the middle."""
+
+from __future__ import annotations
+
+import time
+from multiprocessing import get_context
+from multiprocessing.context import ForkServerProcess
+
+import floatplan as fp
+from floatplan.studies import driver
+
+ROWS, PAUSE = 4, 0.05  # of a chunk; [s] after it
+
+
+def run(path: str, folder: str) -> None:
+    """Run a study slowly, in this process."""
+    driver.FIRST_TOGETHER = driver.MOST_IN_CHUNK = ROWS
+    fp.study(path, folder=folder, jobs=1, progress=lambda _: time.sleep(PAUSE))
+
+
+def started(path: str, folder: str) -> ForkServerProcess:
+    """Start a process that does so, with the package loaded already."""
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["floatplan.studies.study"])
+    process = context.Process(target=run, args=(path, folder))
+    process.start()
+    return process

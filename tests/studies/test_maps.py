@@ -1,0 +1,153 @@
+"""Maps: cells, statuses that are told apart, and the page in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+from browser import started
+
+import floatplan as fp
+from floatplan import InputError
+from floatplan.studies.file import load_study_file
+from floatplan.studies.maps import drawn_map
+from floatplan.studies.rows import STATUSES
+from floatplan.view.figures.heatmap import STATUS_COLOURS, heatmap
+
+ROOT = Path(__file__).resolve().parents[2]
+THREE = """
+[vary]
+"flight.angular_momentum" = [3.0, 4.0]
+"flight.duration" = [1.0, 1.2]
+"goal.positions.q1" = [-60, -50]
+"""
+POSTURE = """
+    const posture = floatplan.stage.motion.posture(arguments[0]);
+    return [posture.orientation, ...posture.positions, ...posture.com];
+"""
+COLOUR_BY = """
+    const select = document.getElementById("colour");
+    select.value = arguments[0];
+    select.dispatchEvent(new Event("change"));
+"""
+PRESS = """
+    const event = new KeyboardEvent("keydown", { key: arguments[0], bubbles: true });
+    document.getElementById("map").dispatchEvent(event);
+    return floatplan.map.selected;
+"""
+
+
+def table(asked, statuses, torques):
+    values = asked.samples.values(0, len(asked))
+    return pyarrow.table({**values, "status": statuses, "torque_peak": torques})
+
+
+def test_each_cell_shows_its_best_row(study_file):
+    asked = load_study_file(study_file(THREE))
+    statuses = ["optimal", "optimal", "not_found", "impossible", "impossible", "impossible", "error", "feasible"]
+    torques = [5.0, 3.0, None, None, None, None, None, 7.0]
+    shown = drawn_map(
+        asked, table(asked, statuses, torques), "flight.angular_momentum", "flight.duration", "torque_peak"
+    )
+    names = np.array(STATUSES)[shown.status]
+    assert names.tolist() == [["optimal", "impossible"], ["not_found", "feasible"]]
+    np.testing.assert_array_equal(shown.colour, [[3.0, np.nan], [np.nan, 7.0]])
+    assert shown.title == "best over goal.positions.q1"
+
+
+def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
+    asked = load_study_file(study_file(THREE))
+    statuses = ["not_found", "impossible", "impossible", "impossible", "error", "error", "optimal", "not_found"]
+    shown = drawn_map(
+        asked, table(asked, statuses, [1.0] * 8), "flight.angular_momentum", "flight.duration", "torque_peak"
+    )
+    assert len(set(STATUS_COLOURS.values())) == len(STATUSES)
+    assert tuple(STATUS_COLOURS) == STATUSES
+    figure = heatmap(shown)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [label.split(":")[0] for label in labels] == ["not found", "impossible", "error"]
+    assert np.array(STATUSES)[shown.status].tolist() == [["not_found", "error"], ["impossible", "optimal"]]
+
+
+def test_points_drawn_fall_into_cells(study_file):
+    text = 'sampling = "sobol"\nsamples = 64\n[vary]\n"flight.angular_momentum" = { from = 3, to = 4 }\n'
+    asked = load_study_file(study_file(text + '"flight.duration" = { from = 1, to = 1.2 }'))
+    shown = drawn_map(
+        asked,
+        table(asked, ["optimal"] * 64, np.arange(64.0)),
+        "flight.angular_momentum",
+        "flight.duration",
+        "torque_peak",
+    )
+    assert shown.colour.shape == (5, 5)
+    assert np.isfinite(shown.colour).all()
+    assert (shown.x.edges[0], shown.x.edges[-1]) == (3.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        (("flight.duration", "flight.duration", "torque_peak"), "the same key"),
+        (("flight.gravity", "flight.duration", "torque_peak"), "'flight.gravity' does not vary"),
+        (("flight.angular_momentum", "flight.duration", "explanation"), "is no column of numbers"),
+    ],
+)
+def test_wrong_maps(study_file, keys, message):
+    asked = load_study_file(study_file(THREE))
+    with pytest.raises(InputError, match=message):
+        drawn_map(asked, table(asked, ["optimal"] * 8, [1.0] * 8), *keys)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from started()
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("map")
+    path = folder / "asked.toml"
+    path.write_text(
+        f'problem = "{ROOT / "problems" / "somersault.toml"}"\n[vary]\n'
+        '"flight.angular_momentum" = { from = 3, to = 4.4, count = 5 }\n'
+        '"flight.duration" = { from = 1, to = 1.4, count = 4 }\n'
+    )
+    return fp.study(path, folder=folder / "out", jobs=1)
+
+
+class TestPage:
+    @pytest.mark.parametrize("size", [(1400, 900), (390, 844)])
+    def test_asks_for_nothing_and_fits(self, browser, study, size):
+        browser.driver.set_window_size(*size)
+        browser.open(study.folder / "map.html")
+        assert browser.requests() == [(study.folder / "map.html").resolve().as_uri()]
+        assert browser.complaints() == []
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+
+    def test_a_point_s_plan_is_flown_as_python_flies_it(self, browser, study):
+        browser.open(study.folder / "map.html")
+        row = study.table["status"].to_pylist().index("optimal")
+        browser.run("floatplan.choose(arguments[0]); floatplan.player.pause()", row)
+        plan = study.plan(row)
+        for share in (0.0, 0.37, 1.0):
+            time = share * plan.duration
+            seen = browser.run(POSTURE, time)
+            state = plan.at(time)
+            wanted = [state.orientation[0], *state.positions[0], *state.com_position[0]]
+            np.testing.assert_allclose(seen, wanted, atol=2e-4)
+        assert "optimal" in browser.run("return document.getElementById('verdict').textContent")
+
+    def test_shows_statuses_and_any_column(self, browser, study):
+        browser.open(study.folder / "map.html")
+        counts = browser.run("return [...document.querySelectorAll('#key li')].map((one) => one.textContent)")
+        assert len(counts) == len(study.statuses)
+        browser.run(COLOUR_BY, "objective")
+        seen = browser.run("return floatplan.map.range")
+        values = [value for value in study.table["objective"].to_pylist() if value is not None]
+        np.testing.assert_allclose(seen, [min(values), max(values)], rtol=1e-6)
+
+    def test_keys_move_from_cell_to_cell(self, browser, study):
+        browser.open(study.folder / "map.html")
+        assert [browser.run(PRESS, key) for key in ("ArrowUp", "ArrowRight", "ArrowUp", "ArrowLeft")] == [0, 4, 5, 1]

@@ -1,0 +1,361 @@
+"""Studies run: rows, statuses, measures, resumption; whatever happens to processes, disks and rows."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import signal
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+import slow_study
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan import InputError, files
+from floatplan.studies import driver, engines, rows
+
+pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
+ROOT = Path(__file__).resolve().parents[2]
+COLUMNS = [
+    *("index", "flight.angular_momentum", "flight.duration", "status", "objective", "angular_momentum"),
+    *("torque_peak", "torque_peak.q1", "torque_peak.q2", "utilisation", "clearance", "explanation", "starts"),
+    *("milliseconds", "coefficients"),
+]
+WHOLE = """
+[vary]
+"obstacles.0.center.0" = { from = 0.9, to = 1.7, count = 3 }
+"goal.positions.q1" = [0, 200]
+"""
+
+
+@pytest.fixture(autouse=True)
+def without_maps(request, monkeypatch):
+    """Their files are what test_maps.py is about, and half of the time of a small study."""
+    if "done" in request.fixturenames:
+        request.getfixturevalue("done")
+    monkeypatch.setattr("floatplan.studies.study.write_maps", lambda *_: [])
+
+
+def timeless(table):
+    return table.drop_columns(["milliseconds"])
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A small study of the somersault, in this process."""
+    folder = tmp_path_factory.mktemp("done")
+    path = folder / "asked.toml"
+    path.write_text(
+        f'problem = "{ROOT / "problems" / "somersault.toml"}"\n[vary]\n'
+        '"flight.angular_momentum" = { from = 2.8, to = 4.4, count = 12 }\n'
+        '"flight.duration" = { from = 0.9, to = 1.4, count = 8 }\n'
+    )
+    return path, fp.study(path, folder=folder / "out", jobs=1)
+
+
+def test_the_table_has_its_columns_units_and_rows(done):
+    _, study = done
+    table = study.table
+    assert table.column_names == COLUMNS
+    units = {field.name: (field.metadata or {}).get(b"unit") for field in table.schema}
+    assert units["flight.duration"] == b"s"
+    assert units["torque_peak.q1"] == b"N m"
+    assert table["index"].to_pylist() == list(range(96))
+    assert sum(study.statuses.values()) == len(study) == 96
+    assert set(study.statuses) <= {"optimal", "feasible", "not_found"}
+    assert all(table["explanation"].to_pylist())
+    assert pyarrow.parquet.read_table(study.folder / "results.parquet").equals(table)
+
+
+def test_rows_are_what_plan_many_and_plans_say(done):
+    _, study = done
+    table = study.table.to_pylist()
+    base = fp.load_problem(ROOT / "problems" / "somersault.toml")
+    keys = ("flight.angular_momentum", "flight.duration")
+    plans = fp.plan_many(fp.Family(base, {key: [row[key] for row in table] for key in keys}))
+    assert [row["status"] for row in table] == plans.status.tolist()
+    for index in (0, 17, 40, 61):
+        row, plan = table[index], plans[index]
+        assert row["status"] in ("optimal", "feasible")
+        assert row["objective"] == plans.objective[index]
+        np.testing.assert_allclose(row["coefficients"], plan.coefficients, rtol=0, atol=0)
+        np.testing.assert_allclose([row["torque_peak.q1"], row["torque_peak.q2"]], plan.peaks.motor_torque, rtol=1e-7)
+        assert row["torque_peak"] == max(row["torque_peak.q1"], row["torque_peak.q2"])
+    for row in table:
+        if row["status"] == "not_found":
+            assert row["torque_peak"] is row["objective"] is row["utilisation"] is None
+
+
+def test_the_best_rows_hold_plans_that_are_proved(done):
+    _, study = done
+    best = study.best(3, by="torque_peak")
+    torques = [value for value in study.table["torque_peak"].to_pylist() if value is not None]
+    assert best["torque_peak"].to_pylist() == sorted(torques)[:3]
+    plan = study.plan(best["index"][0].as_py())
+    assert plan.ok
+    assert plan.certificate.proved
+    assert plan.peaks.motor_torque.max() == pytest.approx(best["torque_peak"][0].as_py(), rel=1e-7)
+    with pytest.raises(InputError, match="is no column of numbers"):
+        study.best(by="status")
+
+
+def test_a_row_without_a_plan_gives_its_nearest_motion(done):
+    _, study = done
+    index = study.table["status"].to_pylist().index("not_found")
+    assert not study.plan(index).ok
+
+
+@pytest.mark.parametrize("sizes", [(5, 7), (64, 32)])
+def test_the_table_does_not_depend_on_chunks(done, tmp_path, monkeypatch, sizes):
+    path, study = done
+    first, most = sizes
+    monkeypatch.setattr(driver, "FIRST_TOGETHER", first)
+    monkeypatch.setattr(driver, "MOST_IN_CHUNK", most)
+    again = fp.study(path, folder=tmp_path / "out", jobs=1)
+    assert len(list((tmp_path / "out" / "chunks").iterdir())) >= 2
+    assert timeless(again.table).equals(timeless(study.table))
+
+
+def test_two_processes_make_the_same_table(done, tmp_path):
+    path, study = done
+    again = fp.study(path, folder=tmp_path / "out", jobs=2)
+    assert timeless(again.table).equals(timeless(study.table))
+
+
+def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
+    study = fp.study(study_file(WHOLE, "obstacle"), folder=tmp_path / "out", jobs=1)
+    table = study.table.to_pylist()
+    assert [row["status"] for row in table[1::2]] == ["error"] * 3
+    assert all("goal.positions.q1" in row["explanation"] for row in table[1::2])
+    found = [row for row in table[::2] if row["status"] in ("optimal", "feasible")]
+    assert found
+    for row in found:
+        assert row["clearance"] >= 0.02 - 1e-8
+    with pytest.raises(InputError, match="outside the joint"):
+        study.plan(1)
+
+
+def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
+    path, study = done
+    real = rows.plan_many
+
+    def failing(problems, **options):
+        if any(abs(value - 4.4) < 1e-9 for value in problems.arrays["flight.angular_momentum"]):
+            raise ZeroDivisionError("a bug")
+        return real(problems, **options)
+
+    monkeypatch.setattr(rows, "plan_many", failing)
+    again = fp.study(path, folder=tmp_path / "out", jobs=1)
+    assert again.statuses["error"] == 8
+    bad = [row for row in again.table.to_pylist() if row["status"] == "error"]
+    assert {row["explanation"] for row in bad} == {"ZeroDivisionError: a bug"}
+    for row, same in zip(again.table.to_pylist(), study.table.to_pylist(), strict=True):
+        assert row["status"] in (same["status"], "error")
+
+
+class Fragile:
+    """An engine whose processes die of one row."""
+
+    def __init__(self, fatal):
+        self.fatal, self.executor = fatal, self
+
+    def submit(self, call, work, first, values):
+        future = ThreadPoolExecutor(1).submit(lambda: None)
+        future = type(future)()
+        size = len(next(iter(values.values())))
+        if first <= self.fatal < first + size:
+            future.set_exception(BrokenProcessPool("died"))
+        else:
+            future.set_result(call(work, first, values))
+        return future
+
+    def slots(self):
+        return 1
+
+    def renew(self):
+        pass
+
+    def alone(self):
+        return nullcontext(self)
+
+    def close(self):
+        pass
+
+
+def test_a_row_that_ends_its_process_is_found_and_told(done, tmp_path, monkeypatch):
+    path, study = done
+    monkeypatch.setattr("floatplan.studies.study.started", lambda *_: nullcontext(Fragile(37)))
+    again = fp.study(path, folder=tmp_path / "out")
+    assert again.table["status"].to_pylist()[37] == "error"
+    assert "ended the process" in again.table["explanation"].to_pylist()[37]
+    keep = [index for index in range(96) if index != 37]
+    assert timeless(again.table).take(keep).equals(timeless(study.table).take(keep))
+
+
+def test_what_is_there_is_not_planned_again(done, monkeypatch):
+    path, study = done
+    monkeypatch.setattr(rows, "plan_many", None)
+    again = fp.study(path, folder=study.folder, jobs=1)
+    assert again.table.equals(study.table)
+
+
+def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
+    path, study = done
+    monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
+    monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
+    real = os.fdopen
+    left = [3]
+
+    def full(*arguments, **options):
+        left[0] -= arguments[1:] == ("wb",)
+        if left[0] < 0:
+            os.close(arguments[0])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(*arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "fdopen", full)
+        with pytest.raises((InputError, OSError), match="No space left"):
+            fp.study(path, folder=tmp_path / "out", jobs=1)
+    assert list((tmp_path / "out" / "chunks").glob("*.parquet"))
+    assert not list((tmp_path / "out").rglob(".floatplan-*"))
+    assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
+
+
+def flipped(content):
+    """One bit of the pages is another; the first page's header is about 30 bytes."""
+    return content[:60] + bytes([content[60] ^ 1]) + content[61:]
+
+
+class TestFolder:
+    def test_of_another_study_is_refused(self, done, tmp_path, study_file, floatplan):
+        _, study = done
+        other = study_file('[vary]\n"flight.duration" = [1.0, 1.1]')
+        run = floatplan("study", other, "-o", study.folder)
+        assert run.code == 2
+        assert "holds results of another study" in run.stderr
+        assert "--restart" in run.stderr
+
+    def test_of_unknown_origin_is_refused(self, study_file, tmp_path):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "results.parquet").write_text("mine")
+        with pytest.raises(InputError, match="holds results of no known study"):
+            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
+
+    def test_restart_discards_what_a_study_leaves_and_no_more(self, study_file, tmp_path, floatplan):
+        out = tmp_path / "out"
+        for text in ('[vary]\n"flight.duration" = [1.0, 1.1]', '[vary]\n"flight.duration" = [1.2]'):
+            run = floatplan("study", study_file(text), "-o", out, "--jobs", 1, "--restart", "--json")
+            assert run.code == 0
+            (out / "notes.txt").write_text("mine")
+        assert json.loads(run.stdout)["rows"] == 1
+        assert (out / "notes.txt").read_text() == "mine"
+
+    @pytest.mark.parametrize("damage", [lambda content: content[:100], flipped])
+    def test_damaged_chunks_are_planned_again(self, study_file, tmp_path, damage):
+        path, out = study_file('[vary]\n"flight.duration" = [1.0, 1.1]'), tmp_path / "out"
+        first = fp.study(path, folder=out, jobs=1)
+        (chunk,) = (out / "chunks").iterdir()
+        chunk.write_bytes(damage(chunk.read_bytes()))
+        assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(first.table))
+
+    @pytest.mark.parametrize("record", ["[", "[]", '{"hash": 5}', "{}"])
+    def test_of_a_spoiled_record_is_refused(self, study_file, tmp_path, record):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "study.json").write_text(record)
+        with pytest.raises(InputError, match="--restart"):
+            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
+
+    def test_at_work_is_refused(self, study_file, tmp_path):
+        from floatplan.studies.folder import StudyFolder
+
+        with StudyFolder(tmp_path / "out", 1).locked(), pytest.raises(InputError, match="another run is at work"):
+            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
+
+
+def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
+    path, study = done
+    rng = random.Random(5)
+    chunks, kept = tmp_path / "out" / "chunks", 0
+    for _ in range(4):
+        process = slow_study.started(str(path), str(tmp_path / "out"))
+        wanted = kept + rng.randint(1, 4)
+        while process.is_alive() and kept < wanted:
+            time.sleep(0.005)
+            kept = len(list(chunks.glob("*.parquet")))
+        time.sleep(rng.uniform(0, slow_study.PAUSE))
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    assert 0 < kept < 96 / slow_study.ROWS, "killed in the middle"
+    assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
+
+
+def test_processes_end_at_once_where_they_are_let_go():
+    with engines.started("processes", 2, None) as engine:
+        assert engine.executor.submit(os.getpid).result() != os.getpid()
+        asleep = engine.executor.submit(time.sleep, 600)
+    assert isinstance(asleep.exception(timeout=60), BrokenProcessPool)
+
+
+def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
+    try:
+        import dask
+        import distributed
+    except ImportError:
+        skip_or_fail("dask is not installed: the extra study")
+    path, study = done
+    monkeypatch.setattr(driver, "FIRST_TOGETHER", 6)
+    monkeypatch.setattr(driver, "MOST_IN_CHUNK", 6)
+    killed = []
+    dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})  # with the package loaded already
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+
+        def kill(progress):
+            if not killed and progress.done >= 12:
+                killed.extend(client.run(os.getpid).values())
+                os.kill(killed[0], signal.SIGKILL)
+
+        again = fp.study(
+            path, folder=tmp_path / "out", engine="dask", scheduler=cluster.scheduler_address, progress=kill
+        )
+    assert killed
+    assert timeless(again.table).equals(timeless(study.table))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"engine": "ray"}, "must be 'processes' or 'dask'"),
+        ({"scheduler": "tcp://127.0.0.1:1"}, "is for the engine dask"),
+        ({"jobs": 0}, "0 processes"),
+        ({"jobs": 65}, "65 processes"),
+    ],
+)
+def test_wrong_options(study_file, tmp_path, options, message):
+    with pytest.raises(InputError, match=message):
+        fp.study(study_file(), folder=tmp_path / "out", **options)
+
+
+def test_without_pyarrow_it_says_what_to_install(study_file, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"pyarrow is not installed: .*install it: .*\[study\]"):
+        fp.study(study_file(), folder=tmp_path / "out")
+
+
+def test_rows_of_a_whole_search_have_seeds_of_their_own():
+    seeds = {rows.row_seed(seed, index) for seed in range(3) for index in range(100)}
+    assert len(seeds) == 300
+    assert all(0 <= seed < 2**63 for seed in seeds)
