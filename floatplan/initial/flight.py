@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 from floatplan.errors import InputError
 from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.candidates import GRAVITY, Flights
+from floatplan.initial.candidates import GRAVITY, Candidate, Flights
 from floatplan.initial.limbs import upright
 from floatplan.initial.problems import problem_of
 from floatplan.initial.robots import ChosenRobot
@@ -27,6 +27,7 @@ FLIPS_WORK, LEAPS_WORK, ALL_WORK = (
     5e7,
 )  # [instants of one body] of the search up to there, about 1 s each 6e6
 PATIENCE = 7e6  # [instants of one body] with one flight, until a motion is found
+GOOD = 1.0  # [-] cost of a flight that is tried before others are sought
 LEAN = math.radians(35)  # [rad] of the base at both ends of a flip
 LEANS_OF_LEAPS = tuple(math.radians(lean) for lean in (60, 30, 12, 4))  # [rad] the same of leaps, which turn by it
 SMALLEST_TURN = math.radians(3)  # [rad] that is worth a flight
@@ -79,18 +80,15 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
     reasons: list[str] = []
     for kind, groups, most in (("flip", _flips(chosen), FLIPS_WORK), ("leap", _leaps(chosen), LEAPS_WORK)):
         tried, least = 0, math.inf
-        for group in groups:
-            found = [(family, family.search(seed)) for family in group]
-            search.work += sum(family.work for family in group)
-            least = min([least, *(float(each.ratios.max()) for _, each in found if not each.depth)])
-            for family, candidate in sorted(found, key=lambda pair: pair[1].cost):
-                if not candidate.begins_and_ends or abs(candidate.turn) < SMALLEST_TURN or search.work > most:
-                    continue
-                tried += 1
-                search.progress(f"{kind} of {math.degrees(candidate.turn):.0f} degrees on {family.stance.frame}")
-                answer = search.planned(problem_of(chosen, family, candidate))
-                if answer is not None:
-                    return FirstFlight(*answer, () if kind == "flip" else tuple(reasons))
+        for family, candidate in search.candidates(groups, seed):
+            least = min(least, float(candidate.ratios.max()) if not candidate.depth else math.inf)
+            if not candidate.begins_and_ends or abs(candidate.turn) < SMALLEST_TURN or search.work > most:
+                continue
+            tried += 1
+            search.progress(f"{kind} of {math.degrees(candidate.turn):.0f} degrees on {family.stance.frame}")
+            answer = search.planned(problem_of(chosen, family, candidate))
+            if answer is not None:
+                return FirstFlight(*answer, () if kind == "flip" else tuple(reasons))
         reasons.append(_why(kind, tried, least))
     if not chosen.feet:
         reasons = ["No feet were found that it could stand on."]
@@ -117,6 +115,19 @@ class _Search:
 
     progress: Callable[[str], None]
     work: float = 0.0
+
+    def candidates(self, groups: Iterable[Sequence[Flights]], seed: int) -> Iterator[tuple[Flights, Candidate]]:
+        """Yield the best flight of each family: within a group good ones as they are found, then the better before."""
+        for group in groups:
+            others = []
+            for family in group:
+                candidate = family.search(seed)
+                self.work += family.work
+                if candidate.cost <= GOOD:
+                    yield family, candidate
+                else:
+                    others.append((family, candidate))
+            yield from sorted(others, key=lambda pair: pair[1].cost)
 
     def planned(self, problem: Problem) -> tuple[Problem, Plan] | None:
         """A proved plan without warnings; where only a locked joint cannot be held, one that moves more calmly.

@@ -9,7 +9,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.initial.stance import Stance
 
-NODES = 8  # [-] of a motion
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # [-] of a motion, from -1 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +30,15 @@ class PlainMotion:
 
     def turns(self, stance: Stance, momenta: Array) -> Array:
         """How far (K,) rad the base turns, by (4), with angular momenta (K,) kg m^2/s."""
-        _, weights = np.polynomial.legendre.leggauss(NODES)
         count, _, joints = self.positions.shape
-        rows = stance.momentum(self.positions.reshape(-1, joints)).rows.reshape(count, NODES, joints + 1)
+        rows = stance.momentum(self.positions.reshape(-1, joints)).rows.reshape(count, len(NODES), joints + 1)
         of_base = (momenta[:, None] - (rows[:, :, 1:] * self.rates).sum(axis=2)) / rows[:, :, 0]
-        return np.asarray(of_base @ weights * self.durations / 2)
+        return np.asarray(of_base @ WEIGHTS * self.durations / 2)
 
 
 def plain_motion(ends: Array, rates: Array, durations: Array) -> PlainMotion:
     """Return the cubic motions of ends (K, 2, n) rad and rates (K, 2, n) rad/s there."""
-    s = (np.polynomial.legendre.leggauss(NODES)[0] + 1)[:, None] / 2
+    s = (NODES[:, None] + 1) / 2
     times = durations[:, None]
     start, way = ends[:, 0], ends[:, 1] - ends[:, 0]
     first, last = rates[:, 0] * times, rates[:, 1] * times
