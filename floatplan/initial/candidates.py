@@ -20,7 +20,7 @@ TUCKED = 0.2  # [-] quantile of the inertias of random postures: to which the ro
 ENOUGH = 0.6  # [-] of the rates' limits: less is not sought
 MOST = 0.95  # [-] of the rates' limits: more is not taken
 EXCESS = 10.0  # [-] of rates over what is enough
-TORQUE = 0.6  # [-] of the torque limits, that plain motions may take at most
+TORQUE = 0.45  # [-] of the torque limits, that plain motions may take at most
 BEYOND = 0.5  # [rad] that they may leave the ranges
 UNBOUNDED = 1e3  # [-] the ratio where there are no rates
 SAMPLES = 1024  # [-] flights that a search begins with, a power of 2
@@ -32,9 +32,10 @@ CANDIDATE = 60.0  # [instants of one body] that a flight costs, and
 BODY = 4.0  # [instants of one body] for each body of the robot
 PENALTY = 30.0  # [1/m] of what is below the ground
 SUNK = 0.1  # [m] that it counts at least
-UNNATURAL = 1.0  # [1/rad] of postures away from the resting one, and of leaning
+UNNATURAL = 1.0  # [1/rad] of postures away from the resting one, of leaning, and of standing on a tilted foot
 NEARLY = 0.3  # [rad] of the base's turn, that other than plain motions make up for
 MISSED = 2.0  # [1/rad] of the base's turn beyond
+TILTED = 0.25  # [-] of a foot's tilt, squared, beside the base's
 STRADDLING = 1.0  # [-] of feet at different heights, by the robot's own
 FAR = 4.0  # [1/rad] of a leap's turn
 ROUND = math.radians(1)  # [rad] to which angles are rounded
@@ -173,7 +174,9 @@ class Flights:
         missed = np.abs(plain.turns(self.stance, momenta) - (orientations[:, 1] - orientations[:, 0]))
         asked = np.maximum(ratios.max(axis=1), self._efforts(plain))
         worst = np.minimum(np.where(np.isfinite(asked), asked, np.inf), UNBOUNDED)
-        away = np.mean((poses[:, 1:] - self.robot.resting) ** 2, axis=1) + (poses[:, 0] - self.upright) ** 2
+        lean, bent = poses[:, 0] - self.upright, poses[:, 1:] - self.robot.resting
+        tilt = lean + bent @ self.stance.foot_turns if self.stance.foot_turns.any() else 0.0
+        away = np.mean(bent**2, axis=1) + lean**2 + TILTED * tilt**2
         costs = (
             EXCESS * np.maximum(worst - ENOUGH, 0.0)
             + np.where(depths > 0, PENALTY * (SUNK + depths), 0.0)

@@ -29,7 +29,7 @@ FLIPS_WORK, LEAPS_WORK, ALL_WORK = (
 PATIENCE = 7e6  # [instants of one body] with one flight, until a motion is found
 GOOD = 1.0  # [-] cost of a flight that is tried before others are sought
 LEAN = math.radians(35)  # [rad] of the base at both ends of a flip
-LEANS_OF_LEAPS = tuple(math.radians(lean) for lean in (60, 30, 12, 4))  # [rad] the same of leaps, which turn by it
+LEANS_OF_LEAPS = tuple(math.radians(lean) for lean in (45, 25, 12, 4))  # [rad] the same of leaps, which turn by it
 SMALLEST_TURN = math.radians(3)  # [rad] that is worth a flight
 CORRECTIONS = 2  # [-] with lower accelerations, where a locked joint cannot be held
 CALMER = 0.8  # [-] of the acceleration that would just do
@@ -94,18 +94,21 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
         reasons = ["No feet were found that it could stand on."]
     elif len(chosen.robot.joints) == 1:
         reasons = ["For a flip one joint is too few: no rates of it and the base stop the foot."]
+    farthest = 0.0
     for problem in turns_afloat(chosen):
         turn = abs(problem.final.orientation - problem.initial.orientation)
+        farthest = max(farthest, turn)
         if turn < SMALLEST_TURN or search.work > ALL_WORK:
             continue
         search.progress(f"turn of {math.degrees(turn):.0f} degrees afloat")
         answer = search.planned(problem)
         if answer is not None:
             return FirstFlight(*answer, tuple(reasons))
+    reasons.append(f"Afloat, its joints would turn the base by at most {math.degrees(farthest):.2g} degrees.")
     raise InputError(
-        f"no flight was found that is proved and without warnings. {' '.join(reasons)}",
+        f"no flight was found that is proved and without warnings. {' '.join(reasons)}".removesuffix("."),
         source=chosen.robot.source,
-        advice="write a problem by hand, see docs/reference.md, or give another robot or more of its joints limits",
+        advice="write the problem yourself, with joints that move more of the robot; floatplan info lists them",
     )
 
 

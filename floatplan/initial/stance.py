@@ -22,6 +22,7 @@ from floatplan.robot.robot import Robot
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
+STRONGEST = 1e9  # [N m] where the URDF gives no torque limit
 SOON = 0.04  # [s] after takeoff, or before landing, when everything still has to be above the ground
 LIFTED = 5.0 * SOON**2 / 2  # [m] at 5 m/s^2, by which the accelerations, which are free, raise a foot by then
 ROUNDING = 1e-9  # [m]
@@ -45,16 +46,15 @@ class Stance:
 
     @cached_property
     def sluggishness(self) -> Array:
-        """Torque limits' inverse times the inertia that each joint alone turns in the resting posture, (n,) s^2/rad."""
+        """Torque (n,) that each joint alone takes for an acceleration of 1 rad/s^2 at rest, over its limit: s^2/rad."""
         robot = self.robot
         bodies = TurningBodies.of(robot.tree)
         rotations = rotations_of(bodies.turns @ robot.resting, robot.tree.turn)
         coupling = (rotations.conj()[:, None] * bodies.coupling * rotations).real
         matrix = bodies.rates.T @ coupling @ bodies.rates
         inertia = matrix.diagonal()[1:] - matrix[0, 1:] ** 2 / matrix[0, 0]
-        limits = robot.motor_torque_limits[:, None]
-        shares = np.divide(np.abs(robot.motor_ratios), 1 / limits)
-        return np.asarray(inertia / shares.sum(axis=0))
+        limits = np.minimum(robot.motor_torque_limits, STRONGEST)
+        return np.asarray(inertia / (limits @ np.abs(robot.motor_ratios)))
 
     @cached_property
     def momentum(self) -> MomentumMapping:
@@ -77,6 +77,12 @@ class Stance:
         apart = np.abs(places[:, :, None] - places[:, None, stands]).max(axis=0).min(axis=1)
         feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ROUNDING)  # a shank ends where its foot is
         return weights, np.array([shape.radius for shape, _ in ends]), stands, feet
+
+    @property
+    def foot_turns(self) -> Array:
+        """Derivatives (n,) of the foot's absolute angle by the planned positions."""
+        turns: Array = self.robot.tree.turns[self.robot.frames[self.frame].body]
+        return turns
 
     @cached_property
     def feet_weights(self) -> ComplexArray:
