@@ -53,9 +53,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", default=list(ROBOTS))
     print(
-        "| robot | turn, degrees | on | duration, s | takeoff / limit | landing / limit | verdict | warnings | CPU, s |"
+        "| robot | turn, degrees | on | duration, s | takeoff / limit | landing / limit | verdict | warnings "
+        "| init, CPU s | plan, CPU s |"
     )
-    print("|---|---:|---|---:|---:|---:|---|---:|---:|")
+    print("|---|---:|---|---:|---:|---:|---|---:|---:|---:|")
     for name in parser.parse_args().names:
         print(row(name), flush=True)
 
@@ -67,12 +68,14 @@ def row(name: str) -> str:
         chosen = chosen_robot(ROBOTS[name])
         flight = first_flight(chosen)
     except fp.FloatplanError as error:
-        return f"| {name} | {error} |"
+        return f"| {name} | {error} | ({time.process_time() - began:.1f} s)"
     seconds = time.process_time() - began
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.toml"
         path.write_text(problem_file_text(chosen, flight, path), encoding="utf-8")
+        began = time.process_time()
         plan = fp.plan(fp.load_problem(path), prove=True)
+        planning = time.process_time() - began
     shares = [f"{contact.ratio:.2f}" for contact in plan.contacts if contact.ratio is not None] or ["", ""]
     cells = [
         name,
@@ -83,6 +86,7 @@ def row(name: str) -> str:
         plan.status if plan.certificate is None else plan.certificate.verdict,
         str(len(plan.warnings)),
         f"{seconds:.1f}",
+        f"{planning:.1f}",
     ]
     return f"| {' | '.join(cells)} |"
 

@@ -15,7 +15,9 @@ from PIL import Image
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
-from floatplan.view.figures.curves import SampledPlan, draw_configuration, draw_torques, plan_names
+from floatplan.view.figures.curves.joints import draw_configuration
+from floatplan.view.figures.curves.sampled import SampledPlan, plan_names
+from floatplan.view.figures.curves.torques import draw_torques
 from floatplan.view.figures.figures import figures
 from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
 from floatplan.view.postures import postures

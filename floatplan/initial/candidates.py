@@ -3,34 +3,43 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.stats import qmc
 
 from floatplan.arrays import Array
+from floatplan.initial.plain import PlainMotion, plain_motion
 from floatplan.initial.stance import Stance
-from floatplan.motion.planar.momentum import MomentumMapping, momentum_mapping
 from floatplan.robot.robot import Robot
 
 GRAVITY = 9.81  # [m/s^2]
 EDGE = 0.03  # [-] of a joint's range, kept free at its ends
 TUCKED = 0.2  # [-] quantile of the inertias of random postures: to which the robot can fold itself
-ENOUGH = 0.35  # [-] of the rates' limits: less is not sought
-ENOUGH_OF_A_LEAP = 0.7  # [-] the same where the flight is to turn as far as it can
+ENOUGH = 0.6  # [-] of the rates' limits: less is not sought
 MOST = 0.95  # [-] of the rates' limits: more is not taken
-EXCESS = 10.0  # [-] of a leap's rates over what is enough
-SMOOTH_PEAK = 1.875  # [-] of a smooth motion's mean rate, see (13)
+EXCESS = 10.0  # [-] of rates over what is enough
+TORQUE = 0.45  # [-] of the torque limits, that plain motions may take at most
+BEYOND = 0.5  # [rad] that they may leave the ranges
 UNBOUNDED = 1e3  # [-] the ratio where there are no rates
-SAMPLES = 128  # [-] postures that a search begins with
-BEGINNINGS = 2  # [-] of them that are followed
-STEPS = 250  # [-] on the way from each
+SAMPLES = 1024  # [-] flights that a search begins with, a power of 2
+CHAINS = 4  # [-] of them that are followed
+TRIALS = 8  # [-] beside each, at every
+STEPS = 100  # [-] on the way from it
 STEP = (0.3, 0.004)  # [-] of the ranges, the first and the last
+CANDIDATE = 60.0  # [instants of one body] that a flight costs, and
+BODY = 4.0  # [instants of one body] for each body of the robot
 PENALTY = 30.0  # [1/m] of what is below the ground
 SUNK = 0.1  # [m] that it counts at least
-UNNATURAL = 0.5  # [-] of a posture a whole range away from the resting one
+UNNATURAL = 1.0  # [1/rad] of postures away from the resting one, of leaning, and of standing on a tilted foot
+NEARLY = 0.3  # [rad] of the base's turn, that other than plain motions make up for
+MISSED = 2.0  # [1/rad] of the base's turn beyond
+TILTED = 0.25  # [-] of a foot's tilt, squared, beside the base's
+STRADDLING = 1.0  # [-] of feet at different heights, by the robot's own
+FAR = 4.0  # [1/rad] of a leap's turn
 ROUND = math.radians(1)  # [rad] to which angles are rounded
+DIGITS = 3  # [-] of the angular momentum
 BROADEST = math.pi  # [rad] to either side of the resting posture, for joints that turn farther
 
 
@@ -47,6 +56,7 @@ class Candidate:
     angular_momentum : kg m^2/s
     ratios : (2,) shares of the velocity limits at takeoff and landing
     depth : m below the ground, of anything, at both ends or soon after or before
+    cost : least for a flight well within the limits, above the ground, in natural postures
     """
 
     orientations: Array
@@ -56,6 +66,7 @@ class Candidate:
     angular_momentum: float
     ratios: Array
     depth: float
+    cost: float
 
     @property
     def begins_and_ends(self) -> bool:
@@ -66,6 +77,33 @@ class Candidate:
     def turn(self) -> float:
         """Of the base, rad."""
         return float(self.orientations[1] - self.orientations[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """K flights: the arrays of :class:`Candidate` with K as a first axis, and the cost (K,) of each."""
+
+    orientations: Array
+    positions: Array
+    durations: Array
+    horizontal_velocities: Array
+    angular_momenta: Array
+    ratios: Array
+    depths: Array
+    costs: Array
+
+    def __getitem__(self, index: int) -> Candidate:
+        """One of them."""
+        return Candidate(
+            self.orientations[index],
+            self.positions[index],
+            float(self.durations[index]),
+            float(self.horizontal_velocities[index]),
+            float(f"{self.angular_momenta[index]:.{DIGITS}g}"),
+            self.ratios[index],
+            float(self.depths[index]),
+            float(self.costs[index]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +136,7 @@ class Flights:
         """Inertia D_0, kg m^2, that the robot can fold itself to."""
         low, high = self.ranges.T
         postures = low + (high - low) * qmc.Sobol(len(low), seed=0).random(SAMPLES)
-        return float(np.quantile(self._mapping(postures).rows[:, 0], TUCKED))
-
-    @cached_property
-    def _mapping(self) -> MomentumMapping:
-        return momentum_mapping(self.robot.tree)
+        return float(np.quantile(self.stance.momentum(postures).rows[:, 0], TUCKED))
 
     @cached_property
     def box(self) -> Array:
@@ -115,83 +149,85 @@ class Flights:
     def _size(self) -> float:
         return max(self.stance.height(self.upright, self.robot.resting), 1e-3)
 
-    def candidate(self, values: Array) -> Candidate:
-        """Return the flight that values (2n+5,) mean, with angles rounded."""
-        return self._evaluated(self._rounded(values))
+    @property
+    def work(self) -> float:
+        """What a search costs, instants of one body."""
+        return (SAMPLES + CHAINS * TRIALS * STEPS) * (CANDIDATE + BODY * len(self.robot.tree.mass))
 
-    def _rounded(self, values: Array) -> Candidate:
-        """The flight, its ratios and depth not known yet."""
-        poses = np.round(values[:-3].reshape(2, -1) / ROUND) * ROUND
-        poses[1, 0] += 2 * math.pi * self.turns
-        duration = round(float(values[-3]), 2)
-        inertia = float(self._mapping(poses[:, 1:]).rows[:, 0].mean())
-        inertia = self.tucked + values[-2] * (max(inertia, self.tucked) - self.tucked)
-        return Candidate(
-            orientations=poses[:, 0],
-            positions=poses[:, 1:],
-            duration=duration,
-            horizontal_velocity=round(float(values[-1]), 1),
-            angular_momentum=float(f"{inertia * (poses[1, 0] - poses[0, 0]) / duration:.3g}"),
-            ratios=np.zeros(2),
-            depth=max(self.stance.sunk(pose[0], pose[1:]) for pose in poses),
+    def candidates(self, values: Array) -> Candidates:
+        """Return the flights that values (K, 2n+5) mean, with angles rounded."""
+        count = len(values)
+        poses = np.round(values[:, :-3].reshape(2 * count, -1) / ROUND) * ROUND
+        standing = self.stance.standing(poses[:, 0], poses[:, 1:])
+        heights = standing.height.reshape(count, 2)
+        orientations = poses[:, 0].reshape(count, 2) + np.array([0.0, 2 * math.pi * self.turns])
+        durations, speeds = np.round(values[:, -3], 2), np.round(values[:, -1], 1)
+        inertia = np.maximum(standing.inertia[:, 0].reshape(count, 2).mean(axis=1), self.tucked)
+        inertia = self.tucked + values[:, -2] * (inertia - self.tucked)
+        momenta = _rounded(inertia * (orientations[:, 1] - orientations[:, 0]) / durations)
+        first = (heights[:, 1] - heights[:, 0]) / durations + GRAVITY * durations / 2
+        rises = np.stack((first, first - GRAVITY * durations), axis=1).ravel()
+        found = standing.rates(np.column_stack((np.repeat(speeds, 2), rises)), np.repeat(momenta, 2))
+        depths = np.maximum(standing.sunk, standing.depth(rises, found)).reshape(count, 2).max(axis=1)
+        positions, ratios = poses[:, 1:].reshape(count, 2, -1), found.ratios.reshape(count, 2)
+        plain = plain_motion(positions, found.rates.reshape(count, 2, -1), durations)
+        missed = np.abs(plain.turns(self.stance, momenta) - (orientations[:, 1] - orientations[:, 0]))
+        asked = np.maximum(ratios.max(axis=1), self._efforts(plain))
+        worst = np.minimum(np.where(np.isfinite(asked), asked, np.inf), UNBOUNDED)
+        lean, bent = poses[:, 0] - self.upright, poses[:, 1:] - self.robot.resting
+        tilt = lean + bent @ self.stance.foot_turns if self.stance.foot_turns.any() else 0.0
+        away = np.mean(bent**2, axis=1) + lean**2 + TILTED * tilt**2
+        costs = (
+            EXCESS * np.maximum(worst - ENOUGH, 0.0)
+            + np.where(depths > 0, PENALTY * (SUNK + depths), 0.0)
+            + UNNATURAL * np.sqrt(away).reshape(count, 2).mean(axis=1)
+            + MISSED * np.maximum(missed - NEARLY, 0.0)
+            + STRADDLING * standing.apart.reshape(count, 2).max(axis=1) / self._size
         )
+        if not self.turns:
+            costs -= FAR * np.abs(orientations[:, 1] - orientations[:, 0])
+        return Candidates(orientations, positions, durations, speeds, momenta, ratios, depths, costs)
 
-    def _evaluated(self, candidate: Candidate, most: float = math.inf) -> Candidate:
-        """With ratios and depth; not all of them where the cost exceeds ``most`` before."""
-        if self.cost(candidate) > most:
-            return candidate
-        poses = list(zip(candidate.orientations.tolist(), candidate.positions, strict=True))
-        heights = [self.stance.height(*pose) for pose in poses]
-        duration = candidate.duration
-        first = (heights[1] - heights[0]) / duration + GRAVITY * duration / 2
-        for end, rise in enumerate((first, first - GRAVITY * duration)):
-            velocity = np.array([candidate.horizontal_velocity, rise])
-            found = self.stance.rates(*poses[end], velocity, candidate.angular_momentum)
-            ratios, depth = candidate.ratios.copy(), candidate.depth
-            if found.exist and found.ratio is not None:
-                ratios[end] = found.ratio
-                depth = max(depth, self.stance.depth(*poses[end], rise, found))
-            else:
-                ratios[end] = math.inf
-            candidate = replace(candidate, ratios=ratios, depth=depth)
-            if self.cost(candidate) > most:
-                break
-        return candidate
-
-    def cost(self, candidate: Candidate) -> float:
-        """Least for a flight well within the limits, above the ground, in natural postures, that turns far."""
-        low, high = self.ranges.T
-        unnatural = float(np.sqrt(np.mean(((candidate.positions - self.robot.resting) / (high - low)) ** 2)))
-        swing = np.abs(candidate.positions[1] - candidate.positions[0]) / self.stance.limits
-        hurry = SMOOTH_PEAK * float(swing.max()) / candidate.duration
-        worst = min(max(float(candidate.ratios.max()), hurry), UNBOUNDED)
-        used = max(worst, ENOUGH) if self.turns else EXCESS * max(worst - ENOUGH_OF_A_LEAP, 0.0)
-        sunk = PENALTY * (SUNK + candidate.depth) if candidate.depth else 0.0
-        return used + sunk + UNNATURAL * unnatural - (0.0 if self.turns else abs(candidate.turn))
+    def _efforts(self, plain: PlainMotion) -> Array:
+        """Shares (K,) of the joints' limits that plain motions take; how far they leave the ranges counts as well."""
+        low, high = self.robot.position_limits.T
+        beyond = np.maximum(plain.positions - high, low - plain.positions).max(axis=(1, 2))
+        rates = np.abs(plain.rates).max(axis=1) / self.stance.limits
+        torques = np.abs(plain.accelerations).max(axis=1) * self.stance.sluggishness / TORQUE
+        return np.asarray(np.maximum(np.maximum(rates, torques).max(axis=1), beyond / BEYOND))
 
     def search(self, seed: int) -> Candidate:
         """Return the best flight of seeded steps from the best of sampled ones."""
         low, high = self.box.T
         rng = np.random.default_rng(seed)
-        sampled = [self._drawn(row) for row in qmc.Sobol(len(low), seed=rng).random(SAMPLES)]
-        found = sorted((self.cost(self.candidate(row)), tuple(row.tolist())) for row in sampled)
-        ends = []
-        for begin, row in found[:BEGINNINGS]:
-            cost, values = begin, np.array(row)
-            for step in np.geomspace(*STEP, STEPS):
-                chosen = rng.random(len(low)) < max(0.3, 2 / len(low))
-                trial = np.clip(values + chosen * step * (high - low) * rng.standard_normal(len(low)), low, high)
-                other = self.cost(self._evaluated(self._rounded(trial), cost))
-                if other < cost:
-                    cost, values = other, trial
-            ends.append((cost, tuple(values.tolist())))
-        return self.candidate(np.array(min(ends)[1]))
+        values = self._drawn(qmc.Sobol(len(low), seed=rng).random(SAMPLES))
+        costs = self.candidates(values).costs
+        best = np.argsort(costs, kind="stable")[:CHAINS]
+        values, costs = values[best], costs[best]
+        share = max(0.3, 2 / len(low))
+        for step in np.geomspace(*STEP, STEPS):
+            chosen = rng.random((CHAINS, TRIALS, len(low))) < share
+            moves = chosen * step * (high - low) * rng.standard_normal(chosen.shape)
+            trials = np.clip(values[:, None] + moves, low, high)
+            others = self.candidates(trials.reshape(-1, len(low))).costs.reshape(CHAINS, TRIALS)
+            nearest = others.argmin(axis=1)
+            better = others.min(axis=1) < costs
+            values = np.where(better[:, None], trials[np.arange(CHAINS), nearest], values)
+            costs = np.where(better, others.min(axis=1), costs)
+        return self.candidates(values[costs.argmin()][None])[0]
 
-    def _drawn(self, row: Array) -> Array:
-        """A sample (2n+5,) of the box, postures nearer to the resting one than to the edges."""
+    def _drawn(self, rows: Array) -> Array:
+        """Samples (K, 2n+5) of the box, postures nearer to the resting one than to the edges."""
         low, high = self.box.T
         rest = np.concatenate(([self.upright], self.robot.resting))
-        values = low + row * (high - low)
+        values = low + rows * (high - low)
         middle = np.concatenate((rest, rest))
-        values[: len(middle)] = np.clip((values[: len(middle)] + middle) / 2, low[: len(middle)], high[: len(middle)])
+        held = slice(0, len(middle))
+        values[:, held] = np.clip((values[:, held] + middle) / 2, low[held], high[held])
         return np.asarray(values)
+
+
+def _rounded(values: Array) -> Array:
+    """To so many digits."""
+    powers = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(values), 1e-300))) - (DIGITS - 1))
+    return np.asarray(np.round(values / powers) * powers)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.errors import InputError
-from floatplan.initial.limbs import feet
+from floatplan.initial.limbs import LEG_JOINTS, feet
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.check import check_urdf
@@ -52,6 +52,8 @@ def chosen_robot(source: str | Path) -> ChosenRobot:
                 errors.append(error)
                 continue
             tried.append(found)
+            break
+        if tried and plane is None and _merit(tried[0])[:2] >= (True, LEG_JOINTS):
             break
     if not tried:
         raise errors[0]

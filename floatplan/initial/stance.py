@@ -11,26 +11,32 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.initial.rates import EndRates, end_rates
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.motion.planar.contact import STILL
-from floatplan.motion.planar.contact_rates import ContactRates, equations_at, rates_at
+from floatplan.motion.planar.contact import CONTACT, STILL
+from floatplan.motion.planar.momentum import MomentumMapping, TurningBodies, momentum_mapping
 from floatplan.problem.ground import contact_shapes
+from floatplan.robot.planar.tree import rotations_of
 from floatplan.robot.robot import Robot
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
-SOON = 0.03  # [s] after takeoff, or before landing, when everything still has to be above the ground
+STRONGEST = 1e9  # [N m] where the URDF gives no torque limit
+SOON = 0.04  # [s] after takeoff, or before landing, when everything still has to be above the ground
+LIFTED = 5.0 * SOON**2 / 2  # [m] at 5 m/s^2, by which the accelerations, which are free, raise a foot by then
 ROUNDING = 1e-9  # [m]
+POSTURES = 4  # [-] in which points that are the same place always coincide
 GAP = 0.002  # [m] between the ground and what does not stand on it
 
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """A robot on the frame that leaves or meets the ground."""
+    """A robot on the frame that leaves or meets the ground; ``feet`` are all that it could stand on."""
 
     robot: Robot
     frame: str
+    feet: tuple[str, ...] = ()
 
     @cached_property
     def limits(self) -> Array:
@@ -39,8 +45,25 @@ class Stance:
         return np.asarray(np.minimum(self.robot.velocity_limits, fast))
 
     @cached_property
-    def _points(self) -> tuple[ComplexArray, Array, BoolArray, BoolArray]:
-        """Weights (P, m) of the ends of all shapes, radii (P,), m; which stand, and which are on a foot's body."""
+    def sluggishness(self) -> Array:
+        """Torque (n,) that each joint alone takes for an acceleration of 1 rad/s^2 at rest, over its limit: s^2/rad."""
+        robot = self.robot
+        bodies = TurningBodies.of(robot.tree)
+        rotations = rotations_of(bodies.turns @ robot.resting, robot.tree.turn)
+        coupling = (rotations.conj()[:, None] * bodies.coupling * rotations).real
+        matrix = bodies.rates.T @ coupling @ bodies.rates
+        inertia = matrix.diagonal()[1:] - matrix[0, 1:] ** 2 / matrix[0, 0]
+        limits = np.minimum(robot.motor_torque_limits, STRONGEST)
+        return np.asarray(inertia / (limits @ np.abs(robot.motor_ratios)))
+
+    @cached_property
+    def momentum(self) -> MomentumMapping:
+        """D of (4)."""
+        return momentum_mapping(self.robot.tree)
+
+    @cached_property
+    def points(self) -> tuple[ComplexArray, Array, BoolArray, BoolArray]:
+        """Weights (P, m) of the ends of all shapes, radii (P,), m; which stand, and which are where a foot is."""
         robot, frame = self.robot, self.robot.frames[self.frame]
         standing = {id(shape) for shape in contact_shapes(robot, frame.link)}
         if not standing:
@@ -48,52 +71,108 @@ class Stance:
         turns = robot.tree.turns
         ends = [(shape, end) for shape in robot.shapes for end in (shape.start, shape.end)]
         bodies, local = (np.array(column) for column in zip(*((shape.body, end) for shape, end in ends), strict=True))
-        feet = (turns[bodies] == turns[frame.body]).all(axis=1)
+        weights = robot.tree.point_weights(bodies, local)
         stands = np.array([id(shape) in standing for shape, _ in ends])
-        return robot.tree.point_weights(bodies, local), np.array([shape.radius for shape, _ in ends]), stands, feet
+        places = self._somewhere() @ weights.T
+        apart = np.abs(places[:, :, None] - places[:, None, stands]).max(axis=0).min(axis=1)
+        feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ROUNDING)  # a shank ends where its foot is
+        return weights, np.array([shape.radius for shape, _ in ends]), stands, feet
+
+    @property
+    def foot_turns(self) -> Array:
+        """Derivatives (n,) of the foot's absolute angle by the planned positions."""
+        turns: Array = self.robot.tree.turns[self.robot.frames[self.frame].body]
+        return turns
+
+    @cached_property
+    def feet_weights(self) -> ComplexArray:
+        """Weights (f, m) of all feet, relative to the frame."""
+        frames = self.robot.frames
+        own = frame_weights(self.robot, frames[self.frame])
+        return np.array([frame_weights(self.robot, frames[foot]) - own for foot in (self.frame, *self.feet)])
+
+    def _somewhere(self) -> ComplexArray:
+        """Rotations (K, m) of the bodies in a few postures."""
+        tree, rng = self.robot.tree, np.random.default_rng(0)
+        positions = rng.uniform(-1.0, 1.0, (POSTURES, len(self.robot.joints)))
+        return tree.rotations(tree.absolute_angles(np.zeros(POSTURES), positions))
 
     def height(self, orientation: float, positions: Array) -> float:
         """Height of the centre of mass over the ground, m."""
-        weights, radii, stands, _ = self._points
-        heights = (weights[stands] @ self._rotations(orientation, positions)).imag - radii[stands]
-        return -float(heights.min())
+        return float(self.standing(np.array([orientation]), positions[None]).height[0])
 
-    def rates(self, orientation: float, positions: Array, com_velocity: Array, momentum: float) -> ContactRates:
-        """Least rates with which the frame is at rest; ``com_velocity`` (2,) m/s, momentum kg m^2/s."""
-        equations = equations_at(self.robot, self.robot.frames[self.frame], orientation, positions, com_velocity)
-        return rates_at(self.robot, equations, self.limits, momentum)
+    def standing(self, orientations: Array, positions: Array) -> Standing:
+        """The robot in K postures: orientations (K,) and positions (K, n), rad."""
+        return Standing(self, orientations, positions)
 
-    def depth(self, orientation: float, positions: Array, com_rise: float, found: ContactRates) -> float:
-        """How far something soon would be below the ground, m, or how fast pressed into it, m/s; else 0.
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A robot on its foot in K postures: orientations (K,) and positions (K, n), rad."""
+
+    stance: Stance
+    orientations: Array
+    positions: Array
+
+    @cached_property
+    def height(self) -> Array:
+        """Heights (K,) of the centre of mass over the ground, m."""
+        return np.asarray(-self._below[:, self.stance.points[2]].min(axis=1))
+
+    @cached_property
+    def sunk(self) -> Array:
+        """How far (K,) something is below the ground, or nearer to it than what does not stand on it may be, m."""
+        depth = (np.where(self.stance.points[3], 0.0, GAP) - self._heights).max(axis=1)
+        return np.asarray(np.where(depth > ROUNDING, depth, 0.0))
+
+    @cached_property
+    def apart(self) -> Array:
+        """Largest difference (K,) of the heights of any foot and the frame, m."""
+        return np.asarray(np.abs((self._rotations @ self.stance.feet_weights.T).imag).max(axis=1))
+
+    @cached_property
+    def inertia(self) -> Array:
+        """D (K, n+1) of (4), kg m^2."""
+        return self.stance.momentum(self.positions).rows
+
+    def rates(self, com_velocities: Array, momenta: Array) -> EndRates:
+        """Least rates with which the frame is at rest; ``com_velocities`` (K, 2) m/s, momenta (K,) kg m^2/s."""
+        robot = self.stance.robot
+        tree = robot.tree
+        swings = 1j * tree.turn * self._rotations * frame_weights(robot, robot.frames[self.stance.frame])
+        of_frame = np.concatenate((swings.sum(axis=1)[:, None], swings @ tree.turns), axis=1)
+        matrix = np.stack((self.inertia, of_frame.real, of_frame.imag), axis=1)
+        return end_rates(matrix, np.column_stack((momenta, -com_velocities)), self.stance.limits)
+
+    def depth(self, com_rises: Array, found: EndRates) -> Array:
+        """How far (K,) something soon would be below the ground, m, or how fast pressed into it, m/s; else 0.
 
         Parameters
         ----------
-        com_rise : m/s, of the centre of mass: upwards at takeoff, downwards at landing, where time runs backwards
+        com_rises : (K,) m/s, of the centre of mass: upwards at takeoff, downwards at landing, where time runs backwards
         found : the rates there
         """
-        weights, _, _, _ = self._points
-        tree = self.robot.tree
-        rotations = self._rotations(orientation, positions)
-        heights = self._heights(rotations)
-        rates = found.orientation_rate + tree.turns @ found.rates
-        rises = com_rise + (weights @ (1j * tree.turn * rates * rotations)).imag
-        velocities = math.copysign(1.0, com_rise) * rises
-        soon = -float((heights + velocities * SOON).min())
-        pressed = -float(velocities[heights < GAP].min(initial=0.0))
-        return max(soon, pressed if pressed > STILL else 0.0, 0.0)
+        tree = self.stance.robot.tree
+        rates = found.orientation_rates[:, None] + found.rates @ tree.turns.T
+        rises = com_rises[:, None] + ((1j * tree.turn * rates * self._rotations) @ self.stance.points[0].T).imag
+        velocities = np.copysign(1.0, com_rises)[:, None] * rises
+        lifted = np.where(self.stance.points[3], LIFTED, 0.0)
+        soon = -(self._heights + velocities * SOON + lifted).min(axis=1)
+        pressed = -np.where(self._heights < CONTACT, velocities, 0.0).min(axis=1)
+        return np.asarray(np.maximum(np.maximum(soon, np.where(pressed > STILL, pressed, 0.0)), 0.0))
 
-    def sunk(self, orientation: float, positions: Array) -> float:
-        """How far something is below the ground, or nearer to it than what does not stand on it may be, m."""
-        heights = self._heights(self._rotations(orientation, positions))
-        depth = float((np.where(self._points[3], 0.0, GAP) - heights).max())
-        return depth if depth > ROUNDING else 0.0
+    @cached_property
+    def _rotations(self) -> ComplexArray:
+        tree = self.stance.robot.tree
+        return tree.rotations(tree.absolute_angles(self.orientations, self.positions))
 
-    def _heights(self, rotations: ComplexArray) -> Array:
-        """Heights (P,) of the points over the ground, m."""
-        weights, radii, stands, _ = self._points
-        heights = (weights @ rotations).imag - radii
-        return np.asarray(heights - heights[stands].min())
+    @cached_property
+    def _below(self) -> Array:
+        """Heights (K, P) of the points' lowest sides over the centre of mass, m."""
+        weights, radii, _, _ = self.stance.points
+        return np.asarray((self._rotations @ weights.T).imag - radii)
 
-    def _rotations(self, orientation: float, positions: Array) -> ComplexArray:
-        tree = self.robot.tree
-        return tree.rotations(tree.absolute_angles(np.array(orientation), positions))
+    @cached_property
+    def _heights(self) -> Array:
+        """Heights (K, P) of the points over the ground, m."""
+        return self._below + self.height[:, None]

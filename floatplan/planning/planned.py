@@ -25,13 +25,16 @@ LOG = logging.getLogger(__name__)
 class Planned:
     """A plan, and where the search for it ended; ``others`` are further solutions, from the second best on.
 
-    ``is_impossible`` says that no motion whatever can be a plan.
+    ``is_impossible`` says that no motion whatever can be a plan, ``gave_up`` that the search's patience ended: a longer
+    one may find another plan. ``work`` is what the search did, instants of one body.
     """
 
     plan: Plan
     best: Outcome
     others: tuple[Outcome, ...] = ()
     is_impossible: bool = False
+    gave_up: bool = False
+    work: float = 0.0
 
 
 def planned(problem: Problem, options: SearchOptions, attempts: int | None = None) -> Planned:
@@ -67,7 +70,7 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
             "solved": found.solved,
         },
     )
-    return Planned(plan, best, found.holding[1:], bool(reasons))
+    return Planned(plan, best, found.holding[1:], bool(reasons), found.ran_out_of_patience, found.work)
 
 
 def alternatives(found: Planned) -> Iterator[Planned]:

@@ -56,7 +56,9 @@ class SearchResult:
     solved: int
     iterations: int
     evaluations: int
+    work: float
     ran_out_of_time: bool
+    ran_out_of_patience: bool
     interrupted: bool
 
 
@@ -72,6 +74,8 @@ class SearchOptions:
     jobs : processes
     progress : told in a few words what the search is doing
     work : instants of one body, where there is no budget; None: the usual work
+    patience : of that work, how much may be done before a start is solved; None: all of it
+        Only with one process. A search that ends sooner is otherwise the same.
 
     Raises
     ------
@@ -85,6 +89,7 @@ class SearchOptions:
     jobs: int = 1
     progress: Callable[[str], None] | None = None
     work: float | None = None
+    patience: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -104,7 +109,8 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
     is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
-    allowance = Allowance((options.work or DEFAULT_WORK) if options.budget is None else np.inf)
+    work = (options.work or DEFAULT_WORK) if options.budget is None else np.inf
+    allowance = Allowance(work) if options.patience is None else Allowance.with_patience(work, options.patience)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
@@ -131,7 +137,9 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
         solved=len(holding),
         iterations=sum(outcome.solution.iterations for outcome in outcomes),
         evaluations=sum(outcome.solution.evaluations for outcome in outcomes),
+        work=sum(outcome.work for outcome in outcomes),
         ran_out_of_time=allowance.is_used_up or expired(),
+        ran_out_of_patience=allowance.is_used_up and allowance.held_back > 0,
         interrupted=interrupted,
     )
 
@@ -167,15 +175,23 @@ def expiry(budget: float | None) -> Callable[[], bool]:
 
 @dataclass
 class Allowance:
-    """Work that the attempts of a search may do together, counted in their order."""
+    """Work that the attempts of a search may do together, counted in their order; some of it once one is solved."""
 
     left: float
+    held_back: float = 0.0
     is_used_up: bool = False
+
+    @classmethod
+    def with_patience(cls, work: float, patience: float) -> Allowance:
+        """Hold back what is beyond the patience."""
+        return cls(min(work, patience), max(work - patience, 0.0))
 
     def grants(self, outcome: Outcome, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
         self.left -= outcome.work
         self.is_used_up = self.left < 0
+        if outcome.holds and not self.is_used_up:
+            self.left, self.held_back = self.left + self.held_back, 0.0
         return is_first or not self.is_used_up
 
 

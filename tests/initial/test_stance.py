@@ -6,12 +6,17 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
+from scipy.interpolate import CubicHermiteSpline
 
 import floatplan as fp
 from floatplan.initial.candidates import MOST, Flights
 from floatplan.initial.limbs import feet, upright
+from floatplan.initial.plain import plain_motion
+from floatplan.initial.rates import end_rates
 from floatplan.initial.robots import chosen_robot
 from floatplan.initial.stance import Stance
+from floatplan.motion.planar.least_rates import least_rates
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
@@ -51,8 +56,9 @@ def test_a_chain_stands_up(root):
     assert angle == pytest.approx(math.pi / 2)
     stance = Stance(robot, "foot")
     assert stance.height(angle, robot.resting) > 0.4
-    assert stance.sunk(angle, robot.resting) == 0
-    assert stance.sunk(angle + math.pi, robot.resting) > 0.5
+    sunk = stance.standing(np.array([angle, angle + math.pi]), np.stack([robot.resting] * 2)).sunk
+    assert sunk[0] == 0
+    assert sunk[1] > 0.5
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -83,3 +89,44 @@ def test_candidates_are_what_the_verdicts_say(root, seed):
     again = Flights(robot, stance, upright(robot, "foot"), 0, (0.2, 0.5), 0.5).search(seed)
     assert again.duration == found.duration
     np.testing.assert_array_equal(again.positions, found.positions)
+
+
+@pytest.mark.parametrize("joints", [2, 3, 9])
+def test_rates_at_ends_are_the_least(joints):
+    """Of many ends at once they are those of the linear program, one at a time."""
+    rng = np.random.default_rng(joints)
+    matrix, target = rng.standard_normal((20, 3, joints + 1)), rng.standard_normal((20, 3))
+    limits = rng.uniform(0.5, 2.0, joints)
+    found = end_rates(matrix, target, limits)
+    for index in range(20):
+        least = least_rates(matrix[index], target[index], np.r_[np.inf, limits])
+        assert found.ratios[index] == pytest.approx(least.ratio, rel=1e-9)
+        np.testing.assert_allclose(found.rates[index], least.values[1:], atol=1e-8)
+        assert found.orientation_rates[index] == pytest.approx(least.values[0], abs=1e-8)
+
+
+def test_no_rates_stop_a_foot_that_no_joint_moves():
+    matrix = np.array([[[1.0, 0.2, 0.3], [0.5, 0.0, 0.0], [0.2, 0.0, 0.0]]])
+    assert np.isinf(end_rates(matrix, np.array([[1.0, 0.1, 0.4]]), np.ones(2)).ratios[0])
+
+
+def test_plain_motions_turn_the_base_as_their_integral_says(root):
+    robot = fp.Robot.from_urdf(root / "urdf" / "high_jumper.urdf")
+    stance, rng = Stance(robot, "foot"), np.random.default_rng(3)
+    ends, rates = rng.uniform(-0.5, 0.5, (4, 2, 3)), rng.uniform(-2, 2, (4, 2, 3))
+    durations, momenta = np.array([0.3, 0.5, 0.7, 1.0]), rng.uniform(-9, 9, 4)
+    plain = plain_motion(ends, rates, durations)
+    for index, duration in enumerate(durations):
+        spline = CubicHermiteSpline([0.0, duration], ends[index], rates[index])
+        times = np.linspace(0, duration, 4001)
+        rows = stance.momentum(spline(times)).rows
+        rate = (momenta[index] - (rows[:, 1:] * spline(times, 1)).sum(axis=1)) / rows[:, 0]
+        assert plain.turns(stance, momenta)[index] == pytest.approx(simpson(rate, x=times), abs=1e-4)
+        np.testing.assert_allclose(plain.accelerations[index], spline([0.0, duration], 2))
+
+
+@needs_robots
+def test_a_shank_that_ends_at_the_foot_is_not_in_the_ground():
+    chosen = chosen_robot(PREFIX + "human_description/robots/human.urdf")
+    (foot,) = chosen.feet
+    assert Stance(chosen.robot, foot).standing(np.zeros(1), chosen.robot.resting[None]).sunk[0] == 0

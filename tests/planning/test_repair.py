@@ -17,7 +17,10 @@ from floatplan.planning.repair import judged, proved, shortfalls, tightened
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.verdicts import Finding
 from floatplan.tables import LIMIT_TABLE
-from floatplan.view.figures.curves import SampledPlan, clearance, limited, torques
+from floatplan.view.figures.curves.clearance import clearance
+from floatplan.view.figures.curves.joints import limited
+from floatplan.view.figures.curves.sampled import SampledPlan
+from floatplan.view.figures.curves.torques import torques
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "problems" / "new_configuration.toml"

@@ -18,7 +18,7 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.problem.parts import Obstacle
 from floatplan.view.figures.comparison import worst_passage
-from floatplan.view.figures.curves import SAMPLES
+from floatplan.view.figures.curves.sampled import SAMPLES
 from floatplan.view.figures.figures import figures, save_figures
 from floatplan.view.figures.kinogram import COLUMNS, kinogram, kinogram_times
 from floatplan.view.figures.snapshots import snapshot_times
@@ -26,7 +26,7 @@ from floatplan.view.postures import postures, stadium
 from floatplan.view.style import COLUMN, OKABE_ITO, palette, styled
 from floatplan.view.surroundings import ground_lines, obstacle_outline
 
-ALWAYS = ["snapshots", "kinogram", "configuration", "rates", "torques"]
+ALWAYS = ["snapshots", "kinogram", "configuration", "rates", "torques", "momentum", "inertia"]
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
 
 
@@ -184,6 +184,32 @@ def test_curves_hold_the_plan_s_numbers(handstand: fp.Plan, drawn: dict[str, Fig
         assert len(lines) == columns.shape[1]
         for line, column in zip(lines, columns.T, strict=True):
             np.testing.assert_array_equal(line, np.column_stack((state.times, column)))
+
+
+@pytest.mark.parametrize("robot", ["acrobat", "chain10"])
+def test_momentum_is_what_its_curves_add_up_to(root: Path, robot: str) -> None:
+    """D times the rates are the momenta of base and joints, whose sum is h; the interval (9) is the plan's own."""
+    plan = flight(root, robot)
+    drawn = figures(plan)
+    base, joints, h = (line[:, 1] for line in curves(only(drawn["momentum"])))
+    np.testing.assert_allclose(base + joints, h)
+    np.testing.assert_allclose(h, plan.angular_momentum)
+    panels = named_panels(drawn["inertia"])
+    shown = [panels[name] for name in ("orientation", *plan.robot.joints)] if len(panels) > 1 else panels.values()
+    inertia = np.stack([line[:, 1] for axes in shown for line in curves(axes)])
+    state = plan.at(np.linspace(0, plan.duration, SAMPLES))
+    np.testing.assert_allclose(inertia[0] * state.orientation_rate, base)
+    np.testing.assert_allclose((inertia[1:] * state.velocities.T).sum(axis=0), joints, atol=1e-9)
+
+
+def test_an_interval_for_h_is_drawn_where_it_is_near(handstand: fp.Plan) -> None:
+    def drawn(low: float, high: float) -> tuple[set[float], str]:
+        figure = figures(dataclasses.replace(handstand, angular_momentum_bounds=(low, high)))["momentum"]
+        across = [line.get_ydata() for line in only(figure).lines if len(line.get_xdata()) == 2]
+        return {float(ends[0]) for ends in across}, figure.legends[0].get_texts()[-1].get_text()
+
+    assert drawn(-1.5, 0.5) == ({-1.5, 0.5, 0.0}, "h of monotonic joints")
+    assert drawn(-1e3, 0.5) == ({0.0}, "h of monotonic joints: -1e+03 to 0.5")
 
 
 def test_goals_are_marked_where_the_problem_has_them(handstand: fp.Plan, drawn: dict[str, Figure]) -> None:

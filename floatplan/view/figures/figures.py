@@ -13,7 +13,11 @@ from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.view.figures.comparison import comparison
-from floatplan.view.figures.curves import SampledPlan, clearance, configuration, drawn_limits, limited, torques
+from floatplan.view.figures.curves.clearance import clearance
+from floatplan.view.figures.curves.joints import configuration, drawn_limits, limited
+from floatplan.view.figures.curves.momentum import inertia, momentum
+from floatplan.view.figures.curves.sampled import SampledPlan
+from floatplan.view.figures.curves.torques import torques
 from floatplan.view.figures.kinogram import kinogram
 from floatplan.view.figures.snapshots import snapshots
 from floatplan.view.style import DPI, styled
@@ -38,10 +42,11 @@ def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
     Returns
     -------
     dict of str to Figure
-        "snapshots" (the robot along the path of its centre of mass, m), "kinogram" (side by side), "configuration"
-        (degrees), "rates" (rad/s) and "torques" (N m) over time, and what else of the joints' motion the problem
-        limits, such as "accelerations"; with obstacles "clearance" (m); with ``compare``
-        "comparison" (both plans' robots, m).
+        "snapshots" (the robot along the path of its centre of mass, m) and "kinogram" (side by side); over time
+        "configuration" (degrees), "rates" (rad/s), what else of the joints' motion the problem limits, such as
+        "accelerations", "torques" (N m), "momentum" (what base and joints have of h, and the interval (9), kg m^2/s),
+        "inertia" (D of (4), kg m^2), with obstacles "clearance" (m); with ``compare`` "comparison" (both plans'
+        robots, m).
 
     Raises
     ------
@@ -91,6 +96,8 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     for row in drawn_limits(plan):
         yield row.title.lower(), limited(flown, row, other)
     yield "torques", torques(flown, other)
+    yield "momentum", momentum(flown, other)
+    yield "inertia", inertia(flown, other)
     if plan.problem.obstacles:
         yield "clearance", clearance(flown, other)
     if compare is not None:

@@ -10,8 +10,10 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.tables import LimitRow
-from floatplan.view.figures.curves import NEAR, base_limit, clearance_ceiling, drawn_limits, obstacle_names
-from floatplan.view.figures.multiples import is_crowded
+from floatplan.view.figures.curves.clearance import clearance_ceiling, obstacle_names
+from floatplan.view.figures.curves.drawing import NEAR
+from floatplan.view.figures.curves.joints import base_limit, drawn_limits
+from floatplan.view.figures.curves.multiples import is_crowded
 from floatplan.view.motors import available_torques, leaders, motor_colours, shown_motors
 from floatplan.view.report.data import hex_colour, rounded, sample_grid
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
