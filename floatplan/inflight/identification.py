@@ -28,6 +28,8 @@ ANGLE_NOISE = 0.002  # [rad] of measured angles
 RATE_NOISE = 0.02  # [rad/s] of measured rates
 WANDER = 0.02  # [-] of the errors, per root of a second, by which the state may change
 ORIENTATION_WANDER = 0.0005  # [rad] the same of the orientation
+SURPRISING = 6.0  # [-] deviations of a momentum from what is expected
+SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
 
 
 class Identification:
@@ -50,6 +52,7 @@ class Identification:
         self.state = np.zeros(2 + 2 * bodies)
         self.state[:2] = orientation, angular_momentum
         self.dynamics = dynamics
+        self._surprises = 0  # negative: to the other side
 
     @property
     def orientation(self) -> float:
@@ -76,9 +79,27 @@ class Identification:
         only = np.zeros(len(self.state))
         only[0] = 1.0
         self._correct(only, orientation - self.state[0], ANGLE_NOISE**2 * noise / inertia[0] ** 2)
-        self._correct(row, momentum[1] - row @ self.state, RATE_NOISE**2 * noise)
+        innovation, variance = float(momentum[1] - row @ self.state), RATE_NOISE**2 * noise
+        if self._is_kick(innovation, math.sqrt(float(row @ self._covariance @ row) + variance)):
+            self.forget()
+        self._correct(row, innovation, variance)
         np.minimum(np.maximum(self.state[2:], -LARGEST_ERROR), LARGEST_ERROR, out=self.state[2:])
         self._adapt()
+
+    def forget(self) -> None:
+        """Orientation and momentum are known no better than at takeoff: the robot was hit, or was long unseen."""
+        self._covariance[:2] = self._covariance[:, :2] = 0.0
+        self._covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self._deviations[:2] ** 2
+        self._surprises = 0
+
+    def _is_kick(self, innovation: float, deviation: float) -> bool:
+        """Whether the momentum has now been far from what was expected, to the same side, often enough."""
+        if abs(innovation) <= SURPRISING * deviation:
+            self._surprises = 0
+            return False
+        side = 1 if innovation > 0 else -1
+        self._surprises = self._surprises + side if self._surprises * side > 0 else side
+        return abs(self._surprises) >= SURPRISES
 
     def miss_deviation(self, positions: Array, velocities: Array, rates: Array, weights: Array) -> float:
         """Standard deviation, rad, of an orientation that turns on from now by ``weights`` (N,) s times ``rates``.

@@ -14,7 +14,7 @@ from floatplan.inflight.correction import Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import EVALUATIONS, KEPT, Law
-from floatplan.inflight.measurement import Measurement, Plausibility, read
+from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
 from floatplan.motion.planar.closed_form import Dynamics
@@ -29,6 +29,7 @@ FIRST = 12  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
+LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
 
 
@@ -87,6 +88,7 @@ class Replanner:
         start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
         orientation, momentum = plan.problem.initial.orientation, plan.angular_momentum
         inertial = Identification(plan.robot.tree, nominal, orientation, momentum, start)
+        self._recovery = Recovery()
         self._estimate = Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity)
         self._measured = -math.inf
         self._now = 0.0
@@ -152,7 +154,7 @@ class Replanner:
             return self._unchanged("invalid", "not later than the last measurement")
         if not max(measured.time, self._now) <= present < self._landing:
             return self._unchanged("invalid", "not between the last call and the landing")
-        if not measured.time >= max(self._motions[0].begin, 0.0):
+        if not measured.time >= max(self._motions[0].begin, present - LONGEST_DELAY, 0.0):
             return self._unchanged("invalid", "measured too long ago")
         times = self._times_between(self._estimate.time, measured.time, present)
         joints = self._joints(times)
@@ -201,12 +203,16 @@ class Replanner:
         aside = -float(by_joints @ (measured.positions - positions[-1]))  # by which joints off their reference turn it
         expected = estimate.orientation + turn + aside
         unseen = measured.time - max(self._measured, 0.0)
-        if not (
-            self._plausible.joints(measured, positions[-1], velocities[-1])
-            and self._plausible.base(measured, expected, rate, unseen)
-            and self._plausible.com(measured, *estimate.place(measured.time))
-        ):
+        plausible = self._plausible
+        if not plausible.com(measured, *estimate.place(measured.time)):
             return False
+        base = plausible.base(measured, expected, rate, unseen)
+        if base and plausible.joints(measured, positions[-1], velocities[-1]):
+            self._recovery.clear()
+        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+            return False
+        elif not base:
+            estimate.inertial.forget()
         estimate.learn(measured, turn, aside, rate, positions[-1], velocities[-1])
         self._measured = measured.time
         return True
@@ -262,7 +268,7 @@ class Replanner:
 def _time(value: object) -> float:
     try:
         return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # whatever a caller's object raises: the flight goes on
         return math.nan
 
 
