@@ -26,7 +26,7 @@ SLOWEST_TURN = 1.0  # [rad/s] whose momentum is the least scale of h
 ORIENTATION_ERROR = 0.1  # [rad] at takeoff
 ANGLE_NOISE = 0.002  # [rad] of measured angles
 RATE_NOISE = 0.02  # [rad/s] of measured rates
-WANDER = 0.02  # [-] of the errors, per root of a second, by which the state may change
+WANDER = 0.002  # [-] of the errors, per root of a second, by which the state may change
 ORIENTATION_WANDER = 0.0005  # [rad] the same of the orientation
 SURPRISING = 6.0  # [-] deviations of a momentum from what is expected
 SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
@@ -100,16 +100,6 @@ class Identification:
         side = 1 if innovation > 0 else -1
         self._surprises = self._surprises + side if self._surprises * side > 0 else side
         return abs(self._surprises) >= SURPRISES
-
-    def miss_deviation(self, positions: Array, velocities: Array, rates: Array, weights: Array) -> float:
-        """Standard deviation, rad, of an orientation that turns on from now by ``weights`` (N,) s times ``rates``.
-
-        With the joints (N, n) and the rates theta0' (N,) at these instants.
-        """
-        rows = self._momentum(positions, velocities, rates)[1]
-        by_state = (weights / self.dynamics.momentum_map(positions)[:, 0]) @ rows
-        by_state[0] = 1.0
-        return math.sqrt(max(float(by_state @ self._covariance @ by_state), 0.0))
 
     def _momentum(self, positions: Array, velocities: Array, rates: Array) -> tuple[Array, Array]:
         """The momentum (N,) with the plan's masses, and how h less it depends on the state (N, 2+2m)."""

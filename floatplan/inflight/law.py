@@ -21,7 +21,7 @@ from floatplan.motion.sine_polynomial import CONDITIONS
 
 EVALUATIONS = 2  # [-] of motions at most
 EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
-FAR = 20.0  # [-] sigmas
+FAR = 0.06  # [rad]
 WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
 SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
 SHORTER = 0.3  # [-] of a step that is no better
@@ -45,7 +45,7 @@ class Law:
         as if the base were to reach it, see :meth:`Outlook.as_landed`.
         """
         sigma = max(self.sigma, abs(present.miss) / WEIGHED) if self.rows else self.sigma
-        if self.rows and abs(present.miss) > FAR * self.sigma:
+        if self.rows and abs(present.miss) > FAR:
             outlook = self._solved(present.as_landed(), max(evaluations, EVALUATIONS_FAR), sigma)[0].as_it_is()
             if abs(outlook.miss) < abs(present.miss) and self._keeps(outlook, present):
                 return outlook, 1.0

@@ -21,10 +21,10 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 
-SIGMA = 0.003  # [rad] miss that is worth a correction of the plan's own accelerations
+SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
-MISSED = 10.0  # [-] sigmas of a landing that is not the planned one
+MISSED = 30.0  # [-] sigmas of a landing that is not the planned one
 FIRST = 12  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
