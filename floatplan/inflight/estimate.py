@@ -1,8 +1,8 @@
 """The robot's state in flight, from measurements: orientation, place of the centre of mass, momentum and masses.
 
 Between measurements the orientation goes on by (4) along the joints' reference, the centre of mass on its parabola.
-What is measured beside that corrects them: the first measurements are averaged, later ones weigh as
-``dt / time constant``.
+What is measured beside that corrects them: orientation, momentum and masses by a Kalman filter; of the place of the
+centre of mass the first measurements are averaged, later ones weigh as ``dt / PLACE_TIME``.
 """
 
 from __future__ import annotations
@@ -17,24 +17,21 @@ from floatplan.inflight.identification import Identification
 from floatplan.inflight.measurement import Measurement
 from floatplan.motion.planar.ballistics import Ballistics
 
-ORIENTATION_TIME = 0.01  # [s] time constants of the low-pass filters
-PLACE_TIME = 0.02
+PLACE_TIME = 0.02  # [s] time constant of the low-pass filter
 
 
 @dataclass
 class Estimate:
-    """Orientation, rad, with the joints on their reference, at ``time``; place and velocity of the CM; h and masses.
+    """At ``time``: orientation with the joints on their reference, h and masses; place and velocity of the CM.
 
-    ``seen`` and ``placed`` count measurements, of the centre of mass the latter.
+    ``placed`` counts measurements of the centre of mass.
     """
 
     time: float
-    orientation: float
     inertial: Identification
     com_position: Array
     com_velocity: Array
     gravity: float
-    seen: int = 0
     placed: int = 0
 
     def place(self, time: float) -> tuple[Array, Array]:
@@ -47,25 +44,38 @@ class Estimate:
         """Path of the centre of mass from a time on."""
         return Ballistics(*self.place(time), self.gravity)
 
-    def advance(self, time: float, turn: float) -> None:
-        """Go on to a time, at which the base has turned by ``turn``, rad."""
-        self.com_position, self.com_velocity = self.place(time)
-        self.orientation += turn
-        self.time = time
+    @property
+    def orientation(self) -> float:
+        """With the joints on their reference, rad."""
+        return self.inertial.orientation
 
     @property
     def angular_momentum(self) -> float:
         """About the centre of mass, kg m^2/s."""
         return self.inertial.angular_momentum
 
-    def learn(self, measured: Measurement, dt: float, orientation: float) -> None:
-        """Take in a measurement made at the estimate's time, ``dt`` s after the last."""
-        self.seen += 1
-        self.inertial.learn(measured.positions, measured.velocities, measured.orientation_rate, dt)
-        self.orientation += _weight(self.seen, dt, ORIENTATION_TIME) * (orientation - self.orientation)
+    def learn(
+        self, measured: Measurement, turn: float, aside: float, rate: float, positions: Array, velocities: Array
+    ) -> None:
+        """Take in a measurement, until which the base has turned by ``turn``, rad.
+
+        Then its rate is ``rate``, rad/s, with the joints (n,) on their reference, from where it would stand ``aside``,
+        rad, with the joints as they are measured.
+        """
+        dt = measured.time - self.time
+        self.com_position, self.com_velocity = self.place(measured.time)
+        self.time = measured.time
+        self.inertial.state[0] += turn
+        self.inertial.learn(
+            measured.orientation - aside,
+            np.array([rate, measured.orientation_rate]),
+            np.stack((positions, measured.positions)),
+            np.stack((velocities, measured.velocities)),
+            dt,
+        )
         if measured.com_position is not None and measured.com_velocity is not None:
             self.placed += 1
-            weight = _weight(self.placed, dt, PLACE_TIME)
+            weight = max(1 / self.placed, 1 - math.exp(-dt / PLACE_TIME))  # their mean at first
             self.com_position = self.com_position + weight * (measured.com_position - self.com_position)
             self.com_velocity = self.com_velocity + weight * (measured.com_velocity - self.com_velocity)
 
@@ -77,7 +87,3 @@ class Estimate:
             return None
         return self.time + float((speed + math.sqrt(reach)) / self.gravity)
 
-
-def _weight(seen: int, dt: float, constant: float) -> float:
-    """Weight of the last of so many measurements: their mean at first, then a low-pass filter."""
-    return max(1 / seen, 1 - math.exp(-dt / constant))

@@ -1,13 +1,16 @@
-"""Momentum and masses as they are, from the rates measured in flight: a Kalman filter of what does not change.
+"""Orientation, momentum and masses as they are, from what is measured in flight: a Kalman filter.
 
-What is measured of a flight obeys ``h = D(q) . (theta0', q')`` with the real robot's D. The angular momentum and,
-relative to the plan's, every body's mass and inertia are the state. D is linear in the inertias; by a mass m_b the
-coupling C of :mod:`floatplan.motion.planar.momentum` changes by ``conj(w_b) w_b``, w_b the weights of its centre
-of mass. With masses alone wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while
-the robot tucks and stretches: a filter of h alone would lag behind it.
+What is measured of a flight obeys ``h = D(q) . (theta0', q')`` with the real robot's D. The orientation, the angular
+momentum and, relative to the plan's, every body's mass and inertia are the state; but for the orientation, which turns
+as (4) says, they do not change. D is linear in the inertias; by a mass m_b the coupling C of
+:mod:`floatplan.motion.planar.momentum` changes by ``conj(w_b) w_b``, w_b the weights of its centre of mass. With masses
+alone wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while the robot tucks and
+stretches: a filter of h alone would lag behind it. The angles, too, tell of h: by how the base turned.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -20,52 +23,114 @@ MASS_ERROR = 0.05  # [-] of what is known of masses and inertias beforehand
 LARGEST_ERROR = 0.3  # [-] of them that is believed
 MOMENTUM_ERROR = 0.2  # [-] of the plan's h
 SLOWEST_TURN = 1.0  # [rad/s] whose momentum is the least scale of h
+ORIENTATION_ERROR = 0.1  # [rad] at takeoff
+ANGLE_NOISE = 0.002  # [rad] of measured angles
 RATE_NOISE = 0.02  # [rad/s] of measured rates
-WANDER = 0.02  # [-] of the errors, per root of a second, by which the state may change
+WANDER = 0.002  # [-] of the errors, per root of a second, by which the state may change
+ORIENTATION_WANDER = 0.0005  # [rad] the same of the orientation
+SURPRISING = 6.0  # [-] deviations of a momentum from what is expected
+SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
 
 
 class Identification:
-    """The filter's state: ``angular_momentum`` kg m^2/s, and relative errors of masses and inertias (m,) each."""
+    """The filter's ``state``: orientation, rad, h, kg m^2/s, and relative errors of masses and inertias (m,) each."""
 
-    def __init__(self, tree: PlanarTree, dynamics: Dynamics, angular_momentum: float, inertia: float) -> None:
+    def __init__(
+        self, tree: PlanarTree, dynamics: Dynamics, orientation: float, angular_momentum: float, inertia: float
+    ) -> None:
         bodies = len(tree.mass)
         self._tree, self._nominal = tree, dynamics
+        self._turns = tree.turns.T.copy()
         self._weights = tree.point_weights(np.arange(bodies), tree.center)
+        self._weights_transposed, self._weights_adjoint = self._weights.T.copy(), self._weights.conj().T.copy()
         self._coupling, self._inertia, self._mass = centroidal_coupling(tree), np.array(tree.inertia), tree.mass
         scale = MOMENTUM_ERROR * max(abs(angular_momentum), SLOWEST_TURN * inertia)
-        deviations = np.concatenate(([scale], np.full(2 * bodies, MASS_ERROR)))
-        self._covariance = np.diag(deviations**2)
-        self._wander = np.diag((WANDER * deviations) ** 2)
-        self.state = np.zeros(1 + 2 * bodies)
-        self.state[0] = angular_momentum
+        self._deviations = np.concatenate(([ORIENTATION_ERROR, scale], np.full(2 * bodies, MASS_ERROR)))
+        self._covariance = np.diag(self._deviations**2)
+        self._wander = np.diag((WANDER * self._deviations) ** 2)
+        self._wander[0, 0] = ORIENTATION_WANDER**2
+        self.state = np.zeros(2 + 2 * bodies)
+        self.state[:2] = orientation, angular_momentum
         self.dynamics = dynamics
+        self._surprises = 0  # negative: to the other side
+
+    @property
+    def orientation(self) -> float:
+        """Estimate of the orientation, rad, with the joints on their reference."""
+        return float(self.state[0])
 
     @property
     def angular_momentum(self) -> float:
         """Estimate of h, kg m^2/s."""
-        return float(self.state[0])
+        return float(self.state[1])
 
-    def learn(self, positions: Array, velocities: Array, rate: float, dt: float) -> None:
-        """Take in joints (n,) and the base's rate, rad/s, measured ``dt`` s after the last time."""
-        tree = self._tree
-        rates = tree.turns @ velocities + rate
-        rotations = tree.rotations(tree.turns @ positions + tree.offsets)
-        moving = rotations * rates
-        by_mass = self._mass * ((self._weights @ rotations).conj() * (self._weights @ moving)).real
-        by_inertia = self._inertia * rates
-        momentum = float((rotations.conj() @ (self._coupling @ moving)).real + by_inertia.sum())
-        row = np.concatenate(([1.0], -by_mass, -by_inertia))
-        inertia = self._nominal.momentum_map(positions[None, :])[0]
-        covariance = self._covariance + dt * self._wander
-        gain = covariance @ row
-        gain /= row @ gain + RATE_NOISE**2 * float(inertia @ inertia)
-        self.state = self.state + gain * (momentum - row @ self.state)
-        np.clip(self.state[1:], -LARGEST_ERROR, LARGEST_ERROR, out=self.state[1:])
-        self._covariance = covariance - np.outer(gain, row @ covariance)
+    def learn(self, orientation: float, rates: Array, positions: Array, velocities: Array, dt: float) -> None:
+        """Take in angles and rates of base and joints, measured ``dt`` s after the last time.
+
+        The base's angle, rad, is that with the joints on their reference. ``rates`` (2,) rad/s of the base, and the
+        joints (2, n), are first the expected ones, then those measured: what the state does to the momentum is that of
+        the expected, since noise that is in both would make the masses drift. The state's own orientation has been
+        brought to now.
+        """
+        momentum, rows = self._momentum(positions, velocities, rates)
+        inertia, row = self.dynamics.momentum_map(positions[:1])[0], rows[0]
+        self._predict(row * (dt / inertia[0]), dt)
+        noise = float(inertia @ inertia)
+        only = np.zeros(len(self.state))
+        only[0] = 1.0
+        self._correct(only, orientation - self.state[0], ANGLE_NOISE**2 * noise / inertia[0] ** 2)
+        innovation, variance = float(momentum[1] - row @ self.state), RATE_NOISE**2 * noise
+        if self._is_kick(innovation, math.sqrt(float(row @ self._covariance @ row) + variance)):
+            self.forget()
+        self._correct(row, innovation, variance)
+        np.minimum(np.maximum(self.state[2:], -LARGEST_ERROR), LARGEST_ERROR, out=self.state[2:])
         self._adapt()
 
-    def _adapt(self) -> None:
+    def forget(self) -> None:
+        """Orientation and momentum are known no better than at takeoff: the robot was hit, or was long unseen."""
+        self._covariance[:2] = self._covariance[:, :2] = 0.0
+        self._covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self._deviations[:2] ** 2
+        self._surprises = 0
+
+    def _is_kick(self, innovation: float, deviation: float) -> bool:
+        """Whether the momentum has now been far from what was expected, to the same side, often enough."""
+        if abs(innovation) <= SURPRISING * deviation:
+            self._surprises = 0
+            return False
+        side = 1 if innovation > 0 else -1
+        self._surprises = self._surprises + side if self._surprises * side > 0 else side
+        return abs(self._surprises) >= SURPRISES
+
+    def _momentum(self, positions: Array, velocities: Array, rates: Array) -> tuple[Array, Array]:
+        """The momentum (N,) with the plan's masses, and how h less it depends on the state (N, 2+2m)."""
+        body_rates = velocities @ self._turns + rates[:, None]
+        rotations = self._tree.rotations(positions @ self._turns + self._tree.offsets)
+        places, speeds = rotations @ self._weights_transposed, (rotations * body_rates) @ self._weights_transposed
         bodies = len(self._mass)
-        masses, inertias = self.state[1 : 1 + bodies] * self._mass, self.state[1 + bodies :]
-        coupling = self._coupling + self._weights.conj().T @ (masses[:, None] * self._weights)
-        self.dynamics = self._nominal.adapted(coupling, self._inertia * (1 + inertias))
+        rows = np.zeros((len(rates), 2 + 2 * bodies))
+        rows[:, 1] = 1.0
+        rows[:, 2 : 2 + bodies] = -self._mass * (places.real * speeds.real + places.imag * speeds.imag)
+        rows[:, 2 + bodies :] = -self._inertia * body_rates
+        return -rows[:, 2:].sum(axis=1), rows
+
+    def _predict(self, turned: Array, dt: float) -> None:
+        """Bring the covariance to now: the orientation has turned by ``turned`` (2+2m,) for each of the state."""
+        covariance = self._covariance + dt * self._wander
+        change = covariance @ turned
+        covariance[0] += change
+        covariance[:, 0] += change
+        covariance[0, 0] += turned @ change
+        self._covariance = covariance
+
+    def _correct(self, row: Array, innovation: float, variance: float) -> None:
+        gain = self._covariance @ row
+        along = gain / (row @ gain + variance)
+        self.state = self.state + along * innovation
+        self._covariance = self._covariance - along[:, None] * gain
+
+    def _adapt(self) -> None:
+        """The dynamics of the masses found."""
+        bodies = len(self._mass)
+        masses = self.state[2 : 2 + bodies] * self._mass
+        coupling = self._coupling + self._weights_adjoint @ (masses[:, None] * self._weights)
+        self.dynamics = self._nominal.adapted(coupling, self._inertia * (1 + self.state[2 + bodies :]))

@@ -21,7 +21,8 @@ from floatplan.motion.sine_polynomial import CONDITIONS
 
 EVALUATIONS = 2  # [-] of motions at most
 EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
-FAR = 20.0  # [-] sigmas
+FAR = 0.06  # [rad]
+WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
 SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
 SHORTER = 0.3  # [-] of a step that is no better
 MOST_ROWS = 24  # [-] of a block that are looked at in a step
@@ -43,11 +44,12 @@ class Law:
         Motions are evaluated so many times at most, twice as often where the landing is far from the goal: then first
         as if the base were to reach it, see :meth:`Outlook.as_landed`.
         """
-        if self.rows and abs(present.miss) > FAR * self.sigma:
-            outlook = self._solved(present.as_landed(), max(evaluations, EVALUATIONS_FAR))[0].as_it_is()
-            if abs(outlook.miss) < abs(present.miss) / 2 and self._keeps(outlook, present):
+        sigma = max(self.sigma, abs(present.miss) / WEIGHED) if self.rows else self.sigma
+        if self.rows and abs(present.miss) > FAR:
+            outlook = self._solved(present.as_landed(), max(evaluations, EVALUATIONS_FAR), sigma)[0].as_it_is()
+            if abs(outlook.miss) < abs(present.miss) and self._keeps(outlook, present):
                 return outlook, 1.0
-        outlook, best = self._solved(present, evaluations)
+        outlook, best = self._solved(present, evaluations, sigma)
         if self._keeps(outlook, present):
             return outlook, 1.0
         for scale in SCALES:
@@ -56,18 +58,18 @@ class Law:
                 return part, scale
         return present, 0.0
 
-    def _solved(self, present: Outlook, evaluations: int) -> tuple[Outlook, Array]:
+    def _solved(self, present: Outlook, evaluations: int, sigma: float) -> tuple[Outlook, Array]:
         """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better."""
         y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
         stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
-        best, outlook, least = y, present, self._cost(present, y, stiffness)
-        step, expected = self._step(outlook, best, stiffness)
+        best, outlook, least = y, present, self._cost(present, y, stiffness, sigma)
+        step, expected = self._step(outlook, best, stiffness, sigma)
         for _ in range(evaluations):
             if least - expected < SETTLED**2:
                 break
             y = best + step
             tried = present.changed(y)
-            cost = self._cost(tried, y, stiffness)
+            cost = self._cost(tried, y, stiffness, sigma)
             if not cost < least:
                 step = SHORTER * step
                 if not np.isfinite(cost) or stiffness * (step @ step) < SETTLED**2:
@@ -77,7 +79,7 @@ class Law:
             best, outlook, least = y, tried, cost
             if settled:
                 break
-            step, expected = self._step(outlook, best, stiffness)
+            step, expected = self._step(outlook, best, stiffness, sigma)
         return outlook, best
 
     @staticmethod
@@ -85,14 +87,14 @@ class Law:
         """Whether a correction keeps what the present motion keeps; what that breaks, the cost has weighed."""
         return bool(((outlook.worst >= -KEPT) | (present.worst < -KEPT)).all())
 
-    def _cost(self, outlook: Outlook, y: Array, stiffness: float) -> float:
+    def _cost(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> float:
         violation = outlook.violation
-        return (outlook.miss / self.sigma) ** 2 + stiffness * float(y @ y) + float(violation @ violation)
+        return (outlook.miss / sigma) ** 2 + stiffness * float(y @ y) + float(violation @ violation)
 
-    def _step(self, outlook: Outlook, y: Array, stiffness: float) -> tuple[Array, float]:
+    def _step(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> tuple[Array, float]:
         """One step, and the cost that it would have if everything were linear."""
-        rows = [outlook.miss_by_y[None, :] / self.sigma]
-        residual = [np.array([outlook.miss / self.sigma])]
+        rows = [outlook.miss_by_y[None, :] / sigma]
+        residual = [np.array([outlook.miss / sigma])]
         first, violation = 0, outlook.violation
         for block, values in zip(self.rows, outlook.values, strict=True):
             below = violation[first : first + values.size]

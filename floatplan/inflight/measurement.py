@@ -17,6 +17,9 @@ POSITION_JUMP = 0.6  # [rad] of a joint beside its reference
 RATE_JUMP = 3.0  # [rad/s] of base and joints beside the expected, and as much again as the plan's fastest
 PLACE_JUMP = 1.0  # [m] of the centre of mass
 SPEED_JUMP = 3.0  # [m/s]
+CONSISTENT = 5  # [-] measurements that go on from one another, after which a robot is where they say
+DEVIATION = 0.05  # [rad] of angles from where their rates lead
+LONGEST_GAP = 0.1  # [s] between them
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,7 @@ def read(
         time, angle, rate = float(t), float(orientation), float(orientation_rate)
         positions, velocities = (np.array(values, dtype=np.float64).reshape(size) for values in joints)
         place, speed = (None if value is None else np.array(value, dtype=np.float64).reshape(2) for value in com)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # whatever a caller's object raises: the flight goes on
         return None
     if (place is None) != (speed is None):
         return None
@@ -86,3 +89,44 @@ class Plausibility:
             return True
         near = np.abs(measured.com_position - position) <= PLACE_JUMP
         return bool(near.all() and (np.abs(measured.com_velocity - velocity) <= SPEED_JUMP).all())
+
+    @staticmethod
+    def may_be(measured: Measurement, orientation: float) -> bool:
+        """Whether a robot that was hit, or long unseen, may be there: a turn more or less is never accepted."""
+        return abs(measured.orientation - orientation) <= LARGEST_JUMP
+
+
+class Recovery:
+    """Measurements that are far from what was expected, but go on from one another: the robot was hit, say."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget them: one was as expected."""
+        self._last: Measurement | None = None
+        self._count = 0
+        self._off = np.zeros(0)
+
+    def again(self, measured: Measurement) -> bool:
+        """Take in the next; whether so many have gone on from one another that they are to be believed."""
+        last, self._last = self._last, measured
+        if last is None or not self._goes_on(last, measured):
+            self._count, self._off = 1, np.zeros(1 + len(measured.positions))
+        else:
+            self._count += 1
+        return self._count >= CONSISTENT
+
+    def _goes_on(self, last: Measurement, measured: Measurement) -> bool:
+        dt = measured.time - last.time
+        moved, before = _angles(measured) - _angles(last), np.append(last.velocities, last.orientation_rate)
+        rates = (before + np.append(measured.velocities, measured.orientation_rate)) / 2
+        if not moved.any():  # a sensor that stands still
+            return False
+        self._off = self._off + (moved - dt * rates)
+        return dt <= LONGEST_GAP and bool((np.abs(self._off) <= DEVIATION).all())
+
+
+def _angles(measured: Measurement) -> Array:
+    """Of joints and base (n+1,), rad."""
+    return np.append(measured.positions, measured.orientation)

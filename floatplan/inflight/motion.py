@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,9 +61,20 @@ class RemainingMotion:
     def p(self, times: Array) -> tuple[Array, Array, Array]:
         """Return p, p', p'' (N, n) by time at times (N,); at the nearer end outside of its time."""
         u = np.minimum(np.maximum((times - self.begin) / self.remaining, 0.0), 1.0)
-        values = chebyshev_values(2 * u - 1, len(self.table) - 1) @ self.table
-        value, first, second = values.reshape(len(u), 3, -1).transpose(1, 0, 2) @ self.coefficients
-        return value, first / self.remaining, second / self.remaining**2
+        angles = np.arccos(2 * u - 1)[:, None]
+        values = np.cos(angles * np.arange(len(self.table))) @ self._polynomials
+        n = len(self.amplitude)
+        return values[:, :n], values[:, n : 2 * n], values[:, 2 * n :]
+
+    @cached_property
+    def _polynomials(self) -> Array:
+        """p, p', p'' (k+1, 3n) by time in Chebyshev polynomials of 2 u - 1."""
+        size = len(self.coefficients)
+        orders = [
+            self.table[:, size * order : size * (order + 1)] @ self.coefficients / self.remaining**order
+            for order in range(3)
+        ]
+        return np.concatenate(orders, axis=1)
 
 
 class Rewriting:

@@ -4,87 +4,33 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.inflight.correction import Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import EVALUATIONS, KEPT, Law
-from floatplan.inflight.measurement import Measurement, Plausibility, read
+from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 
-Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
-
-SIGMA = 0.003  # [rad] miss that is worth a correction of the plan's own accelerations
+SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
-MISSED = 10.0  # [-] sigmas of a landing that is not the planned one
+MISSED = 30.0  # [-] sigmas of a landing that is not the planned one
 FIRST = 12  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
+LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
-
-
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """What became of a measurement.
-
-    Attributes
-    ----------
-    status : "applied", "limited", "refused" or "invalid"
-        The motion was corrected and keeps all limits; it was corrected in part, or breaks a limit that the last one
-        breaks too; no part of a correction keeps the limits and the last motion stays; the measurement
-        cannot be one, or comes too late, and changes nothing.
-    motion : RemainingMotion
-        The joints' motion from now on.
-    predicted_miss : rad
-        Orientation at landing less the goal, under that motion; NaN before anything was measured.
-    torque_peak : (m,) N m
-        Largest magnitude of each motor's torque for the rest of the flight, in the order of ``robot.motors``.
-    reason : why it is not "applied"
-    landing : s
-        When the robot lands.
-    angular_momentum : kg m^2/s
-        As it is estimated.
-    """
-
-    status: Status
-    motion: RemainingMotion
-    predicted_miss: float
-    torque_peak: Array
-    reason: str
-    landing: float
-    angular_momentum: float
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """What the joints are to do at a time.
-
-    Attributes
-    ----------
-    positions, velocities, accelerations : (n,) rad, rad/s, rad/s^2
-    feedforward : (n,) N m
-        Generalised torques: a leader's moves its followers too.
-    motors : (m,) N m
-        Each motor's own torque, in the order of ``robot.motors``.
-    """
-
-    positions: Array
-    velocities: Array
-    accelerations: Array
-    feedforward: Array
-    motors: Array
 
 
 class Replanner:
@@ -140,18 +86,16 @@ class Replanner:
         path = plan.ballistics
         nominal = self.views.flight.equations
         start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
-        inertial = Identification(plan.robot.tree, nominal, plan.angular_momentum, start)
-        self._estimate = Estimate(
-            0.0, plan.problem.initial.orientation, inertial, path.position0, path.velocity0, path.gravity
-        )
+        orientation, momentum = plan.problem.initial.orientation, plan.angular_momentum
+        inertial = Identification(plan.robot.tree, nominal, orientation, momentum, start)
+        self._recovery = Recovery()
+        self._estimate = Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity)
         self._measured = -math.inf
         self._now = 0.0
         self._corrected = -math.inf
         self._landing = plan.duration
-        outlook = Outlook(self.views, self.motion, self._present(0.0))
-        self._last = Correction(
-            "applied", self.motion, outlook.miss, outlook.torque_peak, "", plan.duration, plan.angular_momentum
-        )
+        outlook = Outlook(self.views, self.motion, self._present(0.0, orientation))
+        self._last = Correction("applied", "", outlook, plan.duration, momentum)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -210,59 +154,81 @@ class Replanner:
             return self._unchanged("invalid", "not later than the last measurement")
         if not max(measured.time, self._now) <= present < self._landing:
             return self._unchanged("invalid", "not between the last call and the landing")
-        if not measured.time >= max(self._motions[0].begin, 0.0):
+        if not measured.time >= max(self._motions[0].begin, present - LONGEST_DELAY, 0.0):
             return self._unchanged("invalid", "measured too long ago")
-        if not self._learned(measured):
+        times = self._times_between(self._estimate.time, measured.time, present)
+        joints = self._joints(times)
+        if not self._learned(measured, *(values[: GAP_NODES + 1] for values in joints)):
             return self._unchanged("invalid", "too far from what is expected")
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
-        return self._corrected_motion(present)
+        turned = self._turned(present - measured.time, *(values[GAP_NODES + 1 :] for values in joints))
+        return self._correct(self._present(present, self._estimate.orientation + turned))
 
-    def _learned(self, measured: Measurement) -> bool:
-        """Bring the estimate to the measurement and take it in; False where it cannot be one."""
+    def _times_between(self, began: float, measured: float, now: float) -> Array:
+        """Nodes from the last measurement to this, this, and nodes from there to now."""
+        nodes = self._gap.nodes
+        return np.concatenate((began + (measured - began) * nodes, (measured,), measured + (now - measured) * nodes))
+
+    def _joints(self, times: Array) -> tuple[Array, Array]:
+        """Positions and velocities (N, n) at ascending times, each of the motion that held then."""
+        parts, last = [], len(times)
+        for motion in reversed(self._motions):
+            first = int(times[:last].searchsorted(motion.begin)) if motion is not self._motions[0] else 0
+            if first < last:
+                parts.append(motion.at(times[first:last]))
+            last = first
+            if not last:
+                break
+        if len(parts) == 1:
+            return parts[0][:2]
+        positions, velocities, _ = zip(*reversed(parts), strict=True)
+        return np.concatenate(positions), np.concatenate(velocities)
+
+    def _turned(self, dt: float, positions: Array, velocities: Array) -> float:
+        """By how much the base turns in ``dt`` s with the joints (N, n) at the nodes, rad."""
+        return dt * float(self._gap.weights @ self._base_rate(positions, velocities)) if dt else 0.0
+
+    def _learned(self, measured: Measurement, positions: Array, velocities: Array) -> bool:
+        """Take in a measurement; False where it cannot be one.
+
+        The joints (N, n) are the reference at the nodes since the last, and at its time.
+        """
         estimate = self._estimate
-        began = estimate.time
-        turn = self._turned(began, measured.time)
-        positions, velocities, _ = self._motion_at(measured.time).at(measured.time)
-        inertia = self._dynamics.momentum_map(np.stack((positions[0], measured.positions)))
-        rate = (estimate.angular_momentum - inertia[0, 1:] @ velocities[0]) / inertia[0, 0]
-        expected = (
-            estimate.orientation + turn - float(inertia[0, 1:] @ (measured.positions - positions[0])) / inertia[0, 0]
-        )
+        turn = self._turned(measured.time - estimate.time, positions[:-1], velocities[:-1])
+        inertia = self._dynamics.momentum_map(positions[-1:])[0]
+        by_joints = inertia[1:] / inertia[0]
+        rate = float(estimate.angular_momentum / inertia[0] - by_joints @ velocities[-1])
+        aside = -float(by_joints @ (measured.positions - positions[-1]))  # by which joints off their reference turn it
+        expected = estimate.orientation + turn + aside
         unseen = measured.time - max(self._measured, 0.0)
-        if not (
-            self._plausible.joints(measured, positions[0], velocities[0])
-            and self._plausible.base(measured, expected, rate, unseen)
-            and self._plausible.com(measured, *estimate.place(measured.time))
-        ):
+        plausible = self._plausible
+        if not plausible.com(measured, *estimate.place(measured.time)):
             return False
-        estimate.advance(measured.time, turn)
-        on_reference = estimate.orientation + measured.orientation - expected
-        estimate.learn(measured, measured.time - began, on_reference)
+        base = plausible.base(measured, expected, rate, unseen)
+        if base and plausible.joints(measured, positions[-1], velocities[-1]):
+            self._recovery.clear()
+        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+            return False
+        elif not base:
+            estimate.inertial.forget()
+        estimate.learn(measured, turn, aside, rate, positions[-1], velocities[-1])
         self._measured = measured.time
         return True
 
-    def _corrected_motion(self, now: float) -> Correction:
+    def _correct(self, present: Present) -> Correction:
+        now = present.time
         first, self._corrected = self._corrected < 0.0, now
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         motion = self.rewriting.from_now(self.motion, now, landing)
-        present = Outlook(self.views, motion, self._present(now))
-        outlook, share = self._law.corrected(present, FIRST if first else EVALUATIONS)
+        outlook, share = self._law.corrected(Outlook(self.views, motion, present), FIRST if first else EVALUATIONS)
         self._landing = landing
         self._motions.append(outlook.motion)
         status, reason = _judged(outlook, share, MISSED * self._law.sigma)
-        self._last = Correction(
-            status,
-            outlook.motion,
-            outlook.miss,
-            outlook.torque_peak,
-            reason,
-            landing,
-            self._estimate.angular_momentum,
-        )
+        self._last = Correction(status, reason, outlook, landing, self._estimate.angular_momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
@@ -274,27 +240,10 @@ class Replanner:
         reach = LARGEST_STRETCH * (self._landing - now)
         return min(max(found, self._landing - reach), self._landing + reach)
 
-    def _present(self, now: float) -> Present:
-        """The robot at a time not before the last measurement."""
+    def _present(self, now: float, orientation: float) -> Present:
+        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
         estimate = self._estimate
-        orientation = estimate.orientation + self._turned(estimate.time, now)
         return Present(now, orientation, estimate.angular_momentum, estimate.path(now), self._dynamics)
-
-    def _turned(self, begin: float, end: float) -> float:
-        """By how much the base turns between two times, with the joints on their reference, rad."""
-        if end <= begin:
-            return 0.0
-        times = begin + (end - begin) * self._gap.nodes
-        motions = [self._motion_at(time) for time in times.tolist()]
-        total, first = 0.0, 0
-        while first < len(times):
-            last = first + 1
-            while last < len(times) and motions[last] is motions[first]:
-                last += 1
-            positions, velocities, _ = motions[first].at(times[first:last])
-            total += float(self._gap.weights[first:last] @ self._base_rate(positions, velocities))
-            first = last
-        return (end - begin) * total
 
     def _motion_at(self, time: float) -> RemainingMotion:
         """The motion that holds at a time."""
@@ -313,15 +262,13 @@ class Replanner:
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
         last = self._last
-        return Correction(
-            status, self.motion, last.predicted_miss, last.torque_peak, reason, last.landing, last.angular_momentum
-        )
+        return Correction(status, reason, last.outlook, last.landing, last.angular_momentum)
 
 
 def _time(value: object) -> float:
     try:
         return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # whatever a caller's object raises: the flight goes on
         return math.nan
 
 

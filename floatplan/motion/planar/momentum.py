@@ -12,7 +12,8 @@ by the rotation of each.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -74,7 +75,7 @@ class TurningBodies:
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:
         """The same with other masses: C (m, m) and inertias (m,), kg m^2, of all bodies of the tree."""
-        return replace(self, coupling=_put_together(coupling, inertia, self.rotations))
+        return TurningBodies(self.turns, _put_together(coupling, inertia, self.rotations), self.turn, self.rotations)
 
     @property
     def rates(self) -> Array:
@@ -83,7 +84,9 @@ class TurningBodies:
 
 
 def _put_together(coupling: ComplexArray, inertia: Array, rotations: ComplexArray) -> ComplexArray:
-    return np.asarray(rotations.conj().T @ (coupling + np.diag(inertia)) @ rotations)
+    coupling = coupling.copy()
+    coupling.flat[:: len(inertia) + 1] += inertia
+    return np.asarray(rotations.conj().T @ coupling @ rotations)
 
 
 class PairCosines:
@@ -93,17 +96,24 @@ class PairCosines:
     """
 
     def __init__(self, bodies: TurningBodies) -> None:
-        self._bodies, rates = bodies, bodies.rates
-        i, j = np.triu_indices(len(rates), 1)
-        phasor = bodies.coupling[i, j]
-        self.constant = bodies.coupling.diagonal().real @ rates
+        i, j = self._pairs = np.triu_indices(len(bodies.turns), 1)
+        self._rates = bodies.rates
+        self._together = self._rates[i] + self._rates[j]
         self.frequency = bodies.turns[j] - bodies.turns[i]
-        self.amplitude = np.abs(phasor)[:, None] * (rates[i] + rates[j])
-        self.phase = bodies.turn * np.angle(phasor)
+        self._weigh(bodies)
+
+    def _weigh(self, bodies: TurningBodies) -> None:
+        phasor = bodies.coupling[self._pairs]
+        self._bodies = bodies
+        self.constant = bodies.coupling.diagonal().real @ self._rates
+        self.amplitude = np.abs(phasor)[:, None] * self._together
+        self.phase = bodies.turn * np.arctan2(phasor.imag, phasor.real)
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> PairCosines:
         """The same tree's with other masses."""
-        return PairCosines(self._bodies.adapted(coupling, inertia))
+        other = copy(self)
+        other._weigh(self._bodies.adapted(coupling, inertia))
+        return other
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""
@@ -127,7 +137,10 @@ class BodyRotations:
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> BodyRotations:
         """The same tree's with other masses."""
-        return BodyRotations(self._bodies.adapted(coupling, inertia))
+        other = copy(self)
+        other._bodies = self._bodies.adapted(coupling, inertia)
+        other._coupling_transposed = other._bodies.coupling.T.copy()
+        return other
 
     def __call__(self, positions: Array) -> MomentumMap:
         """D at positions (N, n)."""

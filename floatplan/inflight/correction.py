@@ -1,0 +1,71 @@
+"""What corrections in flight hand back: what became of a measurement, and what the joints are to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from floatplan.arrays import Array
+from floatplan.inflight.motion import RemainingMotion
+from floatplan.inflight.outlook import Outlook
+
+Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What became of a measurement.
+
+    Attributes
+    ----------
+    status : "applied", "limited", "refused" or "invalid"
+        The motion was corrected and keeps all limits; it was corrected in part, or breaks a limit that the last one
+        breaks too; no part of a correction keeps the limits and the last motion stays; the measurement
+        cannot be one, or comes too late, and changes nothing.
+    reason : why it is not "applied"
+    landing : s
+        When the robot lands.
+    angular_momentum : kg m^2/s
+        As it is estimated.
+    """
+
+    status: Status
+    reason: str
+    outlook: Outlook
+    landing: float
+    angular_momentum: float
+
+    @property
+    def motion(self) -> RemainingMotion:
+        """The joints' motion from now on."""
+        return self.outlook.motion
+
+    @property
+    def predicted_miss(self) -> float:
+        """Orientation at landing less the goal, under that motion, rad."""
+        return self.outlook.miss
+
+    @property
+    def torque_peak(self) -> Array:
+        """Largest magnitude (m,) N m of each motor's torque for the rest of the flight, in ``robot.motors``' order."""
+        return self.outlook.torque_peak
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What the joints are to do at a time.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations : (n,) rad, rad/s, rad/s^2
+    feedforward : (n,) N m
+        Generalised torques: a leader's moves its followers too.
+    motors : (m,) N m
+        Each motor's own torque, in the order of ``robot.motors``.
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    feedforward: Array
+    motors: Array
