@@ -13,6 +13,7 @@ from floatplan.problem.parts import Obstacle
 
 Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
 LimitChoice: TypeAlias = Literal["none", "urdf", "by hand"]
+LimitKey: TypeAlias = Literal["velocity", "torque"]
 
 AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
 
@@ -41,7 +42,7 @@ def ground(wanted: bool) -> Edit:
     return lambda problem: replace(problem, ground=wanted)
 
 
-def limit(key: Literal["velocity", "torque"], choice: LimitChoice, needed: Mapping[str, float]) -> Edit:
+def limit(key: LimitKey, choice: LimitChoice, needed: Mapping[str, float]) -> Edit:
     """Choose where a limit comes from; by hand, it begins with a little more than is ``needed`` (motor -> value)."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
@@ -66,17 +67,15 @@ def without_obstacle(index: int) -> Edit:
     )
 
 
-def moved_obstacle(index: int, by: complex) -> Edit:
-    """Move an obstacle, m."""
+def put_obstacle(index: int, obstacle: Obstacle) -> Edit:
+    """Put an obstacle in the place of another; where that is gone, nothing changes."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
         if index >= len(problem.obstacles):
             return problem
-        moved = list(problem.obstacles)
-        obstacle = moved[index]
-        places = {name: _moved(getattr(obstacle, name), by) for name in ANCHORS if hasattr(obstacle, name)}
-        moved[index] = replace(obstacle, **places)
-        return replace(problem, obstacles=tuple(moved))
+        obstacles = list(problem.obstacles)
+        obstacles[index] = obstacle
+        return replace(problem, obstacles=tuple(obstacles))
 
     return edit
 
@@ -84,5 +83,25 @@ def moved_obstacle(index: int, by: complex) -> Edit:
 ANCHORS = ("center", "point", "start", "end")  # fields of obstacles that are places
 
 
-def _moved(place: tuple[float, float], by: complex) -> tuple[float, float]:
-    return float(place[0] + by.real), float(place[1] + by.imag)
+def moved(obstacle: Obstacle, by: complex) -> Obstacle:
+    """Return an obstacle that stands elsewhere, m."""
+    places = {name: getattr(obstacle, name) for name in ANCHORS if hasattr(obstacle, name)}
+    return replace(obstacle, **{name: (x + by.real, y + by.imag) for name, (x, y) in places.items()})
+
+
+def limit_choice(problem: fp.Problem, key: LimitKey) -> LimitChoice:
+    """Where a limit comes from."""
+    asked = getattr(problem.limits, key)
+    return asked if isinstance(asked, str) else "by hand"  # type: ignore[return-value]
+
+
+def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:
+    """The limit of a planned joint's own motor; infinite where there is none."""
+    limits = problem.motor_torque_limits if key == "torque" else problem.joint_limits["velocity"]
+    return float(limits[problem.robot.joints.index(joint)])
+
+
+def limit_paths(robot: fp.Robot, key: LimitKey, joint: str) -> tuple[str, ...]:
+    """Paths of the limits of a planned joint's motor, and of those that follow it."""
+    followers = [name for name in robot.motors if name in robot.coupled and robot.coupled[name].leader == joint]
+    return tuple(f"limits.{key}.{name}" for name in (joint, *followers))
