@@ -12,9 +12,9 @@ import floatplan as fp
 from floatplan.problem.parts import Obstacle
 
 Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
-LimitChoice: TypeAlias = Literal["none", "urdf", "by hand"]
 LimitKey: TypeAlias = Literal["velocity", "torque"]
 
+BY_HAND = "by hand"
 AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
 
 
@@ -42,12 +42,12 @@ def ground(wanted: bool) -> Edit:
     return lambda problem: replace(problem, ground=wanted)
 
 
-def limit(key: LimitKey, choice: LimitChoice, needed: Mapping[str, float]) -> Edit:
+def limit(key: LimitKey, choice: str, needed: Mapping[str, float]) -> Edit:
     """Choose where a limit comes from; by hand, it begins with a little more than is ``needed`` (motor -> value)."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
         value: Any = choice
-        if choice == "by hand":
+        if choice == BY_HAND:
             value = {motor: AMPLE * max(need, 1e-3) for motor, need in needed.items()}
         motors = {} if key == "torque" else problem.limits.motor
         return replace(problem, limits=replace(problem.limits, **{key: value}, motor=motors))
@@ -86,13 +86,14 @@ ANCHORS = ("center", "point", "start", "end")  # fields of obstacles that are pl
 def moved(obstacle: Obstacle, by: complex) -> Obstacle:
     """Return an obstacle that stands elsewhere, m."""
     places = {name: getattr(obstacle, name) for name in ANCHORS if hasattr(obstacle, name)}
-    return replace(obstacle, **{name: (x + by.real, y + by.imag) for name, (x, y) in places.items()})
+    changes: dict[str, Any] = {name: (x + by.real, y + by.imag) for name, (x, y) in places.items()}
+    return replace(obstacle, **changes)
 
 
-def limit_choice(problem: fp.Problem, key: LimitKey) -> LimitChoice:
-    """Where a limit comes from."""
+def limit_choice(problem: fp.Problem, key: LimitKey) -> str:
+    """Where a limit comes from: "none", "urdf" or "by hand"."""
     asked = getattr(problem.limits, key)
-    return asked if isinstance(asked, str) else "by hand"  # type: ignore[return-value]
+    return asked if isinstance(asked, str) else BY_HAND
 
 
 def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:

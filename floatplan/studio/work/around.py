@@ -46,8 +46,8 @@ class Map:
         step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)
         return cls(
             problem=present.problem,
-            momenta=momentum + step * (np.arange(COLUMNS) - COLUMNS // 2),
-            durations=duration * (1 + DURATION_STEP * (np.arange(ROWS) - ROWS // 2)),
+            momenta=np.asarray(momentum + step * (np.arange(COLUMNS) - COLUMNS // 2), dtype=np.float64),
+            durations=np.asarray(duration * (1 + DURATION_STEP * (np.arange(ROWS) - ROWS // 2)), dtype=np.float64),
             relative=present.largest_use is not None,
         )
 

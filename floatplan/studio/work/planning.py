@@ -53,7 +53,8 @@ class Planning:
         self._change = threading.Condition()
         self._newest: Question | None = None
         self._answered = 0  # number of the newest question that has a quick answer
-        self._settling = 0  # number of the question that the other process is at, or was at last
+        self._settled = 0  # number of the newest question that the other process was given
+        self._settling = False  # whether it is at work
         self._closed = False
         self._threads = [threading.Thread(target=work, daemon=True) for work in (self._plan_all, self._settle_all)]
         for thread in self._threads:
@@ -100,12 +101,11 @@ class Planning:
                 self._change.notify_all()
 
     def _settle_all(self) -> None:
-        settled = 0
-        while question := self._next(lambda newest: newest.number == self._answered and newest.number > settled):
-            settled = question.number
+        while question := self._next(lambda newest: self._answered == newest.number > self._settled):
+            self._settled = question.number
             if not self._stays_quiet(question):
                 continue
-            self._settling = question.number
+            self._settling = True
             try:
                 answer: Flown | Failure = self._thorough.ask(Settle(question.problem))
                 if self._is_newest(question):
@@ -116,7 +116,7 @@ class Planning:
                 if self._is_newest(question):
                     self._on_flown(question.number, Failure(LOST))
             finally:
-                self._settling = 0
+                self._settling = False
 
     def _draw_map(self, question: Question, present: Flown) -> None:
         chart, until = Map.around(present), time.monotonic() + MAP_BUDGET

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from html import escape
+from typing import Any
 
 from floatplan.plans.measures import Utilisation
 from floatplan.studio.session.session import Verdict, View
@@ -91,11 +92,9 @@ def _paragraphs(*words: str) -> str:
 
 def _facts(flown: Flown) -> str:
     plan = flown.plan
-    low, high = plan.angular_momentum_bounds
     facts = [
         ("duration", f"{plan.duration:.4g} s"),
         ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
-        ("joints that do not turn back", f"{_number(low)} … {_number(high)}"),
         ("search", f"{1e3 * flown.plan.solver['seconds']:.0f} ms"),
     ]
     if flown.largest_use is not None:
@@ -120,7 +119,9 @@ def limits_card(flown: Flown | None) -> str:
     if flown is None:
         return ""
     head = "<tr><th>motor<th>rate, rad/s<th><th>torque, N m<th></tr>"
-    rows = "".join(_motor(row) for row in sorted(flown.utilisation, key=lambda row: flown.plan.robot.motors.index(row.joint)))
+    rows = "".join(
+        _motor(row) for row in sorted(flown.utilisation, key=lambda row: flown.plan.robot.motors.index(row.joint))
+    )
     return f'{STYLE}<div class="fp"><table>{head}{rows}</table></div>'
 
 
@@ -164,8 +165,7 @@ def map_card(chart: Map | None, buttons: Mapping[tuple[int, int], str], wanted: 
     uses = [cell.use for cell in chart.cells.values() if cell.use is not None]
     for row in reversed(range(ROWS)):
         rows.append(f'<span class="axis">{chart.durations[row]:.3g} s</span>')
-        for column in range(COLUMNS):
-            rows.append(_point(chart, row, column, buttons[row, column], uses))
+        rows += [_point(chart, row, column, buttons[row, column], uses) for column in range(COLUMNS)]
     axis = "".join(
         f'<span class="axis">{_number(value) if index % 2 == 0 else ""}</span>'
         for index, value in enumerate(chart.momenta)
@@ -210,14 +210,15 @@ def comparison_card(flown: Flown | None, kept: Flown | None) -> str:
             f'{STYLE}<div class="fp"><p>Keep the present plan, change something, and both fly side by side.</p></div>'
         )
     rows = "".join(
-        f"<tr><td>{name}<td>{_value(get(kept), unit)}<td>{_value(get(flown), unit)}</tr>" for name, unit, get in COMPARED
+        f"<tr><td>{name}<td>{_value(get(kept), unit)}<td>{_value(get(flown), unit)}</tr>"
+        for name, unit, get in COMPARED
     )
     head = "<tr><th><th>kept (violet)<th>present</tr>"
     return f'{STYLE}<div class="fp" id="floatplan-comparison"><table>{head}{rows}</table></div>'
 
 
 COMPARED = (
-    ("plan", "", lambda each: ("found" if each.plan.ok else "not found")),
+    ("plan", "", lambda each: "found" if each.plan.ok else "not found"),
     ("duration", " s", lambda each: each.plan.duration),
     ("angular momentum", " kg m²/s", lambda each: each.plan.angular_momentum),
     ("objective", "", lambda each: each.plan.objective_value),
@@ -241,3 +242,9 @@ def _value(value: object, unit: str) -> str:
 
 def _number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def put(html: Any, content: str) -> None:
+    """Change what is shown where it differs."""
+    if html.content != content:
+        html.content = content

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.studio.page.hands import Hands
 from floatplan.studio.session.edits import numbers
+from floatplan.studio.session.hands import Hands, by_hand
 from floatplan.studio.session.session import Session
 
 HANDS_OFF = 0.7  # [s] after a hand's last touch, before a slider follows the session
@@ -61,20 +61,21 @@ class Dials:
         """Add a slider."""
         value = dial.get(self._session.view.problem) / dial.unit
         value = value if np.isfinite(value) else dial.low / dial.unit
-        low, high = min(dial.low / dial.unit, value), max(dial.high / dial.unit, value)
-        step = _step(high - low)
+        step = _step((dial.high - dial.low) / dial.unit)
+        digits = max(0, -int(np.floor(np.log10(step))))
+        low = min(round(float(np.ceil(dial.low / dial.unit / step)) * step, digits), value)
+        high = max(round(float(np.floor(dial.high / dial.unit / step)) * step, digits), value)
         slider = self._gui.add_slider(
             dial.label, min=low, max=high, step=step, initial_value=value, hint=dial.hint or None
         )
 
         shown = _Shown(slider, dial)
 
-        @slider.on_update
-        async def _(event: Any) -> None:
-            if event.client is not None:
-                shown.touched = time.monotonic()
-                self._hands.do(dial.paths[0], lambda: self._turn(slider, dial))
+        def turn(_: Any) -> None:
+            shown.touched = time.monotonic()
+            self._hands.do(dial.paths[0], lambda: self._turn(slider, dial))
 
+        by_hand(slider.on_update, turn)
         self._shown.append(shown)
         return slider
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import JointState
 from floatplan.robot.parts import Plane
@@ -53,10 +53,10 @@ def ghost_poses(problem: fp.Problem, state: JointState, time: float) -> Poses:
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """How the robot's capsules are drawn: radii (S,), m, and parts (S,): 0 for the base, i + 1 for what joint i moves."""
+    """How capsules are drawn: radii (S,), m, and parts (S,), 0 for the base and i + 1 for what joint i moves."""
 
     radius: Array
-    part: Array
+    part: IntArray
 
     @classmethod
     def of(cls, plan: fp.Plan) -> Shapes:

@@ -11,10 +11,10 @@ from typing import Any
 
 import floatplan as fp
 from floatplan.optional import import_optional
-from floatplan.studio.page.controls import Controls
-from floatplan.studio.page.hands import Hands
-from floatplan.studio.page.player import Player
-from floatplan.studio.page.stage import Stage
+from floatplan.studio.panel.controls import Controls
+from floatplan.studio.scene.player import Player
+from floatplan.studio.scene.stage import Stage
+from floatplan.studio.session.hands import Hands
 from floatplan.studio.session.session import Session
 
 HOST = "127.0.0.1"  # of this machine alone
@@ -32,7 +32,9 @@ class Studio:
         viser is not installed, the port is taken, or the problem has no answer at all.
     """
 
-    def __init__(self, problem: fp.Problem, folder: str = "runs/studio", port: int = 8080, with_map: bool = True) -> None:
+    def __init__(
+        self, problem: fp.Problem, folder: str = "runs/studio", port: int = 8080, with_map: bool = True
+    ) -> None:
         viser = import_optional("viser", name="viser", element="studio", extra="view")
         self.session = Session(problem, with_map)
         try:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, IntArray
 from floatplan.problem.parts import JointState, Obstacle
-from floatplan.studio.page.bodies import Bodies, Shapes, ghost_poses, in_plane, in_space
-from floatplan.studio.page.hands import Hands
-from floatplan.studio.page.player import Show
-from floatplan.studio.session.edits import moved, numbers, put_obstacle
+from floatplan.studio.scene.bodies import Bodies, Shapes, ghost_poses, in_plane, in_space
+from floatplan.studio.scene.player import Show
+from floatplan.studio.session.edits import moved, put_obstacle
+from floatplan.studio.session.hands import Hands, on
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.flown import Flown
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
@@ -106,7 +105,7 @@ class Stage:
         scene.set_up_direction(tuple(plane.vertical))
         scene.configure_environment_map(None)
         scene.add_light_ambient("/lights/ambient", intensity=1.6)
-        self._server.initial_camera.position = tuple(middle - size * (1.05 * aside - 0.1 * plane.vertical))
+        self._server.initial_camera.position = tuple(middle + size * (0.85 * aside + 0.1 * plane.vertical))
         self._server.initial_camera.look_at = tuple(middle)
 
     def _grounds(self, lines: list[tuple[float, complex, complex]]) -> None:
@@ -116,9 +115,7 @@ class Stage:
         for index, (level, *_) in enumerate(lines):
             place = point_in_space(plane, complex((low.real + high.real) / 2, level))
             letters = "xyz"[int(np.argmax(np.abs(plane.horizontal)))] + "xyz"[int(np.argmax(np.abs(aside)))]
-            self._server.scene.add_grid(
-                f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID
-            )
+            self._server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
         ghost = Bodies(self._server, f"/{end}", self._robot)
@@ -128,12 +125,12 @@ class Stage:
         return ghost
 
     def _make_grabbable(self, node: Any, end: str, part: int) -> None:
-        @node.on_drag("left")
-        async def _(event: Any) -> None:
-            place = self._place(event)
+        def drag(event: Any) -> None:
+            place, begins = self._place(event), event.phase == "start"
             if place is not None:
-                begins = event.phase == "start"
-                self._hands.do(f"{event.phase == 'start'} {end} {part}", lambda: self.turn(end, part, place, begins))
+                self._hands.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
+
+        on(node.on_drag("left"), drag)
 
     def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
         """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
@@ -196,7 +193,7 @@ class Stage:
         before = self._drawn.problem.obstacles if self._drawn else ()
         return before[index].kind if index < len(before) else ""
 
-    def _add_obstacle(self, index: int, obstacle: Obstacle, vertices: Array, faces: Array) -> Any:
+    def _add_obstacle(self, index: int, obstacle: Obstacle, vertices: Array, faces: IntArray) -> Any:
         flat = not obstacle.bounded
         node = self._server.scene.add_mesh_simple(
             f"/obstacles/{index}",
@@ -208,13 +205,12 @@ class Stage:
             cast_shadow=not flat,
         )
 
-        @node.on_drag("left")
-        async def _(event: Any) -> None:
-            place = self._place(event)
+        def drag(event: Any) -> None:
+            place, begins = self._place(event), event.phase == "start"
             if place is not None:
-                begins = event.phase == "start"
                 self._hands.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
 
+        on(node.on_drag("left"), drag)
         return node
 
     def carry(self, index: int, place: complex, begins: bool) -> None:

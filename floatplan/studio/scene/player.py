@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from floatplan.studio.page.bodies import Bodies
+from floatplan.studio.scene.bodies import Bodies
 from floatplan.studio.work.flown import Flown
 
 RATE = 40.0  # [Hz] of poses

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from typing import Any
 
 LOG = logging.getLogger(__name__)
 
@@ -55,3 +56,17 @@ class Hands:
             except Exception as error:  # the page goes on whatever happens; it is an error of the program
                 self.errors.append(error)
                 LOG.exception("%s: %s", self._thread.name, about)
+
+
+def on(register: Any, action: Callable[[Any], object]) -> None:
+    """Register what is done at an event of viser; coroutines are called in the order of the events."""
+
+    async def call(event: Any) -> None:
+        action(event)
+
+    register(call)
+
+
+def by_hand(register: Any, action: Callable[[Any], object]) -> None:
+    """The same, of events that a hand made; the program's own changes are none."""
+    on(register, lambda event: event.client is not None and action(event))

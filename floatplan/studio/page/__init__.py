@@ -1,1 +1,0 @@
-"""The page: what the session holds, drawn by viser, and what a hand does to it."""
