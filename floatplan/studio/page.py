@@ -49,15 +49,15 @@ class Studio:
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
         with redirect_stdout(io.StringIO()):
-            self._server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
-        gui = self._server.gui
+            self.server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
+        gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
         gui.set_panel_label(self.session.view.problem.name)
         gui.main_panel.dock_right()
         self.hands = Hands("hands")
-        self.stage = Stage(self._server, self.session, self.hands, first)
-        self.player = Player(self._server, self._tick)
-        self.controls = Controls(self._server, self.session, self.hands, self.stage, self.player, folder)
+        self.stage = Stage(self.server, self.session, self.hands, first)
+        self.player = Player(self.server, self._tick)
+        self.controls = Controls(self.server, self.session, self.hands, self.stage, self.player, folder)
         self._ticked = 0.0
         self._again = threading.Timer(AGAIN, self._repaint)
         self.painter = Hands("painter")
@@ -67,7 +67,7 @@ class Studio:
     @property
     def address(self) -> str:
         """Of the page."""
-        return f"http://localhost:{self._server.get_port()}"
+        return f"http://localhost:{self.server.get_port()}"
 
     def close(self) -> None:
         """End the page and the planning."""
@@ -76,7 +76,7 @@ class Studio:
         self.painter.close()
         self.hands.close()
         with redirect_stdout(io.StringIO()), contextlib.suppress(Exception):
-            self._server.stop()
+            self.server.stop()
 
     def _repaint(self) -> None:
         self.painter.do("view", self._paint)

@@ -48,7 +48,7 @@ border-radius:4px;margin-bottom:.5em}
 .fp .map label,.fp .map span{height:1.7em;border-radius:3px;display:block;font-size:.72em;line-height:1.7em;
 text-align:center;color:#fff}
 .fp .map label{cursor:pointer}.fp .map label:hover{outline:2px solid #1d2126}
-.fp .map .axis{color:#6b7178;font-size:.78em;text-align:center;height:auto}
+.fp .map .axis{color:#6b7178;font-size:.78em;text-align:center;height:auto;white-space:nowrap}
 .fp .map .here{box-shadow:inset 0 0 0 2px #1d2126}
 .fp .key i{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin:0 .25em 0 .7em;vertical-align:-.05em}
 </style>"""
@@ -167,7 +167,7 @@ def map_card(chart: Map | None, buttons: Mapping[tuple[int, int], str], wanted: 
         rows.append(f'<span class="axis">{chart.durations[row]:.3g} s</span>')
         rows += [_point(chart, row, column, buttons[row, column], uses) for column in range(COLUMNS)]
     axis = "".join(
-        f'<span class="axis">{_number(value) if index % 2 == 0 else ""}</span>'
+        f'<span class="axis">{_number(value, 2) if index % 2 == 0 else ""}</span>'
         for index, value in enumerate(chart.momenta)
     )
     unit = "share of the limits used" if chart.relative else "largest torque, N m"
@@ -198,9 +198,10 @@ def _point_look(cell: Cell | None, uses: list[float], relative: bool) -> tuple[s
         return ("#3a3f45" if cell.status == "impossible" else GREY), ""
     if relative:
         return use_colour(cell.use), f"{100 * cell.use:.0f}"
-    low, high = min(uses), max(uses)
-    share = 0.0 if high <= low else math.log(cell.use / low) / math.log(high / low) if low > 0 else 0.0
-    return f"hsl({150 - 120 * share:.0f} 60% 33%)", _number(cell.use, 2)
+    known = [math.log(each) for each in uses if 0 < each < math.inf]
+    width = max(known, default=0.0) - min(known, default=0.0)
+    share = (math.log(cell.use) - min(known)) / width if width > 0 and 0 < cell.use < math.inf else 0.0
+    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{cell.use:.0f}" if 10 <= cell.use < 1e4 else _number(cell.use, 2)
 
 
 def comparison_card(flown: Flown | None, kept: Flown | None) -> str:

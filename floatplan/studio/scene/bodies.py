@@ -65,6 +65,15 @@ class Shapes:
         return cls(placed.radius, placed.part)
 
 
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What is grabbed of a part: its node, the body that it is on, and where, m."""
+
+    node: Any
+    body: int
+    end: complex
+
+
 class Bodies:
     """A robot whose bodies can be put anywhere."""
 
@@ -118,9 +127,9 @@ class Bodies:
             self._server.scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
         return True
 
-    def add_grips(self, shapes: Shapes, reach: float, colour: Colour) -> list[tuple[int, Any]]:
-        """Add what is grabbed: for each part the end of a link that is farthest from its joint; (part, node)."""
-        robot, found = self._robot, []
+    def add_grips(self, shapes: Shapes, reach: float, colour: Colour) -> dict[int, Grip]:
+        """Add what is grabbed: for each part the end of a link that is farthest from its joint."""
+        robot, found = self._robot, {}
         for part in range(len(robot.joints) + 1):
             ends = [
                 (abs(end), shape.body, end)
@@ -139,7 +148,7 @@ class Bodies:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-            found.append((part, node))
+            found[part] = Grip(node, body, end)
         return found
 
     def put(self, poses: Poses, index: int) -> None:

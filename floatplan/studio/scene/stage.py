@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.problem.parts import JointState, Obstacle
-from floatplan.studio.scene.bodies import Bodies, Shapes, ghost_poses, in_plane, in_space
+from floatplan.studio.scene.bodies import Bodies, Grip, Shapes, ghost_poses, in_plane, in_space
 from floatplan.studio.scene.player import Show
 from floatplan.studio.session.edits import moved, put_obstacle
 from floatplan.studio.session.hands import Hands, on
@@ -61,6 +61,7 @@ class Stage:
         self.kept = Bodies(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
+        self._grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         self._paths = [self._path(number) for number in range(len(PATHS))]
         self._obstacles: list[Any] = []
@@ -120,9 +121,21 @@ class Stage:
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
         ghost = Bodies(self._server, f"/{end}", self._robot)
         parts = list(zip(self._shapes.part.tolist(), ghost.add_capsules(self._shapes, colour, GHOST), strict=True))
-        for part, node in [*parts, *ghost.add_grips(self._shapes, self._size, colour)]:
+        grips = ghost.add_grips(self._shapes, self._size, colour)
+        for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
             self._make_grabbable(node, end, part)
+        self._grips[end] = grips
         return ghost
+
+    def grip_places(self, end: str, part: int, angles: Array) -> ComplexArray:
+        """Where a hand that turns a part of the posture by angles (K,), rad, has its grip, m."""
+        problem = self._session.view.problem
+        state = problem.initial if end == "start" else problem.final
+        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
+        grip = self._grips[end][part]
+        place = complex(poses.places[0, grip.body] + self._robot.tree.rotations(poses.angles)[0, grip.body] * grip.end)
+        pivot, _ = self._pivot(problem, state, end, part)
+        return np.asarray(pivot + (place - pivot) * np.exp(1j * angles))
 
     def _make_grabbable(self, node: Any, end: str, part: int) -> None:
         def drag(event: Any) -> None:
