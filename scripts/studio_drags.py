@@ -206,7 +206,7 @@ def main() -> int:
             told[verdict] = told.get(verdict, 0) + 1
             memory.append((time.monotonic() - begin, *megabytes(studio)))
         studio.hands.wait(PATIENCE)
-        errors = [repr(error) for error in studio.hands.errors + studio.painter.errors]
+        errors = [repr(error) for error in studio.errors]
         recovers = drags.session.edit(lambda _: problem) and drags.session.wait(
             lambda view: view.is_current and view.verdict == "proved", PATIENCE
         )

@@ -61,7 +61,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
             page.click(button)
             page.wait(lambda file=file: file in page.text("floatplan-saved"))
         assert page.complaints() == []
-        assert studio.hands.errors == studio.painter.errors == []
+        assert studio.errors == []
     assert floatplan("plan", folder / "problem.toml", "-o", "again", "--no-figures", "--quiet").code == 0
     made = json.loads((folder / "plan.json").read_text())
     again = json.loads(Path("again/plan.json").read_text())

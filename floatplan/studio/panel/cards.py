@@ -30,13 +30,14 @@ HEADLINES: Mapping[Verdict, tuple[str, str]] = {
 }
 
 STYLE = """<style>
+div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
 .fp{font:13px/1.4 system-ui,sans-serif;margin:0 .6em .6em;color:#1d2126;overflow-wrap:anywhere}
 .fp .band{border-left:5px solid var(--c);background:color-mix(in srgb,var(--c) 9%,white);padding:.45em .7em;
 border-radius:4px;margin-bottom:.5em}
 .fp .band b{color:var(--c);font-size:1.12em}
 .fp p{margin:.25em 0}
 .fp .refusal{--c:#c0182b}.fp .warning{--c:#b26a00}
-.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(8.2em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
+.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(6.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
 .fp .facts div{white-space:nowrap}.fp .facts span{display:block;color:#6b7178;font-size:.85em}
 .fp table{width:100%;border-collapse:collapse;font-variant-numeric:tabular-nums}
 .fp td,.fp th{padding:.12em .3em;text-align:right;font-weight:400}.fp th:first-child,.fp td:first-child{text-align:left}
@@ -95,12 +96,11 @@ def _facts(flown: Flown) -> str:
     facts = [
         ("duration", f"{plan.duration:.4g} s"),
         ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
-        ("search", f"{1e3 * flown.plan.solver['seconds']:.0f} ms"),
     ]
     if flown.largest_use is not None:
-        facts.insert(2, ("most used limit", f"{flown.largest_use:.0%}"))
+        facts.append(("most used limit", f"{flown.largest_use:.0%}"))
     if flown.clearance is not None:
-        facts.insert(3, ("least clearance", f"{1e3 * flown.clearance:.4g} mm"))
+        facts.append(("least clearance", f"{1e3 * flown.clearance:.4g} mm"))
     return '<div class="facts">' + "".join(f"<div><span>{name}</span>{value}</div>" for name, value in facts) + "</div>"
 
 

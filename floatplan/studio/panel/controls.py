@@ -27,7 +27,7 @@ from floatplan.tables import OBJECTIVE_TABLE
 DEGREE = math.pi / 180  # [rad]
 TURNS = 400 * DEGREE  # [rad] that an orientation's slider reaches, to both sides
 FASTER = 4.0  # [m/s] that the horizontal velocity's slider reaches, to both sides
-SPEEDS = {"real time": 1.0, "half": 0.5, "a quarter": 0.25, "a tenth": 0.1}
+SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 A_NUMBER = "a number"
 MOMENTA = ("midpoint", "free", A_NUMBER)
 DEGREES = ("auto", "7", "9", "11", "13")
@@ -40,7 +40,7 @@ class Controls:
     def __init__(self, server: Any, session: Session, hands: Hands, stage: Stage, player: Player, folder: str) -> None:
         self._gui, self._session, self._hands, self._stage, self._player = server.gui, session, hands, stage, player
         self._saving = Saving()
-        self._dials = Dials(self._gui, session, hands)
+        self.dials = Dials(self._gui, session, hands)
         self._choices = Choices(self._gui, session, hands)
         self._status = self._gui.add_html(cards.status_card(session.view))
         self._history()
@@ -53,9 +53,9 @@ class Controls:
         with tabs.add_tab("Flight"):
             self._flight()
         with tabs.add_tab("Limits"):
-            self._limits = LimitsTab(self._gui, session, self._dials, self._choices)
+            self._limits = LimitsTab(self._gui, session, self.dials, self._choices)
         with tabs.add_tab("Obstacles") as tab:
-            self._obstacles = ObstaclesTab(self._gui, tab, session, hands, self._dials, stage.free_place())
+            self._obstacles = ObstaclesTab(self._gui, tab, session, hands, self.dials, stage.free_place())
         with tabs.add_tab("Map"):
             self._map()
         with tabs.add_tab("Compare"):
@@ -77,7 +77,7 @@ class Controls:
         longest = max(flown.plan.duration for flown in (view.flown, view.kept) if flown is not None)
         if self._time.max != longest:
             self._time.max = longest
-        return self._dials.follow(view.problem)
+        return self.dials.follow(view.problem)
 
     def at(self, instant: float) -> None:
         """Show the flight's time, s."""
@@ -106,21 +106,20 @@ class Controls:
             "time, s", min=0.0, max=duration, step=0.001, initial_value=0.0, hint="Moving it stops the flight."
         )
         by_hand(self._time.on_update, lambda _: self._player.seek(float(self._time.value)))
-        speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="half")
-        on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
 
     def _posture(self, end: str) -> None:
         problem = self._session.view.problem
         turn, hint = state_at(problem, end).orientation, "360° more is one somersault more."
         path = (f"{end}.orientation",)
-        self._dials.add(
+        self.dials.add(
             Dial(
                 "base, °", path, lambda each: state_at(each, end).orientation, turn - TURNS, turn + TURNS, DEGREE, hint
-            )
+            ),
+            problem,
         )
         for index, joint in enumerate(problem.robot.joints):
             low, high = problem.position_limits[index].tolist()
-            self._dials.add(_joint_dial(end, index, joint, low, high))
+            self.dials.add(_joint_dial(end, index, joint, low, high), problem)
         shown = self._gui.add_checkbox(f"show the {end}", initial_value=True, hint="Drag its links to change it.")
         on(shown.on_update, lambda _: self._stage.show_ghost(end, shown.value))
 
@@ -129,8 +128,9 @@ class Controls:
         low, high = (0.0, 1.0) if flown is None else flown.plan.angular_momentum_bounds
         half = max(high - low, abs(low), abs(high), 0.1)
         present, speed = problem.flight.duration, problem.flight.horizontal_velocity
-        self._dials.add(
-            Dial("duration, s", ("flight.duration",), lambda each: each.flight.duration, 0.4 * present, 2.5 * present)
+        self.dials.add(
+            Dial("duration, s", ("flight.duration",), lambda each: each.flight.duration, 0.4 * present, 2.5 * present),
+            problem,
         )
         self._choices.add(
             "h is",
@@ -140,10 +140,10 @@ class Controls:
             f"Angular momentum: the middle of what suits joints that do not turn back ({low:.3g} to {high:.3g} kg m²/s"
             " at first), free, or a number.",
         )
-        self._momentum = self._dials.add(
-            Dial("h, kg m²/s", ("flight.angular_momentum",), self._momentum_of, low - half, high + half)
+        self._momentum = self.dials.add(
+            Dial("h, kg m²/s", ("flight.angular_momentum",), self._momentum_of, low - half, high + half), problem
         )
-        self._dials.add(
+        self.dials.add(
             Dial(
                 "speed, m/s",
                 ("flight.horizontal_velocity",),
@@ -151,7 +151,8 @@ class Controls:
                 speed - FASTER,
                 speed + FASTER,
                 hint="Of the centre of mass, horizontal.",
-            )
+            ),
+            problem,
         )
         objectives, hint = tuple(OBJECTIVE_TABLE), "What the motion minimises."
         self._choices.add(
@@ -182,6 +183,8 @@ class Controls:
         release = self._gui.add_button("Let it go", color="gray")
         on(release.on_click, lambda _: hands.do("keep", lambda: session.keep(False)))
         self._comparison = self._gui.add_html("")
+        speed = self._gui.add_dropdown("flown at", tuple(SPEEDS), initial_value="half speed")
+        on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
 
     def _save(self, folder: str) -> None:
         place = self._gui.add_text("folder", folder)

@@ -16,6 +16,7 @@ from floatplan.studio.session.session import Session
 
 HANDS_OFF = 0.7  # [s] after a hand's last touch, before a slider follows the session
 STEPS = 400  # [-] of a slider
+FINER = 2  # [-] decimals that are shown beyond those of a step
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,12 @@ class Dial:
 
 
 @dataclass(eq=False)
-class _Shown:
-    """A slider, what it shows, and when a hand was last on it, s."""
+class Shown:
+    """A slider, what it shows and with how many decimals, and when a hand was last on it, s."""
 
     slider: Any
     dial: Dial
+    digits: int
     touched: float = -1e9
 
 
@@ -55,44 +57,44 @@ class Dials:
 
     def __init__(self, gui: Any, session: Session, hands: Hands) -> None:
         self._gui, self._session, self._hands = gui, session, hands
-        self._shown: list[_Shown] = []
+        self.shown: list[Shown] = []
 
-    def add(self, dial: Dial) -> Any:
-        """Add a slider."""
-        value = dial.get(self._session.view.problem) / dial.unit
-        value = value if np.isfinite(value) else dial.low / dial.unit
+    def add(self, dial: Dial, problem: fp.Problem) -> Any:
+        """Add a slider that shows the number of a problem."""
+        value = dial.get(problem) / dial.unit
         step = _step((dial.high - dial.low) / dial.unit)
         digits = max(0, -int(np.floor(np.log10(step))))
+        value = round(value if np.isfinite(value) else dial.low / dial.unit, digits + FINER)
         low = min(round(float(np.ceil(dial.low / dial.unit / step)) * step, digits), value)
         high = max(round(float(np.floor(dial.high / dial.unit / step)) * step, digits), value)
         slider = self._gui.add_slider(
             dial.label, min=low, max=high, step=step, initial_value=value, hint=dial.hint or None
         )
 
-        shown = _Shown(slider, dial)
+        shown = Shown(slider, dial, digits + FINER)
 
         def turn(_: Any) -> None:
             shown.touched = time.monotonic()
             self._hands.do(dial.paths[0], lambda: self._turn(slider, dial))
 
         by_hand(slider.on_update, turn)
-        self._shown.append(shown)
+        self.shown.append(shown)
         return slider
 
     def forget(self, sliders: Sequence[Any]) -> None:
         """Remove sliders that are gone."""
-        self._shown = [shown for shown in self._shown if all(shown.slider is not slider for slider in sliders)]
+        self.shown = [shown for shown in self.shown if all(shown.slider is not slider for slider in sliders)]
 
     def follow(self, problem: fp.Problem) -> bool:
         """Show the problem's numbers; return whether a hand is still on some slider."""
         now, busy = time.monotonic(), False
-        for shown in self._shown:
+        for shown in self.shown:
             if now - shown.touched < HANDS_OFF:
                 busy = True
                 continue
             slider = shown.slider
-            value = shown.dial.get(problem) / shown.dial.unit
-            if not np.isfinite(value) or abs(value - slider.value) <= 1e-9 * max(1.0, abs(value)):
+            value = round(shown.dial.get(problem) / shown.dial.unit, shown.digits)
+            if not np.isfinite(value) or value == slider.value:
                 continue
             if value < slider.min:
                 slider.min = value

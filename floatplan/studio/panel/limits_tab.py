@@ -52,7 +52,8 @@ class LimitsTab:
             motor: float(value) if math.isfinite(value) else WIDE * max(needed[motor], 1e-3)
             for motor, value in zip(robot.motors, of_urdf.tolist(), strict=True)
         }
-        return [self._dials.add(self._dial(robot, key, joint, ends[joint])) for joint in robot.joints]
+        problem = self._session.view.problem
+        return [self._dials.add(self._dial(robot, key, joint, ends[joint]), problem) for joint in robot.joints]
 
     def _dial(self, robot: fp.Robot, key: LimitKey, joint: str, end: float) -> Dial:
         return Dial(

@@ -45,13 +45,15 @@ class ObstaclesTab:
         self._dials.forget(self._sliders)
         for folder in self._folders:
             folder.remove()
-        self._kinds, self._sliders = kinds, []
+        self._folders, self._sliders = [], []
         with self._tab:
-            self._folders = [self._folder(index, each) for index, each in enumerate(view.problem.obstacles)]
+            self._folders = [self._folder(view.problem, index) for index in range(len(kinds))]
+        self._kinds = kinds
 
-    def _folder(self, index: int, obstacle: Obstacle) -> Any:
+    def _folder(self, problem: fp.Problem, index: int) -> Any:
+        obstacle = problem.obstacles[index]
         with self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
-            self._sliders += [self._dials.add(dial) for dial in obstacle_dials(index, obstacle)]
+            self._sliders += [self._dials.add(dial, problem) for dial in obstacle_dials(index, obstacle)]
             remove = self._gui.add_button("Remove", color="gray")
             on(remove.on_click, partial(self._edit, without_obstacle(index)))
         return folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 from floatplan.studio.scene.bodies import Bodies
 from floatplan.studio.work.flown import Flown
 
+LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses
 REST = 0.5  # [s] at landing, before it begins again
 Show = tuple[Bodies, Flown]
@@ -28,6 +30,7 @@ class Player:
         self._closed = threading.Event()
         self._dirty = True
         self.frames = 0  # sent so far
+        self.errors: list[BaseException] = []
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
 
@@ -76,7 +79,11 @@ class Player:
                 self._dirty = False
             last = now
             if moving and shows:
-                self._send(shows, min(instant, longest))
+                try:
+                    self._send(shows, min(instant, longest))
+                except Exception as error:  # the next pose is another chance; it is an error of the program
+                    self.errors.append(error)
+                    LOG.exception("player")
 
     def _send(self, shows: list[Show], instant: float) -> None:
         with self._server.atomic():

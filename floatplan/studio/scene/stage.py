@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +54,7 @@ class Stage:
         self._plan = plan
         self._shapes = Shapes.of(plan)
         self._drawn: View | None = None
+        self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
         self._grounds(ground_lines(placed))
         self.flier = Bodies(server, "/robot", self._robot)
@@ -71,14 +73,14 @@ class Stage:
     def draw(self, view: View) -> None:
         """Draw what has changed."""
         before = self._drawn
-        with self._server.atomic():
+        with self._lock, self._server.atomic():
             if before is None or before.problem is not view.problem:
                 self._draw_problem(view.problem)
             if view.flown is not None and (before is None or before.flown is not view.flown):
                 self._draw_paths(view.flown)
             if before is None or before.kept is not view.kept:
                 self.kept.root.visible = view.kept is not None
-        self._drawn = view
+            self._drawn = view
 
     def shows(self, view: View) -> list[Show]:
         """What flies."""
@@ -87,12 +89,13 @@ class Stage:
 
     def at(self, instant: float) -> None:
         """Move obstacles that move to where they are at an instant of the flight, s."""
-        problem = self._session.view.problem
-        for node, obstacle in zip(self._obstacles, problem.obstacles, strict=False):
-            if any(obstacle.velocity) or obstacle.window is not None:
-                low, high = obstacle.window or (-math.inf, math.inf)
-                node.position = point_in_space(self._plane, complex(*obstacle.velocity) * instant)
-                node.visible = bool(low <= instant <= high)
+        with self._lock:
+            obstacles = self._drawn.problem.obstacles if self._drawn else ()
+            for node, obstacle in zip(self._obstacles, obstacles, strict=False):
+                if any(obstacle.velocity) or obstacle.window is not None:
+                    low, high = obstacle.window or (-math.inf, math.inf)
+                    node.position = point_in_space(self._plane, complex(*obstacle.velocity) * instant)
+                    node.visible = bool(low <= instant <= high)
 
     def show_ghost(self, end: str, wanted: bool) -> None:
         """Show the posture at an end, or hide it."""
@@ -108,6 +111,15 @@ class Stage:
         scene.add_light_ambient("/lights/ambient", intensity=1.6)
         self._server.initial_camera.position = tuple(middle + size * (0.85 * aside + 0.1 * plane.vertical))
         self._server.initial_camera.look_at = tuple(middle)
+
+        def narrow(client: Any) -> None:
+            """On a phone the panel is the lower half: the flight is drawn in the upper one."""
+            if client.camera.aspect < 1.0:
+                lower = middle - 0.42 * size * plane.vertical
+                client.camera.position = lower + size * (1.2 * aside + 0.1 * plane.vertical)
+                client.camera.look_at = lower
+
+        on(self._server.on_client_connect, narrow)
 
     def _grounds(self, lines: list[tuple[float, complex, complex]]) -> None:
         low, high = self._box
