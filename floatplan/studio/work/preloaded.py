@@ -4,4 +4,5 @@ import floatplan.certificate.certify
 import floatplan.kernel.library
 import floatplan.planning.many
 import floatplan.planning.planner
-import floatplan.planning.repair  # noqa: F401
+import floatplan.planning.repair
+import floatplan.studio.work.worker  # noqa: F401

@@ -29,6 +29,7 @@ class Worker:
         self._lock = threading.Lock()
         self._process: Any = None
         self._pipe: Connection | None = None
+        self._stops = 0  # so far
         self._closed = False
 
     def ask(self, task: Task) -> Any:
@@ -48,9 +49,10 @@ class Worker:
             raise StoppedError from None
 
     def stop(self) -> None:
-        """End the process, whatever it does; from any thread."""
+        """End the process, whatever it does; from any thread, and without waiting for one that only starts."""
         with self._lock:
-            process, self._process = self._process, None
+            self._stops += 1
+            process, self._process, self._pipe = self._process, None, None
         if process is not None:
             process.kill()
             process.join()
@@ -69,16 +71,28 @@ class Worker:
 
     def _running(self) -> Connection:
         with self._lock:
-            if self._closed:
-                raise StoppedError
-            if self._process is None or self._pipe is None:
-                context = get_context("forkserver")
-                context.set_forkserver_preload([__name__, "floatplan.studio.work.preloaded"])
-                self._pipe, theirs = context.Pipe()
-                self._process = context.Process(target=serve, args=(theirs, self._robot), daemon=True)
-                self._process.start()
-                theirs.close()
-            return self._pipe
+            if self._pipe is not None:
+                return self._pipe
+            stops = self._stops
+        process, pipe = self._started()
+        with self._lock:
+            self._process, self._pipe = process, pipe
+        if self._closed:
+            self.stop()
+        if self._stops != stops:
+            raise StoppedError
+        return pipe
+
+    def _started(self) -> tuple[Any, Connection]:
+        if self._closed:
+            raise StoppedError
+        context = get_context("forkserver")
+        context.set_forkserver_preload(["__main__", "floatplan.studio.work.preloaded"])
+        ours, theirs = context.Pipe()
+        process = context.Process(target=serve, args=(theirs, self._robot), daemon=True)
+        process.start()
+        theirs.close()
+        return process, ours
 
 
 def serve(pipe: Connection, robot: fp.Robot) -> None:
