@@ -17,6 +17,7 @@ from PIL import Image
 import floatplan as fp
 from floatplan.certificate.certify import certify
 from floatplan.files import write_atomically
+from floatplan.studio.page import opened
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -25,6 +26,7 @@ IMAGES = ROOT / "docs" / "images"
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 SLOWER = 20  # a scene that is to be photographed: without a graphics card a picture takes a second
 PATIENCE = 120  # s that a scene has to load and to be in mid-flight
+MAPPED = 40  # points of a studio's map, before it is photographed
 CLEAR = "for (const one of document.querySelectorAll('[class*=Notification]')) one.remove()"
 PAUSE = """
     const [low, high] = arguments;
@@ -49,6 +51,7 @@ def main() -> None:
                 photograph_report(browser, plan, Path(folder) / "report.html", IMAGES / name)
             for plan in (backflip, example):
                 photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
+            photograph_studio(browser, backflip.problem, IMAGES / "studio_go2.png")
 
 
 def checked(name: str) -> fp.Plan:
@@ -83,6 +86,22 @@ def photograph_scene(browser: Any, plan: fp.Plan, page: Path, path: Path) -> Non
         time.sleep(0.2)
     time.sleep(1.5)
     save(browser.driver.find_element("tag name", "canvas").screenshot_as_png, path)
+
+
+def photograph_studio(browser: Any, problem: fp.Problem, path: Path) -> None:
+    """With its map, in mid-flight."""
+    from studio_page import Page
+
+    browser.driver.set_window_size(1300, 900)
+    with opened(problem, port=8550) as studio:
+        studio.player.seek(0.4 * problem.flight.duration)
+        page = Page(browser, studio)
+        page.wait_for("proved", after=0)
+        page.tab("Map")
+        studio.session.wait(lambda view: view.map is not None and len(view.map.cells) > MAPPED, PATIENCE)
+        browser.run(CLEAR)
+        time.sleep(3.0)
+        save(browser.driver.get_screenshot_as_png(), path)
 
 
 @contextmanager

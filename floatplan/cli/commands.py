@@ -37,6 +37,7 @@ from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.robots import robots
 from floatplan.cli.schema import schema
 from floatplan.cli.show import export, show
+from floatplan.cli.studio import studio
 from floatplan.cli.study import study
 from floatplan.errors import InputError
 from floatplan.tables import OBJECTIVE_TABLE
@@ -350,7 +351,7 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
 
 
 app.command(cls=InfoCommand)(info)
-for command in (robots, schema, show, export, study):
+for command in (robots, schema, show, export, study, studio):
     app.command()(command)
 app.command("takeoff")(takeoff_command)
 app.command("init")(init_command)

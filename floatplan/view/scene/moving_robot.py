@@ -116,7 +116,7 @@ def capsule_robot(server: Any, plan: Plan) -> Mover:
     bodies = [server.scene.add_frame(f"{ROBOT}/{body}", show_axes=False) for body in range(len(tree.mass))]
     for number, shape in enumerate(robot.shapes):
         start, end = point_in_space(plane, shape.start), point_in_space(plane, shape.end)
-        mesh = _capsule(start, end, float(placed.radius[number]))
+        mesh = capsule(start, end, float(placed.radius[number]))
         colour = tuple(int(255 * part) for part in colours[placed.part[number]])
         name = f"{ROBOT}/{shape.body}/{number}"
         server.scene.add_mesh_simple(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color=colour)
@@ -132,7 +132,7 @@ def capsule_robot(server: Any, plan: Plan) -> Mover:
     return move
 
 
-def _capsule(start: Array, end: Array, radius: float) -> Any:
+def capsule(start: Array, end: Array, radius: float) -> Any:
     """Return the ``trimesh.Trimesh`` of a capsule between two points (3,), m."""
     import trimesh
 

@@ -1,0 +1,1 @@
+"""The panel: sliders, choices and buttons, and what the page says."""

@@ -1,0 +1,251 @@
+"""What the page says, as HTML: pure functions of what is to be shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import Any
+
+from floatplan.plans.measures import Utilisation
+from floatplan.studio.session.session import Verdict, View
+from floatplan.studio.work.around import COLUMNS, ROWS, Map
+from floatplan.studio.work.flown import Flown
+from floatplan.studio.work.tasks import Cell
+
+GREEN, AMBER, RED, GREY, BLUE = "#1a7f4b", "#b26a00", "#c0182b", "#7a7f87", "#1f5fbf"
+FULL = 1 + 1e-9  # [-] share of a limit that is still kept
+NEARLY = 0.9  # [-] share of a limit from which its bar is amber
+MOST_WARNINGS = 6  # [-] told; the others are counted
+WIDEST = 1.25  # [-] share of a limit at the end of a bar
+
+HEADLINES: Mapping[Verdict, tuple[str, str]] = {
+    "waiting": (GREY, "Searching …"),
+    "planned": (BLUE, "Planned; proving …"),
+    "proved": (GREEN, "Proved at every instant"),
+    "undecided": (AMBER, "Planned; the proof is undecided"),
+    "refuted": (RED, "Refuted"),
+    "not found": (RED, "No plan found"),
+    "failed": (RED, "Not possible"),
+}
+
+STYLE = """<style>
+div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
+.fp{font:13px/1.4 system-ui,sans-serif;margin:0 .6em .6em;color:#1d2126;overflow-wrap:anywhere}
+.fp .band{border-left:5px solid var(--c);background:color-mix(in srgb,var(--c) 9%,white);padding:.45em .7em;
+border-radius:4px;margin-bottom:.5em}
+.fp .band b{color:var(--c);font-size:1.12em}
+.fp p{margin:.25em 0}
+.fp .refusal{--c:#c0182b}.fp .warning{--c:#b26a00}
+.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(6.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
+.fp .facts div{white-space:nowrap}.fp .facts span{display:block;color:#6b7178;font-size:.85em}
+.fp table{width:100%;border-collapse:collapse;font-variant-numeric:tabular-nums}
+.fp td,.fp th{padding:.12em .3em;text-align:right;font-weight:400}.fp th:first-child,.fp td:first-child{text-align:left}
+.fp th{color:#6b7178;font-size:.85em}
+.fp .bar{position:relative;background:#e8eaed;height:.6em;border-radius:.3em;overflow:hidden;min-width:4em}
+.fp .bar i{position:absolute;inset:0 auto 0 0;border-radius:.3em}
+.fp .bar u{position:absolute;top:0;bottom:0;width:1.5px;background:#1d2126}
+.fp .map{display:grid;gap:2px;margin:.3em 0}
+.fp .map label,.fp .map span{height:1.7em;border-radius:3px;display:block;font-size:.72em;line-height:1.7em;
+text-align:center;color:#fff}
+.fp .map label{cursor:pointer}.fp .map label:hover{outline:2px solid #1d2126}
+.fp .map .axis{color:#6b7178;font-size:.78em;text-align:center;height:auto;white-space:nowrap}
+.fp .map .here{box-shadow:inset 0 0 0 2px #1d2126}
+.fp .key i{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin:0 .25em 0 .7em;vertical-align:-.05em}
+</style>"""
+
+
+def status_card(view: View) -> str:
+    """The verdict in a colour, why, and the numbers that count."""
+    colour, headline = HEADLINES[view.verdict]
+    parts = []
+    if view.refusal:
+        parts.append(f'<div class="band refusal"><b>Not changed</b><p>{escape(view.refusal)}</p></div>')
+    words = _words(view)
+    attributes = f'data-verdict="{view.verdict}" data-number="{view.number}" data-answers="{view.answers}"'
+    parts.append(f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{words}</div>')
+    if view.flown is not None:
+        parts.append(_facts(view.flown))
+        parts.append(_warnings(view.flown))
+    return f'{STYLE}<div class="fp" id="floatplan-status">{"".join(parts)}</div>'
+
+
+def _words(view: View) -> str:
+    if view.fault:
+        return _paragraphs(view.fault)
+    if view.flown is None or not view.is_current:
+        return ""
+    flown, words = view.flown, []
+    if view.verdict == "not found":
+        words = [flown.plan.explanation, "Shown is the nearest motion found."]
+    elif view.verdict == "waiting":
+        words = ["Shown is the nearest motion so far."]
+    elif view.verdict in ("undecided", "refuted") and flown.certificate is not None:
+        words = [f"{finding.verdict}: {finding.label}" for finding in flown.certificate.unproved[:MOST_WARNINGS]]
+    elif view.verdict == "proved" and flown.certificate is not None:
+        words = [f"{len(flown.certificate.findings)} constraints hold, from takeoff to landing."]
+    return _paragraphs(*words)
+
+
+def _paragraphs(*words: str) -> str:
+    return "".join(f"<p>{escape(each)}</p>" for each in words)
+
+
+def _facts(flown: Flown) -> str:
+    plan = flown.plan
+    facts = [
+        ("duration", f"{plan.duration:.4g} s"),
+        ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
+    ]
+    if flown.largest_use is not None:
+        facts.append(("most used limit", f"{flown.largest_use:.0%}"))
+    if flown.clearance is not None:
+        facts.append(("least clearance", f"{1e3 * flown.clearance:.4g} mm"))
+    return '<div class="facts">' + "".join(f"<div><span>{name}</span>{value}</div>" for name, value in facts) + "</div>"
+
+
+def _warnings(flown: Flown) -> str:
+    told = [f"<p>{escape(warning.message)}</p>" for warning in flown.warnings[:MOST_WARNINGS]]
+    if not told:
+        return ""
+    more = len(flown.warnings) - MOST_WARNINGS
+    if more > 0:
+        told.append(f"<p>and {more} more</p>")
+    return f'<div class="band warning"><b>Beside the verdict</b>{"".join(told)}</div>'
+
+
+def limits_card(flown: Flown | None) -> str:
+    """A row for each motor: what it reaches, and how much of its limits that is."""
+    if flown is None:
+        return ""
+    head = "<tr><th>motor<th>rate, rad/s<th><th>torque, N m<th></tr>"
+    rows = "".join(
+        _motor(row) for row in sorted(flown.utilisation, key=lambda row: flown.plan.robot.motors.index(row.joint))
+    )
+    return f'{STYLE}<div class="fp"><table>{head}{rows}</table></div>'
+
+
+def _motor(row: Utilisation) -> str:
+    cells = "".join(
+        f"<td>{_number(peak)}{'' if limit is None else f' / {_number(limit)}'}<td>{_bar(use)}"
+        for peak, limit, use in (
+            (row.velocity_peak, row.velocity_limit, row.velocity_utilisation),
+            (row.torque_peak, row.torque_limit, row.torque_utilisation),
+        )
+    )
+    return f"<tr><td>{escape(row.joint)}{cells}</tr>"
+
+
+def _bar(use: float | None) -> str:
+    if use is None:
+        return ""
+    width = 100 * min(use / WIDEST, 1.0)
+    mark = 100 / WIDEST
+    colour = use_colour(use)
+    return (
+        f'<div class="bar" title="{use:.0%}"><i style="width:{width:.1f}%;background:{colour}"></i>'
+        f'<u style="left:{mark:.1f}%"></u></div>'
+    )
+
+
+def use_colour(use: float) -> str:
+    """Of a share of a limit."""
+    return GREEN if use < NEARLY else AMBER if use <= FULL else RED
+
+
+def map_card(chart: Map | None, buttons: Mapping[tuple[int, int], str], wanted: bool) -> str:
+    """The map; each point is a label of the hidden button, by its id, that jumps there."""
+    hidden = ",".join(f'div:has(>[id="{each}"])' for each in buttons.values())
+    style = f"{STYLE}<style>{hidden}{{display:none}}</style>"
+    if chart is None:
+        words = "Drawn when the plan is proved." if wanted else "Switched off."
+        return f'{style}<div class="fp"><p>{words}</p></div>'
+    columns = f"3.6em repeat({COLUMNS},1fr)"
+    rows = []
+    uses = [cell.use for cell in chart.cells.values() if cell.use is not None]
+    for row in reversed(range(ROWS)):
+        rows.append(f'<span class="axis">{chart.durations[row]:.3g} s</span>')
+        rows += [_point(chart, row, column, buttons[row, column], uses) for column in range(COLUMNS)]
+    axis = "".join(
+        f'<span class="axis">{_number(value, 2) if index % 2 == 0 else ""}</span>'
+        for index, value in enumerate(chart.momenta)
+    )
+    unit = "share of the limits used" if chart.relative else "largest torque, N m"
+    key = (
+        f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>no plan found '
+        '<i style="background:#3a3f45"></i>impossible</p>'
+    )
+    grid = f'<div class="map" style="grid-template-columns:{columns}">{"".join(rows)}<span></span>{axis}</div>'
+    title = "<p>Duration (up) and angular momentum, kg m²/s (right). Click a point to go there.</p>"
+    return f'{style}<div class="fp" id="floatplan-map">{title}{grid}{key}</div>'
+
+
+def _point(chart: Map, row: int, column: int, button: str, uses: list[float]) -> str:
+    cell = chart.cells.get((row, column))
+    here = " here" if (row, column) == (ROWS // 2, COLUMNS // 2) else ""
+    colour, text = _point_look(cell, uses, chart.relative)
+    where = f"T = {chart.durations[row]:.4g} s, h = {_number(chart.momenta[column])} kg m²/s"
+    status = "not planned yet" if cell is None else cell.status.replace("_", " ")
+    attributes = f'for="{button}" title="{where}: {status}" data-point="{row},{column}" data-status="{status}"'
+    return f'<label class="point{here}" style="background:{colour}" {attributes}>{text}</label>'
+
+
+def _point_look(cell: Cell | None, uses: list[float], relative: bool) -> tuple[str, str]:
+    """Colour and text of a point."""
+    if cell is None:
+        return "#e8eaed", ""
+    if cell.use is None:
+        return ("#3a3f45" if cell.status == "impossible" else GREY), ""
+    if relative:
+        return use_colour(cell.use), f"{100 * cell.use:.0f}"
+    known = [math.log(each) for each in uses if 0 < each < math.inf]
+    width = max(known, default=0.0) - min(known, default=0.0)
+    share = (math.log(cell.use) - min(known)) / width if width > 0 and 0 < cell.use < math.inf else 0.0
+    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{cell.use:.0f}" if 10 <= cell.use < 1e4 else _number(cell.use, 2)
+
+
+def comparison_card(flown: Flown | None, kept: Flown | None) -> str:
+    """Two plans side by side."""
+    if kept is None or flown is None:
+        return (
+            f'{STYLE}<div class="fp"><p>Keep the present plan, change something, and both fly side by side.</p></div>'
+        )
+    rows = "".join(
+        f"<tr><td>{name}<td>{_value(get(kept), unit)}<td>{_value(get(flown), unit)}</tr>"
+        for name, unit, get in COMPARED
+    )
+    head = "<tr><th><th>kept (violet)<th>present</tr>"
+    return f'{STYLE}<div class="fp" id="floatplan-comparison"><table>{head}{rows}</table></div>'
+
+
+COMPARED = (
+    ("plan", "", lambda each: "found" if each.plan.ok else "not found"),
+    ("duration", " s", lambda each: each.plan.duration),
+    ("angular momentum", " kg m²/s", lambda each: each.plan.angular_momentum),
+    ("objective", "", lambda each: each.plan.objective_value),
+    ("most used limit", "%", lambda each: None if each.largest_use is None else 100 * each.largest_use),
+    ("largest torque", " N m", lambda each: max((row.torque_peak for row in each.utilisation), default=None)),
+    ("largest rate", " rad/s", lambda each: max((row.velocity_peak for row in each.utilisation), default=None)),
+    ("least clearance", " mm", lambda each: None if each.clearance is None else 1e3 * each.clearance),
+)
+
+
+def saved_card(lines: Iterable[str]) -> str:
+    """What was saved, or why not."""
+    return f'{STYLE}<div class="fp" id="floatplan-saved">{_paragraphs(*lines)}</div>'
+
+
+def _value(value: object, unit: str) -> str:
+    if value is None:
+        return "–"
+    return f"{_number(value)}{unit}" if isinstance(value, float) else escape(str(value))
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}g}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def put(html: Any, content: str) -> None:
+    """Change what is shown where it differs."""
+    if html.content != content:
+        html.content = content

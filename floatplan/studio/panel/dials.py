@@ -1,0 +1,114 @@
+"""Sliders of numbers of the problem, by their paths; and what keeps them from fighting with the hand on them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.studio.session.edits import numbers
+from floatplan.studio.session.hands import Hands, by_hand
+from floatplan.studio.session.session import Session
+
+HANDS_OFF = 0.7  # [s] after a hand's last touch, before a slider follows the session
+STEPS = 400  # [-] of a slider
+FINER = 2  # [-] decimals that are shown beyond those of a step
+
+
+@dataclass(frozen=True)
+class Dial:
+    """A number that a slider shows.
+
+    Attributes
+    ----------
+    label : beside it
+    paths : in a problem file; all get the value
+    get : reads it, SI units and radians
+    low, high : of the slider, SI units and radians
+    unit : what the slider's numbers are in: one of them in SI units
+    hint : for a person
+    """
+
+    label: str
+    paths: Sequence[str]
+    get: Callable[[fp.Problem], float]
+    low: float
+    high: float
+    unit: float = 1.0
+    hint: str = ""
+
+
+@dataclass(eq=False)
+class Shown:
+    """A slider, what it shows and with how many decimals, and when a hand was last on it, s."""
+
+    slider: Any
+    dial: Dial
+    digits: int
+    touched: float = -1e9
+
+
+class Dials:
+    """Sliders; each follows the session unless a hand is on it."""
+
+    def __init__(self, gui: Any, session: Session, hands: Hands) -> None:
+        self._gui, self._session, self._hands = gui, session, hands
+        self.shown: list[Shown] = []
+
+    def add(self, dial: Dial, problem: fp.Problem) -> Any:
+        """Add a slider that shows the number of a problem."""
+        value = dial.get(problem) / dial.unit
+        step = _step((dial.high - dial.low) / dial.unit)
+        digits = max(0, -int(np.floor(np.log10(step))))
+        value = round(value if np.isfinite(value) else dial.low / dial.unit, digits + FINER)
+        low = min(round(float(np.ceil(dial.low / dial.unit / step)) * step, digits), value)
+        high = max(round(float(np.floor(dial.high / dial.unit / step)) * step, digits), value)
+        slider = self._gui.add_slider(
+            dial.label, min=low, max=high, step=step, initial_value=value, hint=dial.hint or None
+        )
+
+        shown = Shown(slider, dial, digits + FINER)
+
+        def turn(_: Any) -> None:
+            shown.touched = time.monotonic()
+            self._hands.do(dial.paths[0], lambda: self._turn(slider, dial))
+
+        by_hand(slider.on_update, turn)
+        self.shown.append(shown)
+        return slider
+
+    def forget(self, sliders: Sequence[Any]) -> None:
+        """Remove sliders that are gone."""
+        self.shown = [shown for shown in self.shown if all(shown.slider is not slider for slider in sliders)]
+
+    def follow(self, problem: fp.Problem) -> bool:
+        """Show the problem's numbers; return whether a hand is still on some slider."""
+        now, busy = time.monotonic(), False
+        for shown in self.shown:
+            if now - shown.touched < HANDS_OFF:
+                busy = True
+                continue
+            slider = shown.slider
+            value = round(shown.dial.get(problem) / shown.dial.unit, shown.digits)
+            if not np.isfinite(value) or value == slider.value:
+                continue
+            if value < slider.min:
+                slider.min = value
+            if value > slider.max:
+                slider.max = value
+            slider.value = value
+        return busy
+
+    def _turn(self, slider: Any, dial: Dial) -> None:
+        value = float(slider.value) * dial.unit
+        self._session.edit(numbers(dict.fromkeys(dial.paths, value)), dial.paths[0])
+
+
+def _step(width: float) -> float:
+    """A round step, about so fine that a slider has :data:`STEPS`."""
+    power = 10.0 ** np.floor(np.log10(max(width, 1e-9) / STEPS))
+    return float(power * next(each for each in (1, 2, 5, 10) if each * power >= width / STEPS))

@@ -1,0 +1,269 @@
+"""The scene: the robot in flight, where it starts and where it is to land, obstacles, paths; and dragging these."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.problem.parts import JointState, Obstacle
+from floatplan.studio.scene.bodies import Bodies, Grip, Shapes, ghost_poses, in_plane, in_space
+from floatplan.studio.scene.player import Show
+from floatplan.studio.session.edits import moved, put_obstacle
+from floatplan.studio.session.hands import Hands, on
+from floatplan.studio.session.session import Session, View
+from floatplan.studio.work.flown import Flown
+from floatplan.view.figures.snapshots import picture_box, snapshot_times
+from floatplan.view.postures import postures, robot_size
+from floatplan.view.scene.solids import obstacle_slab, point_in_space
+from floatplan.view.surroundings import ground_lines
+
+START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
+STONE, SAND = (150, 150, 150), (226, 222, 212)
+PATHS = ((110, 110, 110), (139, 94, 0), (106, 61, 154))  # of the centre of mass, takeoff and landing frame
+ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
+GHOST = 0.28  # [-] opacity
+GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
+
+
+@dataclass
+class Grabbed:
+    """What a hand holds: where it began, and what it was then."""
+
+    pivot: complex
+    last: complex
+    angle: float
+    value: float
+
+
+class Stage:
+    """Everything in the scene; :meth:`draw` follows the session's view, hands change the session."""
+
+    def __init__(self, server: Any, session: Session, hands: Hands, first: Flown) -> None:
+        self._server, self._session, self._hands = server, session, hands
+        problem, plan = session.view.problem, first.plan
+        self._robot, self._plane = problem.robot, problem.robot.plane
+        self._size = robot_size(plan)
+        placed = postures(plan, snapshot_times(plan))
+        self._box = picture_box(plan, placed)
+        self._plan = plan
+        self._shapes = Shapes.of(plan)
+        self._drawn: View | None = None
+        self._lock = threading.Lock()  # the player moves obstacles too
+        self._look()
+        self._grounds(ground_lines(placed))
+        self.flier = Bodies(server, "/robot", self._robot)
+        if not self.flier.add_meshes():
+            self.flier.add_capsules(self._shapes)
+        self.kept = Bodies(server, "/kept", self._robot)
+        self.kept.add_capsules(self._shapes, KEPT, 0.4)
+        self.kept.root.visible = False
+        self._grips: dict[str, dict[int, Grip]] = {}
+        self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
+        self._paths = [self._path(number) for number in range(len(PATHS))]
+        self._obstacles: list[Any] = []
+        self._grabbed: dict[str, Grabbed] = {}
+        self._carried: dict[int, tuple[complex, Obstacle]] = {}
+
+    def draw(self, view: View) -> None:
+        """Draw what has changed."""
+        before = self._drawn
+        with self._lock, self._server.atomic():
+            if before is None or before.problem is not view.problem:
+                self._draw_problem(view.problem)
+            if view.flown is not None and (before is None or before.flown is not view.flown):
+                self._draw_paths(view.flown)
+            if before is None or before.kept is not view.kept:
+                self.kept.root.visible = view.kept is not None
+            self._drawn = view
+
+    def shows(self, view: View) -> list[Show]:
+        """What flies."""
+        pairs = ((self.flier, view.flown), (self.kept, view.kept))
+        return [(bodies, flown) for bodies, flown in pairs if flown is not None]
+
+    def at(self, instant: float) -> None:
+        """Move obstacles that move to where they are at an instant of the flight, s."""
+        with self._lock:
+            obstacles = self._drawn.problem.obstacles if self._drawn else ()
+            for node, obstacle in zip(self._obstacles, obstacles, strict=False):
+                if any(obstacle.velocity) or obstacle.window is not None:
+                    low, high = obstacle.window or (-math.inf, math.inf)
+                    node.position = point_in_space(self._plane, complex(*obstacle.velocity) * instant)
+                    node.visible = bool(low <= instant <= high)
+
+    def show_ghost(self, end: str, wanted: bool) -> None:
+        """Show the posture at an end, or hide it."""
+        self.ghosts[end].root.visible = wanted
+
+    def _look(self) -> None:
+        low, high = self._box
+        scene, plane = self._server.scene, self._plane
+        size, middle = abs(high - low), point_in_space(plane, (low + high) / 2)
+        aside = np.cross(plane.horizontal, plane.vertical)
+        scene.set_up_direction(tuple(plane.vertical))
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/lights/ambient", intensity=1.6)
+        self._server.initial_camera.position = tuple(middle + size * (0.85 * aside + 0.1 * plane.vertical))
+        self._server.initial_camera.look_at = tuple(middle)
+
+        def narrow(client: Any) -> None:
+            """On a phone the panel is the lower half: the flight is drawn in the upper one."""
+            if client.camera.aspect < 1.0:
+                lower = middle - 0.42 * size * plane.vertical
+                client.camera.position = lower + size * (1.2 * aside + 0.1 * plane.vertical)
+                client.camera.look_at = lower
+
+        on(self._server.on_client_connect, narrow)
+
+    def _grounds(self, lines: list[tuple[float, complex, complex]]) -> None:
+        low, high = self._box
+        plane, size = self._plane, abs(high - low)
+        aside = np.cross(plane.horizontal, plane.vertical)
+        for index, (level, *_) in enumerate(lines):
+            place = point_in_space(plane, complex((low.real + high.real) / 2, level))
+            letters = "xyz"[int(np.argmax(np.abs(plane.horizontal)))] + "xyz"[int(np.argmax(np.abs(aside)))]
+            self._server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
+
+    def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
+        ghost = Bodies(self._server, f"/{end}", self._robot)
+        parts = list(zip(self._shapes.part.tolist(), ghost.add_capsules(self._shapes, colour, GHOST), strict=True))
+        grips = ghost.add_grips(self._shapes, self._size, colour)
+        for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
+            self._make_grabbable(node, end, part)
+        self._grips[end] = grips
+        return ghost
+
+    def grip_places(self, end: str, part: int, angles: Array) -> ComplexArray:
+        """Where a hand that turns a part of the posture by angles (K,), rad, has its grip, m."""
+        problem = self._session.view.problem
+        state = problem.initial if end == "start" else problem.final
+        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
+        grip = self._grips[end][part]
+        place = complex(poses.places[0, grip.body] + self._robot.tree.rotations(poses.angles)[0, grip.body] * grip.end)
+        pivot, _ = self._pivot(problem, state, end, part)
+        return np.asarray(pivot + (place - pivot) * np.exp(1j * angles))
+
+    def _make_grabbable(self, node: Any, end: str, part: int) -> None:
+        def drag(event: Any) -> None:
+            place, begins = self._place(event), event.phase == "start"
+            if place is not None:
+                self._hands.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
+
+        on(node.on_drag("left"), drag)
+
+    def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
+        """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
+        problem, key = self._session.view.problem, f"{end} {part}"
+        state = problem.initial if end == "start" else problem.final
+        if begins or key not in self._grabbed:
+            pivot, value = self._pivot(problem, state, end, part)
+            self._grabbed[key] = Grabbed(pivot, place, 0.0, value)
+            return
+        held = self._grabbed[key]
+        if abs(place - held.pivot) < 1e-9 or abs(held.last - held.pivot) < 1e-9:
+            return
+        held.angle += float(np.angle((place - held.pivot) / (held.last - held.pivot)))
+        held.last = place
+        turn = held.angle * self._robot.tree.turn
+        if part == 0:
+            self._session.set(f"{end}.orientation", held.value + turn)
+            return
+        joint = part - 1
+        body = self._body(part)
+        parent = int(self._robot.tree.parent[body])
+        share = float(self._robot.tree.turns[body, joint] - self._robot.tree.turns[parent, joint])
+        low, high = problem.position_limits[joint]
+        value = float(np.clip(held.value + turn / share, low, high))
+        self._session.set(f"{end}.positions.{self._robot.joints[joint]}", value)
+
+    def _body(self, part: int) -> int:
+        """The first body of a part."""
+        shapes = zip(self._robot.shapes, self._shapes.part.tolist(), strict=True)
+        return min((shape.body for shape, of in shapes if of == part), default=0)
+
+    def _pivot(self, problem: fp.Problem, state: JointState, end: str, part: int) -> tuple[complex, float]:
+        """Where a part turns, and its angle, rad: the base about the centre of mass."""
+        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
+        if part:
+            return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
+        tree = self._robot.tree
+        rotations = tree.rotations(poses.angles)[0]
+        com = (tree.mass @ (poses.places[0] + rotations * tree.center)) / tree.mass.sum()
+        return complex(com), float(state.orientation)
+
+    def _place(self, event: Any) -> complex | None:
+        """Where the pointer is in the plane."""
+        return in_plane(self._plane, np.asarray(event.client.camera.position), np.asarray(event.end_position))
+
+    def _draw_problem(self, problem: fp.Problem) -> None:
+        self.ghosts["start"].put(ghost_poses(problem, problem.initial, 0.0), 0)
+        self.ghosts["goal"].put(ghost_poses(problem, problem.final, problem.flight.duration), 0)
+        while len(self._obstacles) > len(problem.obstacles):
+            self._obstacles.pop().remove()
+        for index, obstacle in enumerate(problem.obstacles):
+            vertices, faces = obstacle_slab(self._plan, obstacle, *self._box)
+            if index < len(self._obstacles) and self._kind_drawn(index) == obstacle.kind:
+                self._obstacles[index].vertices = vertices.astype(np.float32)
+                continue
+            node = self._add_obstacle(index, obstacle, vertices, faces)
+            self._obstacles[index : index + 1] = [node]
+
+    def _kind_drawn(self, index: int) -> str:
+        before = self._drawn.problem.obstacles if self._drawn else ()
+        return before[index].kind if index < len(before) else ""
+
+    def _add_obstacle(self, index: int, obstacle: Obstacle, vertices: Array, faces: IntArray) -> Any:
+        flat = not obstacle.bounded
+        node = self._server.scene.add_mesh_simple(
+            f"/obstacles/{index}",
+            vertices,
+            faces,
+            color=SAND if flat else STONE,
+            opacity=0.85,
+            flat_shading=True,
+            cast_shadow=not flat,
+        )
+
+        def drag(event: Any) -> None:
+            place, begins = self._place(event), event.phase == "start"
+            if place is not None:
+                self._hands.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
+
+        on(node.on_drag("left"), drag)
+        return node
+
+    def carry(self, index: int, place: complex, begins: bool) -> None:
+        """Carry an obstacle to a place of the plane."""
+        obstacles = self._session.view.problem.obstacles
+        if index >= len(obstacles):
+            return
+        if begins or index not in self._carried:
+            self._carried[index] = place, obstacles[index]
+            return
+        first, obstacle = self._carried[index]
+        self._session.edit(put_obstacle(index, moved(obstacle, place - first)), f"carry {index}")
+
+    def _path(self, number: int) -> Any:
+        points = np.zeros((1, 2, 3), dtype=np.float32)
+        return self._server.scene.add_line_segments(
+            f"/paths/{number}", points, PATHS[number], thickness=2.0, thickness_units="screen"
+        )
+
+    def _draw_paths(self, flown: Flown) -> None:
+        for path, places, colour in zip(self._paths, (flown.com, flown.takeoff, flown.landing), PATHS, strict=True):
+            points = in_space(self._plane, places)
+            pairs = np.stack((points[:-1], points[1:]), axis=1).astype(np.float32)
+            shade = np.array(colour if flown.plan.ok else ASTRAY, dtype=np.uint8)
+            path.points = pairs
+            path.colors = np.broadcast_to(shade, pairs.shape).copy()
+
+    def free_place(self) -> tuple[complex, float]:
+        """A place beside the flight for something new, and the robot's size, m."""
+        low, high = self._box
+        return complex((low.real + high.real) / 2, high.imag + 0.2 * self._size), self._size

@@ -1,0 +1,108 @@
+"""Changes of a problem that are more than a number at a path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.problem.parts import Obstacle
+
+Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
+LimitKey: TypeAlias = Literal["velocity", "torque"]
+
+BY_HAND = "by hand"
+AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
+
+
+def numbers(values: Mapping[str, float]) -> Edit:
+    """Set numbers by the paths of a problem file, in SI units and radians."""
+
+    def edit(problem: fp.Problem) -> fp.Problem:
+        return fp.Family(problem, {path: np.array([float(value)]) for path, value in values.items()})[0]
+
+    return edit
+
+
+def flight(**changes: Any) -> Edit:
+    """Change fields of the flight, such as ``angular_momentum="free"``."""
+    return lambda problem: replace(problem, flight=replace(problem.flight, **changes))
+
+
+def motion(**changes: Any) -> Edit:
+    """Change degree or objective."""
+    return lambda problem: replace(problem, motion=replace(problem.motion, **changes))
+
+
+def ground(wanted: bool) -> Edit:
+    """Ask for the ground, or no longer."""
+    return lambda problem: replace(problem, ground=wanted)
+
+
+def limit(key: LimitKey, choice: str, needed: Mapping[str, float]) -> Edit:
+    """Choose where a limit comes from; by hand, it begins with a little more than is ``needed`` (motor -> value)."""
+
+    def edit(problem: fp.Problem) -> fp.Problem:
+        value: Any = choice
+        if choice == BY_HAND:
+            value = {motor: AMPLE * max(need, 1e-3) for motor, need in needed.items()}
+        motors = {} if key == "torque" else problem.limits.motor
+        return replace(problem, limits=replace(problem.limits, **{key: value}, motor=motors))
+
+    return edit
+
+
+def with_obstacle(obstacle: Obstacle) -> Edit:
+    """Add an obstacle."""
+    return lambda problem: replace(problem, obstacles=(*problem.obstacles, obstacle))
+
+
+def without_obstacle(index: int) -> Edit:
+    """Take an obstacle away; one that is gone already stays so."""
+    return lambda problem: replace(
+        problem, obstacles=tuple(each for number, each in enumerate(problem.obstacles) if number != index)
+    )
+
+
+def put_obstacle(index: int, obstacle: Obstacle) -> Edit:
+    """Put an obstacle in the place of another; where that is gone, nothing changes."""
+
+    def edit(problem: fp.Problem) -> fp.Problem:
+        if index >= len(problem.obstacles):
+            return problem
+        obstacles = list(problem.obstacles)
+        obstacles[index] = obstacle
+        return replace(problem, obstacles=tuple(obstacles))
+
+    return edit
+
+
+ANCHORS = ("center", "point", "start", "end")  # fields of obstacles that are places
+
+
+def moved(obstacle: Obstacle, by: complex) -> Obstacle:
+    """Return an obstacle that stands elsewhere, m."""
+    places = {name: getattr(obstacle, name) for name in ANCHORS if hasattr(obstacle, name)}
+    changes: dict[str, Any] = {name: (x + by.real, y + by.imag) for name, (x, y) in places.items()}
+    return replace(obstacle, **changes)
+
+
+def limit_choice(problem: fp.Problem, key: LimitKey) -> str:
+    """Where a limit comes from: "none", "urdf" or "by hand"."""
+    asked = getattr(problem.limits, key)
+    return asked if isinstance(asked, str) else BY_HAND
+
+
+def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:
+    """The limit of a planned joint's own motor; infinite where there is none."""
+    limits = problem.motor_torque_limits if key == "torque" else problem.joint_limits["velocity"]
+    return float(limits[problem.robot.joints.index(joint)])
+
+
+def limit_paths(robot: fp.Robot, key: LimitKey, joint: str) -> tuple[str, ...]:
+    """Paths of the limits of a planned joint's motor, and of those that follow it."""
+    followers = [name for name in robot.motors if name in robot.coupled and robot.coupled[name].leader == joint]
+    return tuple(f"limits.{key}.{name}" for name in (joint, *followers))

@@ -1,0 +1,84 @@
+"""What the page says, of hostile names and extreme numbers too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.studio.panel import cards
+from floatplan.studio.session.session import View
+from floatplan.studio.work.around import COLUMNS, ROWS, Map
+from floatplan.studio.work.flown import Flown, flown
+from floatplan.studio.work.tasks import Cell
+
+ROOT = Path(__file__).parents[2]
+HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
+
+
+@pytest.fixture(scope="module")
+def present() -> Flown:
+    return flown(fp.plan(fp.load_problem(ROOT / "problems" / "obstacle.toml"), prove=True), True, 0.0)
+
+
+def test_a_verdict_for_each_stage(present: Flown) -> None:
+    view = View(present.problem)
+    assert view.verdict == "waiting"
+    answered = replace(view, flown=present)
+    assert answered.verdict == "proved"
+    assert replace(answered, number=3).verdict == "waiting"
+    assert replace(answered, fault="no").verdict == "failed"
+    quick = replace(present, settled=False, certificate=None)
+    assert replace(view, flown=quick).verdict == "planned"
+    missed = replace(quick, plan=replace(quick.plan, ok=False))
+    assert replace(view, flown=missed).verdict == "waiting"
+    assert replace(view, flown=replace(missed, settled=True)).verdict == "not found"
+    for verdict in ("refuted", "undecided"):
+        judged = replace(present, certificate=replace(present.certificate, verdict=verdict))
+        assert replace(view, flown=judged).verdict == verdict
+        assert verdict in cards.status_card(replace(view, flown=judged)).lower()
+
+
+def test_names_are_text(present: Flown) -> None:
+    row = replace(present.utilisation[0], joint=HOSTILE)
+    plan = replace(present.plan, explanation=HOSTILE, ok=False)
+    view = View(present.problem, flown=replace(present, plan=plan, certificate=None), refusal=HOSTILE)
+    for card in (
+        cards.status_card(view),
+        cards.status_card(replace(view, fault=HOSTILE)),
+        cards.saved_card([HOSTILE]),
+        cards._motor(row),
+    ):
+        assert HOSTILE not in card
+        assert "<img" not in card
+        assert "&lt;img" in card
+
+
+@pytest.mark.parametrize(
+    ("use", "colour"), [(0.0, cards.GREEN), (0.95, cards.AMBER), (1.0, cards.AMBER), (1.01, cards.RED)]
+)
+def test_bars_turn_red_beyond_a_limit(use: float, colour: str) -> None:
+    assert cards.use_colour(use) == colour
+    assert colour in cards._bar(use)
+
+
+@pytest.mark.parametrize("use", [0.0, 1e-300, 1e300, float("inf")])
+@pytest.mark.parametrize("relative", [True, False])
+def test_the_map_shows_any_number(present: Flown, use: float, relative: bool) -> None:
+    chart = Map.around(present)
+    cells = {(0, 0): Cell("optimal", use), (1, 1): Cell("optimal", 1.0), (2, 2): Cell("impossible", None)}
+    chart = replace(chart, cells=cells, relative=relative)
+    card = cards.map_card(chart, {point: str(point) for point in np.ndindex(ROWS, COLUMNS)}, True)
+    assert card.count("<label") == ROWS * COLUMNS
+    assert "nan" not in card
+
+
+def test_two_plans_are_compared_number_by_number(present: Flown) -> None:
+    assert "side by side" in cards.comparison_card(present, None)
+    other = replace(present, clearance=None)
+    card = cards.comparison_card(present, other)
+    assert card.count("<tr>") == 1 + len(cards.COMPARED)
+    assert "–" in card

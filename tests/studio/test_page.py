@@ -1,0 +1,250 @@
+"""The page without a browser: served to this machine alone, dragged, and drawn."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.studio.page import Studio, opened
+from floatplan.studio.panel.obstacles_tab import NEW
+from floatplan.studio.scene.bodies import Bodies, in_plane, in_space
+from floatplan.studio.session import edits
+from floatplan.studio.session.hands import Hands
+
+ROOT = Path(__file__).parents[2]
+PATIENCE = 60.0  # s for what takes a fraction of one
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+    pytest.importorskip("viser")
+    problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
+    folder = str(tmp_path_factory.mktemp("saved"))
+    with opened(problem, folder=folder, port=8480, with_map=False) as made:
+        yield made
+    assert made.errors == []
+
+
+@pytest.fixture
+def fresh(studio: Studio) -> Studio:
+    """The studio with its first problem."""
+    while studio.session.view.can_undo:
+        studio.session.undo()
+    return studio
+
+
+def answered(studio: Studio) -> fp.Plan:
+    assert studio.session.wait(lambda view: view.is_current, PATIENCE)
+    assert studio.painter.wait(PATIENCE)
+    assert studio.session.view.flown is not None
+    return studio.session.view.flown.plan
+
+
+def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
+    port = studio.server.get_port()
+    with socket.create_connection(("127.0.0.1", port), timeout=5):
+        pass
+    with pytest.raises(OSError, match=r"refused|assign|reach"):
+        socket.create_connection(("127.0.0.2", port), timeout=5)  # as a server on all addresses would answer
+    assert studio.server.get_host() == "127.0.0.1"
+
+
+@pytest.mark.parametrize("end", ["start", "goal"])
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_what_is_dragged_stays_under_the_hand(fresh: Studio, end: str, part: int) -> None:
+    """A joint turns so that its grip is where the hand is; nothing else of the posture changes."""
+    before = fresh.session.view.problem
+    places = fresh.stage.grip_places(end, part, np.linspace(0.0, 0.2, 5))
+    for step, place in enumerate(places):
+        fresh.stage.turn(end, part, complex(place), begins=step == 0)
+    after = fresh.session.view.problem
+    states = [problem.initial if end == "start" else problem.final for problem in (before, after)]
+    changed = [states[1].orientation - states[0].orientation, *(states[1].positions - states[0].positions)]
+    assert abs(changed[part]) == pytest.approx(0.2, abs=1e-9)
+    assert [value for index, value in enumerate(changed) if index != part] == [0.0, 0.0]
+    (shown,) = fresh.stage.grip_places(end, part, np.zeros(1))
+    if not (end == "start" or part == 0):  # at takeoff the foot stays, and the centre of mass goes where it may
+        assert np.isfinite(shown)
+    answered(fresh)
+
+
+def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
+    before = fresh.session.view.problem.goal.orientation
+    places = fresh.stage.grip_places("goal", 0, np.linspace(0.0, 2 * np.pi, 25))
+    for step, place in enumerate(places):
+        fresh.stage.turn("goal", 0, complex(place), begins=step == 0)
+    turned = fresh.session.view.problem.goal.orientation - before
+    assert abs(turned) == pytest.approx(2 * np.pi)
+
+
+def test_a_joint_stops_at_the_end_of_its_range(fresh: Studio) -> None:
+    for step, place in enumerate(fresh.stage.grip_places("goal", 1, np.linspace(0.0, 12.0, 120))):
+        fresh.stage.turn("goal", 1, complex(place), begins=step == 0)
+    problem = fresh.session.view.problem
+    assert problem.final.positions[0] in problem.position_limits[0]
+    assert fresh.session.view.refusal == ""
+    answered(fresh)
+
+
+def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
+    first = fresh.session.view.problem.obstacles
+    fresh.stage.carry(0, 1 + 1j, begins=True)
+    for share in (0.3, 0.6, 1.0):
+        fresh.stage.carry(0, 1 + 1j + share * (0.25 - 0.5j), begins=False)
+    moved = fresh.session.view.problem.obstacles[0]
+    assert isinstance(moved, fp.Circle)
+    assert isinstance(first[0], fp.Circle)
+    assert np.subtract(moved.center, first[0].center) == pytest.approx([0.25, -0.5])
+    answered(fresh)
+    for make in NEW.values():
+        fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_place())))
+        answered(fresh)
+    for index in (2, 0, 1, 0):
+        fresh.session.edit(edits.without_obstacle(index))
+        answered(fresh)
+    assert fresh.session.view.problem.obstacles == ()
+    fresh.stage.carry(0, 1 + 1j, begins=True)
+    fresh.stage.carry(0, 2 + 1j, begins=False)
+    assert fresh.errors == []
+
+
+def test_sliders_follow_the_session(fresh: Studio) -> None:
+    answered(fresh)
+    shown = {each.dial.paths[0]: each for each in fresh.controls.dials.shown}
+    fresh.session.set("goal.orientation", 31.0)
+    answered(fresh)
+    slider = shown["goal.orientation"].slider
+    assert slider.value == pytest.approx(np.degrees(31.0), abs=0.01)
+    assert slider.max >= slider.value
+    fresh.session.undo()
+    answered(fresh)
+    assert slider.value == pytest.approx(np.degrees(fresh.session.view.problem.goal.orientation), abs=0.01)
+
+
+def test_two_plans_fly_side_by_side(fresh: Studio) -> None:
+    answered(fresh)
+    fresh.session.keep()
+    fresh.session.set("flight.duration", 1.3)
+    answered(fresh)
+    view = fresh.session.view
+    assert len(fresh.stage.shows(view)) == 2
+    assert fresh.stage.kept.root.visible
+    fresh.session.keep(False)
+    answered(fresh)
+    assert not fresh.stage.kept.root.visible
+
+
+def test_the_player_goes_on_stops_and_seeks(fresh: Studio) -> None:
+    plan = answered(fresh)
+    fresh.player.seek(0.5 * plan.duration)
+    fresh.painter.wait(PATIENCE)
+    sent = fresh.player.frames
+    fresh.player.play(True)
+    while fresh.player.frames < sent + 10:
+        assert not fresh.player.errors
+    fresh.player.play(False)
+
+
+def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
+    plane = gymnast.plane
+    eye = 3.0 * np.cross(plane.horizontal, plane.vertical) + 0.4 * plane.vertical
+    for place in (0.3 - 0.7j, 2.0 + 0j, 0j):
+        point = in_space(plane, np.array([place]))[0]
+        met = in_plane(plane, eye, eye + 0.37 * (point - eye))
+        assert met == pytest.approx(place)
+    assert in_plane(plane, eye, eye + plane.horizontal) is None
+
+
+def test_of_many_moves_the_newest_is_made_and_errors_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    hands, seen = Hands("test"), []
+    try:
+        gate = [True]
+        hands.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
+        for step in range(100):
+            hands.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
+        hands.do("wrong", lambda: 1 / 0)
+        hands.do("after", lambda: seen.append(-1))
+        gate[0] = False
+        assert hands.wait(PATIENCE)
+    finally:
+        hands.close()
+    assert seen == [99, -1]
+    assert [type(error) for error in hands.errors] == [ZeroDivisionError]
+    assert "test: wrong" in caplog.text
+
+
+class Recorded:
+    """A scene that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[str, Any] = {}
+        self.scene = self
+
+    def add_frame(self, name: str, **_: Any) -> Any:
+        return self.nodes.setdefault(name, type("Frame", (), {"position": np.zeros(3), "wxyz": np.eye(4)[0]})())
+
+    def add_mesh_trimesh(self, name: str, mesh: Any) -> None:
+        self.nodes[name] = mesh
+
+
+def test_meshes_are_where_the_urdf_has_them() -> None:
+    """Against yourdfpy's own kinematics, with the base turned and every joint somewhere else."""
+    import trimesh
+
+    from floatplan.studio.scene.bodies import body_poses
+    from floatplan.view.scene.moving_robot import joint_angles, visual_model
+
+    if robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed: the extra robots")
+    robot = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml").robot
+    scene = Recorded()
+    bodies = Bodies(scene, "/robot", robot)
+    assert bodies.add_meshes()
+    rng = np.random.default_rng(0)
+    low, high = robot.position_limits.T
+    positions, orientation = rng.uniform(low, high), 0.7
+    poses = body_poses(robot, np.array([orientation]), positions[None], np.array([0.2 + 0.1j]))
+    bodies.put(poses, 0)
+    model = visual_model(robot)
+    angles = joint_angles(robot, positions)
+    model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
+    root = scene.nodes["/robot/0"]
+    base = trimesh.transformations.quaternion_matrix(root.wxyz)
+    base[:3, 3] = root.position
+    drawn = [node for name, node in scene.nodes.items() if "/mesh" in name]
+    names = [name for name in scene.nodes if "/mesh" in name]
+    assert len(drawn) == len(model.scene.geometry)
+    for name, placed, (geometry, mesh) in zip(names, drawn, model.scene.geometry.items(), strict=True):
+        frame = scene.nodes[name.rpartition("/")[0]]
+        pose = trimesh.transformations.quaternion_matrix(frame.wxyz)
+        pose[:3, 3] = frame.position
+        expected = trimesh.transform_points(mesh.vertices, base @ model.get_transform(geometry))
+        assert np.allclose(trimesh.transform_points(placed.vertices, pose), expected, atol=1e-6), geometry
+
+
+def test_without_viser_there_is_one_clear_error(
+    monkeypatch: pytest.MonkeyPatch, floatplan: Callable[..., Any], root: Path
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "viser", None)
+    done = floatplan("studio", root / "problems" / "somersault.toml")
+    assert done.code == 2
+    assert done.stderr.startswith("error: studio: viser is not installed")
+    assert '"view"' in done.stderr
+    assert "pip install" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_problem_that_is_wrong_ends_it_with_its_error(floatplan: Callable[..., Any]) -> None:
+    done = floatplan("studio", "nowhere.toml")
+    assert done.code == 2
+    assert "nowhere.toml" in done.stderr

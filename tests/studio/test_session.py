@@ -1,0 +1,257 @@
+"""A session without a page: changes, answers, refusals, the map, and files."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.studio.panel import cards
+from floatplan.studio.session.saving import Saving
+from floatplan.studio.session.session import Session, View
+from floatplan.studio.work.around import COLUMNS, ROWS, Map
+from floatplan.studio.work.flown import body_poses, flown
+from floatplan.studio.work.tasks import Cells, Failure, Quick, words_of
+from floatplan.studio.work.worker import StoppedError, Worker, packed, unpacked
+
+ROOT = Path(__file__).parents[2]
+PATIENCE = 60.0  # s for what takes a fraction of one
+BEYOND = 1e6  # rad, outside what a problem may ask
+
+
+@pytest.fixture(scope="module")
+def problem() -> fp.Problem:
+    return fp.load_problem(ROOT / "problems" / "new_configuration.toml")
+
+
+@pytest.fixture
+def session(problem: fp.Problem) -> Iterator[Session]:
+    made = Session(problem, with_map=False)
+    yield made
+    made.close()
+
+
+def settled(view: View) -> bool:
+    return view.fault != "" or (view.is_current and view.flown is not None and view.flown.settled)
+
+
+def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Session) -> None:
+    assert session.wait(settled, PATIENCE)
+    first = session.view
+    assert first.verdict == "proved"
+    assert session.set("goal.orientation", 0.5)
+    assert session.wait(lambda view: settled(view) and view.number == 2, PATIENCE)
+    view = session.view
+    assert view.verdict == "proved"
+    expected = fp.plan(view.problem, prove=True)
+    assert view.flown is not None
+    assert np.array_equal(view.flown.plan.coefficients, expected.coefficients)
+    plan = view.flown.complete_plan()
+    assert plan.certificate is not None
+    assert plan.certificate.proved
+    assert first.flown is not None
+    assert not np.array_equal(plan.coefficients, first.flown.plan.coefficients)
+
+
+def test_what_cannot_be_is_said_and_nothing_changes(session: Session) -> None:
+    before = session.view.problem
+    for path, value in (("flight.duration", -1.0), ("goal.orientation", BEYOND), ("no.such.path", 1.0)):
+        assert not session.set(path, value)
+        assert session.view.refusal
+        assert session.view.problem is before
+    assert not session.edit(lambda _: 1 / 0)  # type: ignore[arg-type, return-value]
+    assert "ZeroDivisionError" in session.view.refusal
+    assert session.set("flight.duration", 1.2)
+    assert session.view.refusal == ""
+
+
+def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session: Session) -> None:
+    session.edit(lambda problem: replace(problem, limits=replace(problem.limits, velocity=0.1)))
+    assert session.wait(settled, PATIENCE)
+    view = session.view
+    assert view.verdict == "not found"
+    assert view.flown is not None
+    assert "velocity limit" in view.flown.plan.explanation
+    assert len(view.flown.poses.places) > 2
+    card = cards.status_card(view)
+    assert 'data-verdict="not found"' in card
+    assert "velocity limit" in card
+    session.undo()
+    assert session.wait(lambda view: settled(view) and view.verdict == "proved", PATIENCE)
+
+
+def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session: Session) -> None:
+    session.wait(settled, PATIENCE)
+    start = session.view.problem.goal.orientation
+    seen: list[int] = []
+    session.listen(lambda: seen.append(session.view.answers))
+    for step in range(1, 40):
+        session.set("goal.orientation", start + 0.01 * step)
+    assert session.wait(settled, PATIENCE)
+    view = session.view
+    assert view.flown is not None
+    assert view.number == 40
+    assert view.flown.problem.goal.orientation == start + 0.39
+    assert seen == sorted(seen)
+    session.undo()
+    assert session.view.problem.goal.orientation == start
+    assert (session.view.can_undo, session.view.can_redo) == (False, True)
+    session.redo()
+    assert session.view.problem.goal.orientation == start + 0.39
+
+
+def test_a_process_that_is_lost_is_told_and_begun_anew(session: Session) -> None:
+    assert session.wait(settled, PATIENCE)
+    for number in session.process_ids:
+        os.kill(number, signal.SIGKILL)
+    for change in range(3):
+        session.set("goal.orientation", 0.4 + 0.1 * change)
+        session.wait(settled, PATIENCE)
+    assert session.view.verdict == "proved"
+
+
+def test_threads_may_all_change_it(session: Session) -> None:
+    def drag(path: str) -> None:
+        for step in range(30):
+            session.set(path, 0.3 + 0.001 * step)
+            if step % 10 == 9:
+                session.undo()
+
+    paths = ("goal.orientation", "goal.positions.q1", "start.positions.q2")
+    threads = [threading.Thread(target=drag, args=(path,)) for path in paths]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert session.wait(settled, PATIENCE)
+    assert session.view.flown is not None
+    assert session.view.flown.problem.goal.orientation == session.view.problem.goal.orientation
+
+
+def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None:
+    session = Session(problem)
+    try:
+        assert session.wait(lambda view: view.map is not None and len(view.map.cells) == ROWS * COLUMNS, PATIENCE)
+        chart = session.view.map
+        assert chart is not None
+        assert chart.cells[ROWS // 2, COLUMNS // 2].status == "optimal"
+        assert chart.durations[ROWS // 2] == problem.flight.duration
+        assert chart.momenta[COLUMNS // 2] == problem.flight.angular_momentum
+        buttons = {point: f"button-{point[0]}-{point[1]}" for point in np.ndindex(ROWS, COLUMNS)}
+        card = cards.map_card(chart, buttons, True)
+        assert card.count("<label") == ROWS * COLUMNS
+        session.jump(0, 1)
+        assert session.view.problem.flight.duration == chart.durations[0]
+        assert session.view.problem.flight.angular_momentum == chart.momenta[1]
+        assert session.view.map is None
+        assert session.wait(settled, PATIENCE)
+        found = session.view.flown is not None and session.view.flown.plan.ok
+        assert found == (chart.cells[0, 1].use is not None)
+    finally:
+        session.close()
+
+
+def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp.Problem) -> None:
+    limited = replace(problem, limits=replace(problem.limits, torque=1e3))
+    chart = Map.around(flown(fp.plan(limited), True, 0.0))
+    assert chart.relative
+    asked = list(chart.questions(limited))
+    points = [point for some, _ in asked for point in some]
+    assert sorted(points) == sorted(np.ndindex(ROWS, COLUMNS))
+    assert points[0] == (ROWS // 2, COLUMNS // 2)
+    few = Cells(limited, {"flight.duration": np.array([1.1, -1.0])}, 1.0).answer()
+    assert [cell.status for cell in few] == ["optimal", "error"]
+    assert few[0].use is not None
+    assert 0 < few[0].use < 1
+
+
+def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+    saving, folder = Saving(), str(tmp_path / "new" / "folder")
+    session.set("goal.orientation", 0.7)
+    assert session.wait(settled, PATIENCE)
+    for part in ("problem", "plan", "report"):
+        assert saving.save(session.view, part, folder).endswith("is saved.")  # type: ignore[arg-type]
+    assert floatplan("plan", f"{folder}/problem.toml", "-o", "again", "--no-figures", "--quiet").code == 0
+    mine = json.loads(Path(folder, "plan.json").read_text())
+    again = json.loads(Path("again", "plan.json").read_text())
+    for key in ("coefficients", "angular_momentum", "centre", "amplitude", "orientation", "status", "torque_peak"):
+        assert mine[key] == again[key], key
+    assert mine["certificate"]["verdict"] == again["certificate"]["verdict"] == "proved"
+    assert "<html" in Path(folder, "report.html").read_text()[:200]
+
+
+def test_a_problem_file_of_the_user_s_is_not_overwritten(session: Session, tmp_path: Path) -> None:
+    mine = tmp_path / "problem.toml"
+    mine.write_text("# mine")
+    told = Saving().save(session.view, "problem", str(tmp_path))
+    assert told.startswith("Not saved")
+    assert mine.read_text() == "# mine"
+    saving, other = Saving(), str(tmp_path / "other")
+    assert saving.save(session.view, "problem", other).endswith("is saved.")
+    assert saving.save(session.view, "problem", other).endswith("is saved.")
+
+
+@pytest.mark.parametrize("folder", ["/proc/nowhere", "\0", "a" * 5000])
+def test_what_cannot_be_saved_is_said(session: Session, folder: str) -> None:
+    assert Saving().save(session.view, "problem", folder).startswith("Not saved: ")
+
+
+def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
+    worker = Worker(problem.robot)
+    try:
+        answer = worker.ask(Quick(problem, 5.0))
+        assert answer.plan.ok
+        assert answer.plan.robot is problem.robot
+        failed = worker.ask(Quick(problem, -1.0))
+        assert isinstance(failed, Failure)
+        assert "not positive" in failed.words
+        timer = threading.Timer(0.2, worker.stop)
+        timer.start()
+        with pytest.raises(StoppedError):
+            ask_on(worker, problem)
+        timer.join()
+        assert worker.ask(Quick(problem, 5.0)).plan.ok
+    finally:
+        worker.close()
+    with pytest.raises(StoppedError):
+        worker.ask(Quick(problem, 5.0))
+
+
+def ask_on(worker: Worker, problem: fp.Problem) -> None:
+    while True:
+        worker.ask(Quick(problem, 5.0))
+
+
+def test_the_robot_stays_where_it_is(problem: fp.Problem) -> None:
+    content = packed(Quick(problem, 1.0), problem.robot)
+    assert len(content) < 10_000
+    assert unpacked(content, problem.robot).problem.robot is problem.robot
+
+
+def test_words_of_any_error_are_on_one_short_line() -> None:
+    assert words_of(fp.InputError("is wrong", element="here")) == "here: is wrong"
+    told = words_of(RuntimeError("a\nb" + "c" * 5000))
+    assert "\n" not in told
+    assert len(told) < 500
+
+
+def test_bodies_are_where_the_plan_has_them(problem: fp.Problem) -> None:
+    plan = fp.plan(problem)
+    times = np.array([0.0, 0.4, 1.1])
+    state = plan.at(times)
+    com = state.com_position @ np.array([1, 1j])
+    poses = body_poses(plan.robot, state.orientation, state.positions, com)
+    tree = plan.robot.tree
+    base = state.base_position @ np.array([1, 1j])
+    assert np.allclose(poses.places[:, 0], base, atol=1e-12)
+    centers = poses.places + tree.rotations(poses.angles) * tree.center
+    assert np.allclose(centers @ tree.mass / tree.mass.sum(), com, atol=1e-12)
