@@ -1,6 +1,6 @@
 // Plans without inequalities, compiled: batches of problems of one robot, one after the other.
 //
-// plan.hpp is compiled for each set of instructions; which one runs is chosen when the library is called. Nothing here
+// What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called. Nothing here
 // relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
 
@@ -101,7 +101,7 @@ struct Random {
 
 }  // namespace
 
-// ---- plan.hpp for each set of instructions
+// ---- the planner for each set of instructions
 
 namespace baseline {
 constexpr int LANES = 2;
@@ -115,13 +115,12 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return a * b + c;
 #endif
 }
-#include "plan.hpp"
-#include "batch.hpp"
+#include "all.hpp"
 }  // namespace baseline
 
 #if defined(__x86_64__)
 #include <immintrin.h>
-#define FLOATPLAN_AVX2
+#define FLOATPLAN_X86
 #if defined(__clang__)
 #pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
 #else
@@ -134,9 +133,24 @@ typedef double Vector __attribute__((vector_size(32)));
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 }
-#include "plan.hpp"
-#include "batch.hpp"
+#include "all.hpp"
 }  // namespace avx2
+#if defined(__clang__)
+#pragma clang attribute pop
+#pragma clang attribute push(__attribute__((target("avx512f,avx512dq,avx512vl,fma"))), apply_to = function)
+#else
+#pragma GCC pop_options
+#pragma GCC push_options
+#pragma GCC target("avx512f,avx512dq,avx512vl,fma")
+#endif
+namespace avx512 {
+constexpr int LANES = 8;
+typedef double Vector __attribute__((vector_size(64)));
+static inline Vector multiply_add(Vector a, Vector b, Vector c) {
+    return (Vector)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
+}
+#include "all.hpp"
+}  // namespace avx512
 #if defined(__clang__)
 #pragma clang attribute pop
 #else
@@ -151,10 +165,12 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 
 EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 
-// Sets of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA.
+// The widest set of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
 EXPORT std::int64_t floatplan_instructions() {
-#ifdef FLOATPLAN_AVX2
+#ifdef FLOATPLAN_X86
     __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        return 2;
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return 1;
 #endif
     return 0;
@@ -164,7 +180,8 @@ EXPORT std::int64_t floatplan_instructions() {
 EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const std::int64_t *nodes,
                                    const Powers *powers, const Settings *settings, Batch *batch,
                                    std::int64_t instructions) {
-#ifdef FLOATPLAN_AVX2
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) return avx512::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
     if (instructions == 1) return avx2::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
 #endif
     (void)instructions;

@@ -10,7 +10,7 @@ from functools import cache
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
 
 SWITCH = "FLOATPLAN_KERNEL"  # environment variable: "off" for the Python solver
-INSTRUCTIONS = ("baseline instructions", "AVX2")
+INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 STAGES = 3
 SPREADS = 6
 
@@ -64,14 +64,14 @@ class Settings(Structure):
                 *("longest_step", "coarsely_resolved", "too_wild", "hopeless", "tolerance", "unresolved"),
                 *("smallest_tail", "largest_tail", "armijo", "penalty_factor", "penalty_kept", "shortest_step"),
                 *("shortening_least", "shortening_most", "largest_multiplier", "damping", "slack_penalty"),
-                *("largest_curvature", "polished"),
+                *("largest_curvature", "polished", "hopeless_way", "changed_branches", "step_to_rank"),
             )
         ),
         *(
             (name, c_int64)
             for name in (
                 *("slow_evaluations", "slow_steps", "polishing_steps", "most_rounds", "most_iterations"),
-                *("first_level", "levels", "finer", "level_of_starts", "motions", "secant_steps"),
+                *("first_level", "levels", "finer", "level_of_starts", "candidates", "followed", "steps_to_rank"),
                 *("starts", "most_starts", "easy_iterations", "wanted_after_failure"),
             )
         ),
