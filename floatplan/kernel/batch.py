@@ -28,11 +28,11 @@ USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
 LEVEL_OF_STARTS = 1  # of grids
 CANDIDATES = 12  # for starts, from which those are followed that promise most
-FOLLOWED = 4
+FOLLOWED = 6
 STEP_TO_RANK = 1.0  # rad, root mean square of p
-STEPS_TO_RANK = 1
+STEPS_TO_RANK = 2
 CHANGED_BRANCHES = 0.8  # [-] of the joints of a candidate, where not all branches are candidates
-HOPELESS_WAY = 30.0  # rad, root mean square of p: a start from which (14), were it linear, is farther away is left
+HOPELESS_WAY = 10.0  # rad, root mean square of p: a start from which (14), were it linear, is farther away is left
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = range(4)
 

@@ -106,6 +106,7 @@ struct Random {
 namespace baseline {
 constexpr int LANES = 2;
 typedef double Vector __attribute__((vector_size(16)));
+static inline Vector all(double value) { return Vector{value, value}; }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 #if defined(__aarch64__) && defined(__clang__)
     return __builtin_elementwise_fma(a, b, c);
@@ -130,6 +131,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 namespace avx2 {
 constexpr int LANES = 4;
 typedef double Vector __attribute__((vector_size(32)));
+static inline Vector all(double value) { return (Vector)_mm256_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 }
@@ -146,6 +148,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 namespace avx512 {
 constexpr int LANES = 8;
 typedef double Vector __attribute__((vector_size(64)));
+static inline Vector all(double value) { return (Vector)_mm512_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
 }

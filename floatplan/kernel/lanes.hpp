@@ -5,12 +5,6 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 
 using Bits = std::int64_t __attribute__((vector_size(8 * LANES)));
 
-static inline Vector all(double value) {
-    Vector result;
-    for (int lane = 0; lane < LANES; ++lane) result[lane] = value;
-    return result;
-}
-
 static inline Vector load(const double *from) {
     Vector result;
     std::memcpy(&result, from, sizeof result);
@@ -30,7 +24,7 @@ static inline Vector select(Bits mask, Vector one, Vector other) {
 }
 
 // Sine and cosine to about 1e-16: Taylor polynomials after the nearest multiple of pi/2 is taken away.
-static inline void sine_cosine(Vector x, Vector &sine, Vector &cosine) {
+__attribute__((always_inline)) static inline void sine_cosine(Vector x, Vector &sine, Vector &cosine) {
     constexpr double round_to_whole = 6755399441055744.0;  // 1.5 * 2^52
     Vector shifted = multiply_add(x, all(0.63661977236758134), all(round_to_whole));
     Vector whole = shifted - all(round_to_whole);
