@@ -27,6 +27,7 @@ FINEST = (384, 512)  # nodes to judge by what needs the finest two grids
 USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
 LEVEL_OF_STARTS = 1  # of grids
+MOST_STARTS = 33  # [-] the plain one, and those that promise most of twice as many random ones
 CANDIDATES = 12  # for starts, from which those are followed that promise most
 FOLLOWED = 6
 STEP_TO_RANK = 1.0  # rad, root mean square of p

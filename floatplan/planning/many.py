@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.arrays import IntArray
 from floatplan.kernel import rows as plain
-from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, OPTIMAL, Answers, Search
+from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, MOST_STARTS, OPTIMAL, Answers, Search
 from floatplan.planning.one_of_many import Effort, Task, answers
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plans import SOLVED, Plans
@@ -18,7 +18,6 @@ from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
 
 CHUNK = 2048  # problems of a batch
-MOST_STARTS = 33  # [-] the plain one, and those that promise most of twice as many random ones
 WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
 NOT_FOUND = f"No plan was found from {MOST_STARTS} starts; search=True tries more."
 
