@@ -7,3 +7,4 @@
 #include "sqp.hpp"
 #include "starts.hpp"
 #include "batch.hpp"
+#include "rest.hpp"

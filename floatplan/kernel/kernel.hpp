@@ -56,4 +56,14 @@ struct Batch {
     double *objective, *residual, *z, *coefficients;
 };
 
+// The rest of a flight; z, y (joints, width), boundary (joints, 6), whitening (width, width).
+struct Rest {
+    double duration, momentum, change, sigma, stiffness, settled, shorter;
+    std::int64_t evaluations;
+    const double *boundary, *z, *whitening, *amplitude;
+    double *y;
+    double miss;
+    std::int64_t evaluated;
+};
+
 enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };

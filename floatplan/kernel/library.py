@@ -94,6 +94,18 @@ class Batch(Structure):
     )
 
 
+class Rest(Structure):
+    """The rest of a flight and its correction."""
+
+    _fields_ = (
+        *((name, c_double) for name in ("duration", "momentum", "change", "sigma", "stiffness", "settled", "shorter")),
+        ("evaluations", c_int64),
+        *((name, Doubles) for name in ("boundary", "z", "whitening", "amplitude", "y")),
+        ("miss", c_double),
+        ("evaluated", c_int64),
+    )
+
+
 class Kernel:
     """The library, loaded."""
 
@@ -104,6 +116,9 @@ class Kernel:
             c_int64,
         ]
         self.plan.restype = c_int64
+        self.rest = library.floatplan_rest
+        self.rest.argtypes = [POINTER(Robot), POINTER(Grid), POINTER(Settings), POINTER(Rest), c_int64]
+        self.rest.restype = c_int64
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 
