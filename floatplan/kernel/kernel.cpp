@@ -96,7 +96,10 @@ struct Random {
         return z ^ (z >> 31);
     }
     double uniform() { return (next() >> 11) * 0x1p-53 + 0x1p-54; }
-    double normal() { return std::sqrt(-2 * std::log(uniform())) * std::cos(6.283185307179586 * uniform()); }
+    double normal() {
+        double length = std::sqrt(-2 * std::log(uniform()));
+        return length * std::cos(6.283185307179586 * uniform());
+    }
 };
 
 }  // namespace

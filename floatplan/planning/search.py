@@ -239,7 +239,7 @@ def _outcomes(
         for degrees, attempts in _stages(prepared.problem):
             raised = [prepared.raised(outcome, degrees) for outcome in nearest]
             tried = []
-            for outcome in run(degrees, raised, range(1 if together else 0, attempts)):
+            for outcome in run(degrees, raised, range(together.starts if together else 0, attempts)):
                 if not allowance.grants(outcome, is_first):
                     return
                 is_first = False
