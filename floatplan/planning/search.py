@@ -96,11 +96,14 @@ class SearchOptions:
             raise InputError(f"{self.jobs} processes, more than {MOST_JOBS}", element="jobs")
 
 
-def search(prepared: Attempts, options: SearchOptions, attempts: int | None = None) -> SearchResult:
+def search(
+    prepared: Attempts, options: SearchOptions, attempts: int | None = None, *, one_by_one: bool = False
+) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
     The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
-    is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
+    is known to have no solution and only a near miss is wanted. Of starts that the kernel follows together the best
+    alone is kept, unless they are followed ``one_by_one``. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
     allowance = Allowance((options.work or DEFAULT_WORK) if options.budget is None else np.inf)
@@ -108,7 +111,7 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, options, expired, allowance), attempts):
+        for outcome in islice(_outcomes(prepared, options, expired, allowance, one_by_one), attempts):
             outcomes.append(outcome)
             tried, solved = _counts(outcomes)
             if LOG.isEnabledFor(logging.INFO):
@@ -222,7 +225,7 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
 
 
 def _outcomes(
-    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance
+    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance, one_by_one: bool
 ) -> Iterator[Outcome]:
     """Outcomes of the attempts, in their order, from this process or from several.
 
@@ -230,7 +233,7 @@ def _outcomes(
     none: how far it came would depend on what ran beside it.
     """
     nearest: list[Outcome] = []
-    together = prepared.followed_together(options.starts)
+    together = None if one_by_one else prepared.followed_together(options.starts)
     is_first = together is None
     if together:
         allowance.grants(together, True)
