@@ -1,5 +1,5 @@
-// All that is compiled for each set of instructions: within a namespace that has the type Vector of LANES doubles, all()
-// and multiply_add().
+// All that is compiled for each set of instructions: within a namespace that has the type Vector of LANES doubles,
+// all() and multiply_add().
 #include "lanes.hpp"
 #include "planner.hpp"
 #include "scaling.hpp"

@@ -1,7 +1,7 @@
 // Plans without inequalities, compiled: batches of problems of one robot, one after the other.
 //
-// What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called. Nothing here
-// relies on unsafe floating-point transformations: compile with -ffp-contract=off.
+// What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called.
+// Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
 
 #include <cmath>

@@ -115,7 +115,8 @@ template <bool is_real> void Planner::backward(double *gradient) {
             rate = rate * c;
             const double *value = grid.value + 6 * nodes + k, *slope = grid.slope + 6 * nodes + k;
             for (std::int64_t f = 0; f < robot.free[i]; ++f, value += nodes, slope += nodes)
-                by_z[i * width + f] = multiply_add(by_p, load(value), multiply_add(rate, load(slope), by_z[i * width + f]));
+                by_z[i * width + f] =
+                    multiply_add(by_p, load(value), multiply_add(rate, load(slope), by_z[i * width + f]));
         }
     }
     for (std::int64_t e = 0; e < n * width; ++e) gradient[e] = sum(by_z[e]);

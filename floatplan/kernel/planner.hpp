@@ -4,13 +4,14 @@
 struct Memory {
     double *sine, *cosine, *rate;                          // (joints, nodes): sin p, cos p, dp/ds
     double *fixed, *fixed_rate;                            // (joints, nodes): p and dp/ds of the motion with z = 0
-    double *body_cosine, *body_sine, *turned, *inertia, *swing;  // (bodies, nodes): E, Im conj(E) C E, its real part, rate
+    double *body_cosine, *body_sine, *turned, *inertia, *swing;  // (bodies, nodes): E, Im, Re conj(E) C E, rate
     double *base_rate, *inverse;                           // (nodes): theta0', 1/D_0
     double *by_angle, *by_swing, *angle;                   // (bodies, LANES)
     double *by_joint, *by_joint_rate, *joint_rate;         // (joints, LANES)
     double *by_z;                                          // (joints, width, LANES)
     double *z, *z_gradient;                                // (joints, width)
-    double *scaling, *offset_map, *rest;                   // by number of free polynomials: (width, width), (width, 6), (columns, 6)
+    // By number of free polynomials: (width, width), (width, 6), (columns, 6).
+    double *scaling, *offset_map, *rest;
     double *offset;                                        // (size)
     double *x, *row, *previous_row, *trial, *direction, *lagrangian, *mapped, *change, *product, *half;  // (size)
     double *h, *h_initial;                                 // (size, size) inverse Hessian

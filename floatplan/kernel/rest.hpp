@@ -1,7 +1,7 @@
 // The rest of a flight: from where the joints are to the landing, changed as little as the miss of (14) is worth.
 
-// Gauss-Newton steps on miss^2 / sigma^2 + stiffness |y|^2, z moved by the whitening's y: Law of floatplan/inflight/law.py
-// where no limit is near.
+// Gauss-Newton steps on miss^2 / sigma^2 + stiffness |y|^2, z moved by the whitening's y: the law of
+// floatplan/inflight/law.py where no limit is near.
 static inline std::int64_t correct_rest(const Robot &robot, const Grid &grid, const Settings &settings, Rest &rest) {
     const std::int64_t n = robot.joints, width = robot.width, size = n * width;
     Memory m;

@@ -90,7 +90,8 @@ class Starts {
             if (!(square > 0)) return HUGE_VAL;
             double part = (dot(m.row, m.x, planner.size) - point.equality) / square;
             for (std::int64_t k = 0; k < planner.size; ++k) m.direction[k] = part * m.row[k] - m.x[k];
-            double way = planner.metric(m.direction), length = smaller(1.0, settings.step_to_rank / larger(way, 1e-300));
+            double way = larger(planner.metric(m.direction), 1e-300);
+            double length = smaller(1.0, settings.step_to_rank / way);
             for (std::int64_t k = 0; k < planner.size; ++k) m.x[k] += length * m.direction[k];
         }
         double missed = std::fabs(planner.evaluate(m.x).equality);

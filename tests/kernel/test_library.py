@@ -163,3 +163,15 @@ def test_a_single_plan_is_the_kernel_s(kernel, root, monkeypatch):
     assert compiled.objective_value == pytest.approx(python.objective_value, rel=1e-9)
     assert compiled.solver["evaluations"] != python.solver["evaluations"]  # nodes are raised by other steps
     np.testing.assert_allclose(compiled.coefficients, python.coefficients, rtol=1e-4, atol=1e-4)
+
+
+def test_further_starts_are_the_same_without_the_kernel(kernel, root, monkeypatch):
+    """The plain motion of this one leads to ten times the objective of a start on another branch."""
+    problem = fp.load_problem(root / "problems" / "falling_cat.toml")
+    compiled = fp.plan(problem)
+    monkeypatch.setenv(library.SWITCH, "off")
+    python = fp.plan(problem)
+    assert compiled.solver["starts"] > 1
+    assert python.solver["starts"] > 1
+    assert compiled.objective_value == pytest.approx(python.objective_value, rel=1e-9)
+    np.testing.assert_allclose(compiled.coefficients, python.coefficients, rtol=1e-4, atol=1e-4)
