@@ -1,7 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many; all of them where none is named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many single; all of them where none is named. Needs the extra
+``bench``.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from inflight_sections import inflight
 from many_section import many
 from measuring import FULL, QUICK, Counts
 from search_sections import free_section, random_section, rest_section, starts_section
+from single_section import single
 from speed_sections import growth, quality, speed
 from startup_sections import startup
 
@@ -35,6 +37,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "inflight": inflight,
     "startup": startup,
     "many": many,
+    "single": single,
 }
 
 

@@ -47,6 +47,7 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
         ("inflight", "B, obstacle"),
         ("startup", "processor s"),
         ("many", "plans/s"),
+        ("single", "proof of A"),
     ],
 )
 def test_section_runs(

@@ -15,8 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.inflight.compiled import rest_of
 from floatplan.inflight.limits import Rows
 from floatplan.inflight.outlook import Outlook
+from floatplan.kernel.rest import RestSolver, Weights
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 EVALUATIONS = 2  # [-] of motions at most
@@ -37,6 +39,7 @@ class Law:
     sigma: float
     acceleration: float
     rows: tuple[Rows, ...]
+    compiled: RestSolver | None = None
 
     def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
         """Return the outlook after the correction, and the share of the correction that was taken.
@@ -59,9 +62,18 @@ class Law:
         return present, 0.0
 
     def _solved(self, present: Outlook, evaluations: int, sigma: float) -> tuple[Outlook, Array]:
-        """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better."""
-        y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
+        """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better.
+
+        Where no limit is near before and after, the kernel makes them.
+        """
         stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
+        if self.compiled and not present.violation.any():
+            weights = Weights(sigma, stiffness, SETTLED, SHORTER, evaluations)
+            best, _ = self.compiled.corrected(rest_of(present), weights)
+            outlook = present.changed(best) if best.any() else present
+            if not outlook.violation.any():
+                return outlook, best
+        y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
         best, outlook, least = y, present, self._cost(present, y, stiffness, sigma)
         step, expected = self._step(outlook, best, stiffness, sigma)
         for _ in range(evaluations):

@@ -151,10 +151,20 @@ class Outlook:
             present.orientation,
             views.flight.final_orientation,
             motion.remaining,
-            views.flight.final_orientation - present.orientation,
+            self.change,
         )
         joints = shape.motion_of_coefficients(motion.coefficients, views.values)
         return PlanarFlown(flight, views.grid, joints, np.array([[present.angular_momentum]]))
+
+    @property
+    def present(self) -> Present:
+        """The robot now."""
+        return self._present
+
+    @property
+    def change(self) -> float:
+        """By how much the base is to turn to its goal, rad."""
+        return self._views.flight.final_orientation - self._present.orientation
 
     @cached_property
     def miss(self) -> float:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.inflight.compiled import rest_solver
 from floatplan.inflight.correction import Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
@@ -69,7 +70,8 @@ class Replanner:
         self.rewriting = Rewriting(plan)
         self.views = Views(plan, self.rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
-        self._law = Law(float(sigma), scale, self.views.rows)
+        compiled = rest_solver(plan, self.views)
+        self._law = Law(float(sigma), scale, self.views.rows, compiled)
         self._plausible = Plausibility(plan)
         tree = plan.robot.tree
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)

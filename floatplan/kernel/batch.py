@@ -14,10 +14,10 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel import library, stages
 from floatplan.kernel.bodies import merged_bodies
+from floatplan.kernel.filled import Filled, filled_grid, filled_robot
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.flight import LARGEST_TAIL, SMALLEST_TAIL
-from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
-from floatplan.motion.sine_polynomial import Form, basis
+from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization import sqp
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.tables import ORIENTATION
@@ -27,7 +27,13 @@ FINEST = (384, 512)  # nodes to judge by what needs the finest two grids
 USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
 LEVEL_OF_STARTS = 1  # of grids
-MOTIONS = 24  # drawn at most for a start, until one turns too much and one too little
+MOST_STARTS = 33  # [-] the plain one, and those that promise most of twice as many random ones
+CANDIDATES = 12  # for starts, from which those are followed that promise most
+FOLLOWED = 6
+STEP_TO_RANK = 1.0  # rad, root mean square of p
+STEPS_TO_RANK = 2
+CHANGED_BRANCHES = 0.8  # [-] of the joints of a candidate, where not all branches are candidates
+HOPELESS_WAY = 10.0  # rad, root mean square of p: a start from which (14), were it linear, is farther away is left
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = range(4)
 
@@ -107,21 +113,7 @@ class Solver:
         self._n, self._width = len(free), max(free)
         self._most_nodes = USUAL_NODES
         low, high = position_limits.T
-        bodies = merged_bodies(tree, (low + high) / 2, (high - low) / 2)
-        self._robot = _Filled(
-            library.Robot,
-            joints=self._n,
-            bodies=len(bodies.real),
-            width=self._width,
-            free=np.array(free, dtype=np.int64),
-            real=bodies.real,
-            imaginary=bodies.imaginary,
-            is_real=bodies.is_real,
-            from_=bodies.from_,
-            first=bodies.first,
-            joint=bodies.joint,
-            ratio=bodies.ratio,
-        )
+        self._robot = filled_robot(merged_bodies(tree, (low + high) / 2, (high - low) / 2), free)
 
     def plan(self, rows: Rows, search: Search) -> Answers:
         """Plan a batch; the answer to a row depends on that row and on the search alone."""
@@ -146,7 +138,7 @@ class Solver:
             coefficients=np.zeros((count, n, CONDITIONS + width)),
         )
         given = {name: values for name, values in vars(rows).items() if values is not None}
-        batch = _Filled(library.Batch, count=count, **given, **vars(answers))
+        batch = Filled(library.Batch, count=count, **given, **vars(answers))
         grids, nodes = _grids(width, most_nodes)
         failed = self._kernel.plan(
             self._robot.structure,
@@ -165,45 +157,15 @@ class Solver:
 COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
-class _Filled:
-    """A structure with what it points to."""
-
-    def __init__(self, kind: type[ctypes.Structure], **values: Any) -> None:
-        self._kept: list[Any] = []
-        self.structure: Any = kind()
-        kinds: dict[str, Any] = dict(field[:2] for field in kind._fields_)
-        for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                dtype = np.int64 if kinds[name] is library.Integers else np.float64
-                array = np.ascontiguousarray(value, dtype=dtype)
-                self._kept.append(array)
-                value = array.ctypes.data_as(kinds[name])
-            setattr(self.structure, name, value)
-
-
 class _Grids:
     """Grids of all levels, and the finer ones to judge by; those of too many nodes left out."""
 
     def __init__(self, width: int, counts: Sequence[int], most_nodes: int) -> None:
-        self._kept = [_grid(width, count) if count <= most_nodes else None for count in counts]
+        self._kept = [filled_grid(width, count) if count <= most_nodes else None for count in counts]
         self.structures = (library.Grid * len(counts))()
         for index, filled in enumerate(self._kept):
             if filled:
                 self.structures[index] = filled.structure
-
-
-@lru_cache(maxsize=64)
-def _grid(width: int, count: int) -> _Filled:
-    quadrature = gauss_legendre(count)
-    value, slope, _ = basis(Form(width)).values(quadrature.nodes)
-    return _Filled(
-        library.Grid,
-        nodes=count,
-        weights=quadrature.weights,
-        value=value.T,
-        slope=slope.T,
-        tail=quadrature.transform[-3:],
-    )
 
 
 @lru_cache(maxsize=32)
@@ -213,10 +175,10 @@ def _grids(width: int, most_nodes: int) -> tuple[_Grids, IntArray]:
 
 
 @cache
-def _powers(width: int) -> _Filled:
+def _powers(width: int) -> Filled:
     columns, columns_low = _doubles(basis_columns(width))
     lost, lost_low = _doubles(compensations(CONDITIONS + width))
-    return _Filled(library.Powers, columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
+    return Filled(library.Powers, columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
 
 
 def _doubles(fractions: Any) -> tuple[Array, Array]:
@@ -268,8 +230,12 @@ def _settings(search: Search) -> library.Settings:
         levels=len(NODE_COUNTS),
         finer=FINER,
         level_of_starts=LEVEL_OF_STARTS,
-        motions=MOTIONS,
-        secant_steps=stages.SECANT_STEPS,
+        candidates=CANDIDATES,
+        followed=FOLLOWED,
+        hopeless_way=HOPELESS_WAY,
+        changed_branches=CHANGED_BRANCHES,
+        step_to_rank=STEP_TO_RANK,
+        steps_to_rank=STEPS_TO_RANK,
         starts=search.starts,
         most_starts=search.most_starts,
         easy_iterations=stages.EASY_ITERATIONS,

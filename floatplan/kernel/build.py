@@ -15,7 +15,10 @@ import tempfile
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-SOURCES = ("kernel.hpp", "plan.hpp", "batch.hpp", "kernel.cpp")
+SOURCES = (
+    *("kernel.hpp", "all.hpp", "lanes.hpp", "planner.hpp", "scaling.hpp", "momentum.hpp", "sqp.hpp", "starts.hpp"),
+    *("batch.hpp", "rest.hpp", "kernel.cpp"),
+)
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
 COMPILERS = ("c++", "g++", "clang++")
 FLAGS = (

@@ -1,7 +1,7 @@
 // Plans without inequalities, compiled: batches of problems of one robot, one after the other.
 //
-// plan.hpp is compiled for each set of instructions; which one runs is chosen when the library is called. Nothing here
-// relies on unsafe floating-point transformations: compile with -ffp-contract=off.
+// What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called.
+// Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
 
 #include <cmath>
@@ -96,16 +96,20 @@ struct Random {
         return z ^ (z >> 31);
     }
     double uniform() { return (next() >> 11) * 0x1p-53 + 0x1p-54; }
-    double normal() { return std::sqrt(-2 * std::log(uniform())) * std::cos(6.283185307179586 * uniform()); }
+    double normal() {
+        double length = std::sqrt(-2 * std::log(uniform()));
+        return length * std::cos(6.283185307179586 * uniform());
+    }
 };
 
 }  // namespace
 
-// ---- plan.hpp for each set of instructions
+// ---- the planner for each set of instructions
 
 namespace baseline {
 constexpr int LANES = 2;
 typedef double Vector __attribute__((vector_size(16)));
+static inline Vector all(double value) { return Vector{value, value}; }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 #if defined(__aarch64__) && defined(__clang__)
     return __builtin_elementwise_fma(a, b, c);
@@ -115,13 +119,12 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return a * b + c;
 #endif
 }
-#include "plan.hpp"
-#include "batch.hpp"
+#include "all.hpp"
 }  // namespace baseline
 
 #if defined(__x86_64__)
 #include <immintrin.h>
-#define FLOATPLAN_AVX2
+#define FLOATPLAN_X86
 #if defined(__clang__)
 #pragma clang attribute push(__attribute__((target("avx2,fma"))), apply_to = function)
 #else
@@ -131,12 +134,29 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 namespace avx2 {
 constexpr int LANES = 4;
 typedef double Vector __attribute__((vector_size(32)));
+static inline Vector all(double value) { return (Vector)_mm256_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
     return (Vector)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 }
-#include "plan.hpp"
-#include "batch.hpp"
+#include "all.hpp"
 }  // namespace avx2
+#if defined(__clang__)
+#pragma clang attribute pop
+#pragma clang attribute push(__attribute__((target("avx512f,avx512dq,avx512vl,fma"))), apply_to = function)
+#else
+#pragma GCC pop_options
+#pragma GCC push_options
+#pragma GCC target("avx512f,avx512dq,avx512vl,fma")
+#endif
+namespace avx512 {
+constexpr int LANES = 8;
+typedef double Vector __attribute__((vector_size(64)));
+static inline Vector all(double value) { return (Vector)_mm512_set1_pd(value); }
+static inline Vector multiply_add(Vector a, Vector b, Vector c) {
+    return (Vector)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
+}
+#include "all.hpp"
+}  // namespace avx512
 #if defined(__clang__)
 #pragma clang attribute pop
 #else
@@ -151,10 +171,12 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 
 EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 
-// Sets of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA.
+// The widest set of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
 EXPORT std::int64_t floatplan_instructions() {
-#ifdef FLOATPLAN_AVX2
+#ifdef FLOATPLAN_X86
     __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+        return 2;
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return 1;
 #endif
     return 0;
@@ -164,9 +186,21 @@ EXPORT std::int64_t floatplan_instructions() {
 EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const std::int64_t *nodes,
                                    const Powers *powers, const Settings *settings, Batch *batch,
                                    std::int64_t instructions) {
-#ifdef FLOATPLAN_AVX2
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) return avx512::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
     if (instructions == 1) return avx2::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
 #endif
     (void)instructions;
     return baseline::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
+}
+
+// Corrects the rest of a flight; returns 0, or 1 where there was no memory for it.
+EXPORT std::int64_t floatplan_rest(const Robot *robot, const Grid *grid, const Settings *settings, Rest *rest,
+                                   std::int64_t instructions) {
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) return avx512::correct_rest(*robot, *grid, *settings, *rest);
+    if (instructions == 1) return avx2::correct_rest(*robot, *grid, *settings, *rest);
+#endif
+    (void)instructions;
+    return baseline::correct_rest(*robot, *grid, *settings, *rest);
 }

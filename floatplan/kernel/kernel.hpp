@@ -37,9 +37,10 @@ struct Settings {
     double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
     double armijo, penalty_factor, penalty_kept, shortest_step, shortening_least, shortening_most, largest_multiplier;
     double damping, slack_penalty, largest_curvature, polished;
+    double hopeless_way, changed_branches, step_to_rank;
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
     std::int64_t first_level, levels, finer;  // finer: levels up to twice the nodes
-    std::int64_t level_of_starts, motions, secant_steps;
+    std::int64_t level_of_starts, candidates, followed, steps_to_rank;
     std::int64_t starts, most_starts, easy_iterations, wanted_after_failure;
     std::uint64_t seed;
     double spreads[6];
@@ -53,6 +54,16 @@ struct Batch {
     std::int64_t *status, *iterations, *evaluations, *instants, *starts, *solved;
     std::int64_t *branch;  // (joints), at landing, against the boundary given
     double *objective, *residual, *z, *coefficients;
+};
+
+// The rest of a flight; z, y (joints, width), boundary (joints, 6), whitening (width, width).
+struct Rest {
+    double duration, momentum, change, sigma, stiffness, settled, shorter;
+    std::int64_t evaluations;
+    const double *boundary, *z, *whitening, *amplitude;
+    double *y;
+    double miss;
+    std::int64_t evaluated;
 };
 
 enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };

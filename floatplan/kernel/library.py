@@ -10,7 +10,7 @@ from functools import cache
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
 
 SWITCH = "FLOATPLAN_KERNEL"  # environment variable: "off" for the Python solver
-INSTRUCTIONS = ("baseline instructions", "AVX2")
+INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 STAGES = 3
 SPREADS = 6
 
@@ -64,14 +64,14 @@ class Settings(Structure):
                 *("longest_step", "coarsely_resolved", "too_wild", "hopeless", "tolerance", "unresolved"),
                 *("smallest_tail", "largest_tail", "armijo", "penalty_factor", "penalty_kept", "shortest_step"),
                 *("shortening_least", "shortening_most", "largest_multiplier", "damping", "slack_penalty"),
-                *("largest_curvature", "polished"),
+                *("largest_curvature", "polished", "hopeless_way", "changed_branches", "step_to_rank"),
             )
         ),
         *(
             (name, c_int64)
             for name in (
                 *("slow_evaluations", "slow_steps", "polishing_steps", "most_rounds", "most_iterations"),
-                *("first_level", "levels", "finer", "level_of_starts", "motions", "secant_steps"),
+                *("first_level", "levels", "finer", "level_of_starts", "candidates", "followed", "steps_to_rank"),
                 *("starts", "most_starts", "easy_iterations", "wanted_after_failure"),
             )
         ),
@@ -94,6 +94,18 @@ class Batch(Structure):
     )
 
 
+class Rest(Structure):
+    """The rest of a flight and its correction."""
+
+    _fields_ = (
+        *((name, c_double) for name in ("duration", "momentum", "change", "sigma", "stiffness", "settled", "shorter")),
+        ("evaluations", c_int64),
+        *((name, Doubles) for name in ("boundary", "z", "whitening", "amplitude", "y")),
+        ("miss", c_double),
+        ("evaluated", c_int64),
+    )
+
+
 class Kernel:
     """The library, loaded."""
 
@@ -104,6 +116,9 @@ class Kernel:
             c_int64,
         ]
         self.plan.restype = c_int64
+        self.rest = library.floatplan_rest
+        self.rest.argtypes = [POINTER(Robot), POINTER(Grid), POINTER(Settings), POINTER(Rest), c_int64]
+        self.rest.restype = c_int64
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

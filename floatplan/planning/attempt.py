@@ -14,6 +14,7 @@ from itertools import islice
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.batch import MOST_STARTS, Search
 from floatplan.kernel.stages import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
@@ -48,6 +49,7 @@ CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
+ATTEMPTS = 300  # [-] most starts tried at each degree
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
 
@@ -57,7 +59,8 @@ class Outcome:
     """Where an attempt ended.
 
     ``violation`` is the largest one of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
-    names what is minimised; ``work`` is what the attempt took, the drawing of its start included.
+    names what is minimised; ``work`` is what the attempt took, the drawing of its start included. ``starts`` were
+    followed together, of which ``solved`` hold.
     """
 
     variables: DecisionVariables
@@ -68,6 +71,8 @@ class Outcome:
     degrees: tuple[int, ...]
     objective: ObjectiveName
     work: float = 0.0
+    starts: int = 1
+    solved: int = 1
 
     @property
     def holds(self) -> bool:
@@ -165,6 +170,21 @@ class Attempts:
         outcome.work = self.model.work.done - before
         return outcome
 
+    def followed_together(self, starts: int) -> Outcome | None:
+        """Return the best of so many solved starts, all followed by the kernel; None where it cannot."""
+        if self.constraints or self.problem.raises_degree:
+            return None
+        before, most = self.model.work.done, min(MOST_STARTS + starts - 1, ATTEMPTS)
+        search = Search(starts, most, self.seed, FINE.longest_step)
+        degrees = self.problem.degrees
+        found = compiled_solution(self.problem, self.model, self.plain_start, degrees, search)
+        if found is None:
+            return None
+        outcome = self._judge(found.variables, found.solution, 0, degrees)
+        outcome.work = self.model.work.done - before
+        outcome.starts, outcome.solved = found.starts, found.solved
+        return outcome
+
     def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
         is_first = number == 0 or start.is_plain
@@ -177,8 +197,9 @@ class Attempts:
             return self._judge(start.variables, solution, number, degrees)
 
         if not self.constraints:
-            compiled = compiled_solution(self.problem, self.model, start, degrees, settings, make_objective)
-            return self._judge(start.variables, compiled, number, degrees) if compiled else follow(start.x)
+            alone = Search(longest_step=settings.longest_step)
+            compiled = compiled_solution(self.problem, self.model, start, degrees, alone)
+            return self._judge(start.variables, compiled.solution, number, degrees) if compiled else follow(start.x)
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome

@@ -1,19 +1,18 @@
-"""A start followed by the compiled kernel, where a problem asks for no more than it does."""
+"""Starts followed by the compiled kernel, where a problem asks for no more than it does."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from floatplan.kernel.batch import FEASIBLE, OPTIMAL, Rows, Search
 from floatplan.kernel.rows import is_plain, is_planar, solver
-from floatplan.optimization.nonlinear_program import Settings
 from floatplan.optimization.sqp import Solution
 from floatplan.planning.starts import Start
-from floatplan.planning.transcription.objectives import Objective
-from floatplan.planning.transcription.program import FlightProgram
-from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory
+from floatplan.planning.transcription.program import FlightProgram, decision_variables, objective
+from floatplan.planning.transcription.trajectory import FlightModel, Trajectory
+from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 
 WORDS = {OPTIMAL: "optimal", FEASIBLE: "feasible"}
@@ -22,19 +21,26 @@ LEVEL = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """The best of the starts followed: its variables and solution, how many were followed, and how many solved."""
+
+    variables: DecisionVariables
+    solution: Solution[Trajectory]
+    starts: int
+    solved: int
+
+
 def compiled_solution(
-    problem: Problem,
-    model: FlightModel,
-    start: Start,
-    degrees: tuple[int, ...],
-    settings: Settings,
-    make_objective: Callable[[Sampling], Objective],
-) -> Solution[Trajectory] | None:
+    problem: Problem, model: FlightModel, start: Start, degrees: tuple[int, ...], search: Search
+) -> Compiled | None:
     """Follow a start as :func:`~floatplan.planning.transcription.exchange.solve` does, without constraints.
+
+    Where ``search`` allows more than one, others follow that the kernel draws.
 
     Returns
     -------
-    Solution or None
+    Compiled or None
         None where the problem needs more than the kernel, or there is none.
     """
     found = solver(problem, degrees) if is_planar(model.flight) and is_plain(problem) else None
@@ -49,10 +55,14 @@ def compiled_solution(
         boundary=polynomials.boundary[None],
         start=variables.free_coefficients(start.x)[None],
     )
-    answers = found.plan(rows, Search(longest_step=settings.longest_step))
+    answers = found.plan(rows, search)
     model.work.evaluated(int(answers.instants[0]), model.flight.bodies, int(answers.evaluations[0]))
+    if answers.branch[0].any():
+        branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
+        variables = decision_variables(problem, degrees, branches, variables.momentum)
     x = variables.variables(answers.z[0], rows.momentum)
     nodes = model.nodes(LEVEL, polynomials.form)
-    evaluation = FlightProgram(model, variables, nodes, make_objective(nodes)).evaluate(x)
+    evaluation = FlightProgram(model, variables, nodes, objective(problem, model, variables, nodes)).evaluate(x)
     status = WORDS.get(int(answers.status[0]), "infeasible")
-    return Solution(x, evaluation, status, int(answers.iterations[0]), int(answers.evaluations[0]))
+    solution = Solution(x, evaluation, status, int(answers.iterations[0]), int(answers.evaluations[0]))
+    return Compiled(variables, solution, int(answers.starts[0]), int(answers.solved[0]))

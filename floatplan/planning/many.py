@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.arrays import IntArray
 from floatplan.kernel import rows as plain
-from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, OPTIMAL, Answers, Search
+from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, MOST_STARTS, OPTIMAL, Answers, Search
 from floatplan.planning.one_of_many import Effort, Task, answers
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plans import SOLVED, Plans
@@ -18,7 +18,6 @@ from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
 
 CHUNK = 2048  # problems of a batch
-MOST_STARTS = 65  # [-] the plain one, and random ones
 WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
 NOT_FOUND = f"No plan was found from {MOST_STARTS} starts; search=True tries more."
 
@@ -35,7 +34,7 @@ def plan_many(
     """Plan many flights.
 
     Problems without inequalities, at a given angular momentum and with the objective "coefficients", are planned in
-    batches by the compiled kernel where it is built: from the plain motion, and from up to 64 random starts where that
+    batches by the compiled kernel where it is built: from the plain motion, and from up to 32 random starts where that
     fails or converges slowly. All others have the whole search of :func:`floatplan.plan`, each on its own. The answer
     to a problem depends on that problem, ``starts``, ``search``, ``prove`` and ``seed`` alone.
 
@@ -66,7 +65,7 @@ def plan_many(
     """
     options = SearchOptions(seed=seed, starts=starts, jobs=jobs)
     plans = Plans.of(problems, *_shape(problems), seed)
-    whole, few = Effort(seed, starts), Effort(seed, starts, MOST_STARTS)
+    whole, few = Effort(seed, starts), Effort(seed, starts, _most_starts(options))
     batches, others = _sorted_out(problems)
     tasks = [Task(index, whole) for index in others]
     for batch in batches:
@@ -84,6 +83,10 @@ def plan_many(
         found = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
         _finish(plans, [Task(index, whole, plans.answer(index)) for index in found], jobs)
     return plans
+
+
+def _most_starts(options: SearchOptions) -> int:
+    return MOST_STARTS + options.starts - 1
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
@@ -137,7 +140,7 @@ def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions) -> list[int
     """Plan a batch in chunks; indices of the problems whose numbers may be bad are returned, not planned."""
     solver = plain.solver(batch.like, batch.like.degrees)
     assert solver is not None, "the kernel was there"
-    search = Search(starts=options.starts, most_starts=max(MOST_STARTS, 2 * options.starts), seed=options.seed)
+    search = Search(starts=options.starts, most_starts=_most_starts(options), seed=options.seed)
 
     def planned(chunk: IntArray) -> tuple[IntArray, plain.Numbers, Answers, list[int]]:
         numbers = batch.numbers(chunk)

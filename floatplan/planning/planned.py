@@ -12,7 +12,7 @@ from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.explanation import explain, proven_impossible
-from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SearchOptions, search
+from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SAME, SearchOptions, search
 from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
 from floatplan.problem.checks import refuse
@@ -75,8 +75,19 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
 
 def alternatives(found: Planned) -> Iterator[Planned]:
     """Yield the plans that the other solutions would make."""
-    for outcome in found.others:
+    for outcome in found.others or _not_kept(found):
         yield Planned(replace(_moving_as(found.plan, outcome), status=outcome.solution.status), outcome)
+
+
+def _not_kept(found: Planned) -> tuple[Outcome, ...]:
+    """Solutions worse than the best, of starts that the kernel has followed together: now one by one."""
+    solver, best = found.plan.solver, found.best
+    if found.best.starts == 1 or solver["solved"] < 2:
+        return ()
+    prepared = Attempts(found.plan.problem, solver["seed"])
+    options = SearchOptions(solver["seed"], solver["solved"])
+    again = search(prepared, options, solver["starts"], one_by_one=True)
+    return tuple(other for other in again.holding if other.objective_value > best.objective_value * (1 + SAME))
 
 
 def polished(found: Planned, tighter: Problem) -> Planned | None:

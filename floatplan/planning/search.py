@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -22,7 +22,7 @@ from floatplan.errors import InputError
 from floatplan.kernel.stages import WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
-from floatplan.planning.attempt import Attempts, Outcome, best
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
 from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 LOG = logging.getLogger(__name__)
 LARGEST_SEED = 2**63 - 1
 MOST_JOBS = 64  # [-] processes
-ATTEMPTS = 300  # [-] most starts tried at each degree
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
 ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
 RAISED = 2  # [-] nearest motions of one degree that are starts at the next
@@ -102,11 +101,14 @@ class SearchOptions:
             raise InputError(f"{self.jobs} processes, more than {MOST_JOBS}", element="jobs")
 
 
-def search(prepared: Attempts, options: SearchOptions, attempts: int | None = None) -> SearchResult:
+def search(
+    prepared: Attempts, options: SearchOptions, attempts: int | None = None, *, one_by_one: bool = False
+) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
     The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
-    is known to have no solution and only a near miss is wanted. Ctrl-C ends the search with the best motion so far.
+    is known to have no solution and only a near miss is wanted. Of starts that the kernel follows together the best
+    alone is kept, unless they are followed ``one_by_one``. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
     work = (options.work or DEFAULT_WORK) if options.budget is None else np.inf
@@ -115,14 +117,14 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, options, expired, allowance), attempts):
+        for outcome in islice(_outcomes(prepared, options, expired, allowance, one_by_one), attempts):
             outcomes.append(outcome)
-            solved = sum(outcome.holds for outcome in outcomes)
+            tried, solved = _counts(outcomes)
             if LOG.isEnabledFor(logging.INFO):
                 LOG.info("%s", _said(prepared, outcomes))
             if options.progress and time.monotonic() - announced > 1:
                 announced = time.monotonic()
-                options.progress(f"{len(outcomes)} starts tried, {solved} solved, degree {max(outcome.degrees)}")
+                options.progress(f"{tried} starts tried, {solved} solved, degree {max(outcome.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
     except KeyboardInterrupt:
@@ -130,11 +132,12 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
         if not outcomes:
             outcomes.append(prepared.attempt(prepared.plain_start, 0, prepared.problem.degrees, lambda: True))
     holding = [outcome for outcome in outcomes if outcome.holds]
+    tried, solved = _counts(outcomes)
     return SearchResult(
         best(outcomes),
         tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding),
-        attempts=len(outcomes),
-        solved=len(holding),
+        attempts=tried,
+        solved=solved,
         iterations=sum(outcome.solution.iterations for outcome in outcomes),
         evaluations=sum(outcome.solution.evaluations for outcome in outcomes),
         work=sum(outcome.work for outcome in outcomes),
@@ -144,11 +147,18 @@ def search(prepared: Attempts, options: SearchOptions, attempts: int | None = No
     )
 
 
+def _counts(outcomes: Sequence[Outcome]) -> tuple[int, int]:
+    """Starts followed, and of them those solved."""
+    return sum(outcome.starts for outcome in outcomes), sum(outcome.solved for outcome in outcomes if outcome.holds)
+
+
 def _said(prepared: Attempts, outcomes: list[Outcome]) -> str:
     """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
     outcome = outcomes[-1]
     degrees = sorted(set(outcome.degrees))
-    parts = [f"start {len(outcomes)}, degree {' to '.join(map(str, degrees))}, {outcome.solution.iterations} steps"]
+    parts = [
+        f"start {_counts(outcomes)[0]}, degree {' to '.join(map(str, degrees))}, {outcome.solution.iterations} steps"
+    ]
     if outcome.holds:
         parts.append(f"{outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}")
     else:
@@ -198,6 +208,8 @@ class Allowance:
 def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> bool:
     """Whether ``wanted`` starts are solved and more of them promise little."""
     solved = [index for index, outcome in enumerate(outcomes) if outcome.holds]
+    if solved and outcomes[0].starts > 1:  # the kernel has followed as many as promise anything
+        return True
     if len(solved) < max(wanted, 1):
         return False
     constrained = bool(prepared.constraints)
@@ -229,7 +241,7 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
 
 
 def _outcomes(
-    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance
+    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance, one_by_one: bool
 ) -> Iterator[Outcome]:
     """Outcomes of the attempts, in their order, from this process or from several.
 
@@ -237,12 +249,16 @@ def _outcomes(
     none: how far it came would depend on what ran beside it.
     """
     nearest: list[Outcome] = []
-    is_first = True
+    together = None if one_by_one else prepared.followed_together(options.starts)
+    is_first = together is None
+    if together:
+        allowance.grants(together, True)
+        yield together
     with _runner(prepared, options, expired, allowance) as run:
         for degrees, attempts in _stages(prepared.problem):
             raised = [prepared.raised(outcome, degrees) for outcome in nearest]
             tried = []
-            for outcome in run(degrees, raised, attempts):
+            for outcome in run(degrees, raised, range(together.starts if together else 0, attempts)):
                 if not allowance.grants(outcome, is_first):
                     return
                 is_first = False
@@ -261,17 +277,17 @@ def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
     return distinct[:RAISED]
 
 
-Run: TypeAlias = Callable[[tuple[int, ...], list[Start], int], Iterator[Outcome]]
+Run: TypeAlias = Callable[[tuple[int, ...], list[Start], range], Iterator[Outcome]]
 
 
 @contextmanager
 def _runner(
     prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance
 ) -> Iterator[Run]:
-    """What follows starts at some degrees: the given ones, then random ones, so many in all."""
+    """What follows starts at some degrees by their numbers: the given ones come first, then random ones."""
 
-    def run_here(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
-        for number in range(attempts):
+    def run_here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome]:
+        for number in numbers:
             outcome = _follow(prepared, given, number, degrees, expired, allowance.left)
             if outcome is None:
                 return
@@ -289,13 +305,13 @@ def _runner(
     ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left, ended)
     with ProcessPoolExecutor(options.jobs, context, initializer=_prepare, initargs=ready) as pool:
 
-        def run_there(degrees: tuple[int, ...], given: list[Start], attempts: int) -> Iterator[Outcome]:
+        def run_there(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome]:
             try:
-                futures = [pool.submit(_attempt, degrees, given, number) for number in range(attempts)]
+                futures = [pool.submit(_attempt, degrees, given, number) for number in numbers]
             except BrokenProcessPool:  # the system has killed a process of it: this one goes on alone
-                yield from run_here(degrees, given, attempts)
+                yield from run_here(degrees, given, numbers)
                 return
-            for number, future in enumerate(futures):
+            for number, future in zip(numbers, futures, strict=True):
                 try:
                     outcome = future.result()
                 except BrokenProcessPool:

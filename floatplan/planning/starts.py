@@ -15,11 +15,14 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.kernel.rows import is_plain
 from floatplan.kernel.stages import SECANT_STEPS, SPREADS
 from floatplan.motion.dynamics import MomentumSet
+from floatplan.planning.ranked_starts import ranked_starts
 from floatplan.planning.transcription.constraints import Constraint, applies
-from floatplan.planning.transcription.program import decision_variables
-from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
+from floatplan.planning.transcription.objectives import Objective
+from floatplan.planning.transcription.program import decision_variables, objective
+from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, trajectories
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 
@@ -67,6 +70,16 @@ def starts(
     """
     start = _plain_start(problem, degrees, momentum)
     yield start
+    if start.variables.size and is_plain(problem):
+
+        def variables_on(branches: IntArray) -> DecisionVariables:
+            return _variables(problem, degrees, momentum, branches)
+
+        def make_objective(variables: DecisionVariables, sampling: Sampling) -> Objective:
+            return objective(problem, model, variables, sampling)
+
+        for variables, x in ranked_starts(model, variables_on, make_objective, seed, len(problem.robot.joints)):
+            yield Start(variables, x)
     drawn = _random_starts(problem, model, constraints, degrees, momentum, start.variables, seed)
     if momentum.free and constraints:
         coefficients = start.x[: start.variables.coefficients]

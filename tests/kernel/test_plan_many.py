@@ -60,7 +60,7 @@ def test_plans_hold_by_independent_dynamics(implementation):
 
 
 def test_both_implementations_answer_alike(monkeypatch):
-    """From the plain start alone; optima are flat: of b itself hardly more than the root of |b|'s accuracy is fixed."""
+    """From the plain start alone, with the same nodes at first."""
     if library.kernel() is None:
         skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
     monkeypatch.setattr(many, "MOST_STARTS", 1)
@@ -75,11 +75,12 @@ def test_both_implementations_answer_alike(monkeypatch):
     both = compiled.ok & python.ok
     one_optimum = both & (difference < 1e-4)
     assert both.mean() > 0.8
-    assert (compiled.ok >= python.ok).mean() >= 0.99  # it accepts a few more: it judges with twice the nodes
-    assert (compiled.status == python.status)[both].mean() >= 0.99
+    assert (
+        compiled.status == python.status
+    ).mean() >= 0.98  # it judges with twice the nodes: wild motions are resolved
     assert one_optimum.sum() >= 0.97 * both.sum()
     assert (difference < 1e-9)[one_optimum].mean() >= 0.99
-    assert (apart < 1e-4)[one_optimum].mean() >= 0.99
+    assert (apart < 1e-6)[one_optimum].mean() >= 0.99
 
 
 def test_a_family_is_planned_as_its_problems_are(implementation, gymnast_problem):

@@ -95,6 +95,11 @@ class Dynamics:
         self._coupling = centroidal_coupling(tree)
         self._momentum_mapping = momentum_mapping(tree)
 
+    @property
+    def masses(self) -> tuple[ComplexArray, Array]:
+        """C (m, m) and inertias (m,), kg m^2, of the bodies."""
+        return self._coupling, self._inertia
+
     def adapted(self, coupling: ComplexArray, inertia: Array) -> Dynamics:
         """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
         other = copy(self)

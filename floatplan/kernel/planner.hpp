@@ -1,0 +1,172 @@
+// A problem without inequalities at the nodes of a grid: minimise (17) subject to (14).
+
+// Memory of one call, for any of its problems.
+struct Memory {
+    double *sine, *cosine, *rate;                          // (joints, nodes): sin p, cos p, dp/ds
+    double *fixed, *fixed_rate;                            // (joints, nodes): p and dp/ds of the motion with z = 0
+    double *body_cosine, *body_sine, *turned, *inertia, *swing;  // (bodies, nodes): E, Im, Re conj(E) C E, rate
+    double *base_rate, *inverse;                           // (nodes): theta0', 1/D_0
+    double *by_angle, *by_swing, *angle;                   // (bodies, LANES)
+    double *by_joint, *by_joint_rate, *joint_rate;         // (joints, LANES)
+    double *by_z;                                          // (joints, width, LANES)
+    double *z, *z_gradient;                                // (joints, width)
+    // By number of free polynomials: (width, width), (width, 6), (columns, 6).
+    double *scaling, *offset_map, *rest;
+    double *offset;                                        // (size)
+    double *x, *row, *previous_row, *trial, *direction, *lagrangian, *mapped, *change, *product, *half;  // (size)
+    double *h, *h_initial;                                 // (size, size) inverse Hessian
+    double *b;                                             // (joints, 6 + width)
+    double *boundary;                                      // (joints, 6)
+    double *matrix;
+    std::int64_t *branch;
+    double *merit;                                         // (candidates)
+    std::int64_t *candidate;
+};
+
+struct Point {
+    double objective = 0, equality = 0;
+    bool differentiated = false;
+    std::int64_t number = 0;  // of its evaluation
+};
+
+struct Solution {
+    Status status;
+    std::int64_t iterations;
+};
+
+class Planner {
+  public:
+    Planner(const Robot &robot, const Grid *grids, const Settings &settings, Memory &memory)
+        : robot(robot), grids(grids), settings(settings), m(memory), n(robot.joints), bodies(robot.bodies),
+          width(robot.width), columns(6 + robot.width) {
+        for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
+    }
+
+    std::int64_t size = 0, evaluations = 0, instants = 0;
+    double h0 = 0, change = 0;               // h, kg m^2/s; the orientation's change asked for, rad
+    const std::int64_t *node_counts = nullptr;  // (levels), also of grids that there are not yet
+
+    // scaling.hpp: the variables x, for a duration and a boundary (joints, 6)
+    void whiten(double duration, const Powers &powers);
+    void set_boundary(const double *boundary);
+    void free_coefficients(const double *x);           // z = offset + scaling x
+    void variables(const double *z, double *x) const;  // the inverse
+    double metric(const double *d) const;
+    double squared_objective(double square) const { return least + unit * unit * square; }  // |b|^2, of |x|^2
+
+    std::int64_t current_level() const { return level; }
+
+    // Takes the grid of a level; false where there is none.
+    bool at_level(std::int64_t wanted) {
+        if (grids[wanted].nodes == 0) return false;
+        if (wanted == level) return true;
+        level = wanted;
+        const Grid &grid = grids[level];
+        std::int64_t nodes = grid.nodes;
+        for (std::int64_t i = 0; i < n; ++i)
+            for (std::int64_t k = 0; k < nodes; k += LANES) {
+                Vector p = all(0), rate = all(0);
+                for (int c = 0; c < 6; ++c) {
+                    Vector b = all(m.boundary[6 * i + c]);
+                    p = multiply_add(b, load(grid.value + c * nodes + k), p);
+                    rate = multiply_add(b, load(grid.slope + c * nodes + k), rate);
+                }
+                store(m.fixed + i * nodes + k, p);
+                store(m.fixed_rate + i * nodes + k, rate);
+            }
+        return true;
+    }
+
+    Point evaluate(const double *x) {
+        free_coefficients(x);
+        Point point = evaluate_z();
+        for (std::int64_t k = 0; k < size; ++k) point.objective += x[k] * x[k];
+        point.objective /= 2;
+        return point;
+    }
+
+    // The motion of m.z, without the objective.
+    Point evaluate_z() {
+        Point point;
+        point.equality = T * (robot.is_real ? fly<true>() : fly<false>()) - change;
+        point.number = ++evaluations;
+        instants += grids[level].nodes;
+        return point;
+    }
+
+    // Takes the first grid and a boundary (joints, 6), for motions of m.z alone.
+    void begin(double duration, const double *boundary) {
+        T = duration;
+        std::memcpy(m.boundary, boundary, 6 * n * sizeof(double));
+        at_level(0);
+    }
+
+    // Derivatives (joints, width) of the equality by z, of the point evaluated last.
+    void differentiate_z(double *by_z) {
+        if (robot.is_real) backward<true>(by_z);
+        else backward<false>(by_z);
+    }
+
+    // Derivatives of the equality by x, of the point evaluated last.
+    void differentiate(Point &point, double *row) {
+        differentiate_z(m.z_gradient);
+        const double *z = m.z_gradient;
+        for (std::int64_t i = 0; i < n; ++i, z += width) {
+            std::int64_t f = robot.free[i];
+            const double *inverse = m.scaling + f * width * width;
+            for (std::int64_t c = 0; c < f; ++c) {
+                double part = 0;
+                for (std::int64_t r = 0; r <= c; ++r) part += inverse[r * f + c] * z[r];
+                row[c] = unit * part;
+            }
+            row += f;
+        }
+        point.differentiated = true;
+    }
+
+    // Tail of the Legendre coefficients of theta0', relative to its largest value.
+    double unresolved() {
+        const Grid &grid = grids[level];
+        double tail = 0;
+        fastest = 0;
+        for (std::int64_t k = 0; k < grid.nodes; ++k) fastest = larger(fastest, std::fabs(m.base_rate[k]));
+        for (int r = 0; r < 3; ++r) {
+            double part = 0;
+            for (std::int64_t k = 0; k < grid.nodes; ++k) part += grid.tail[r * grid.nodes + k] * m.base_rate[k];
+            tail = larger(tail, std::fabs(part));
+        }
+        return tail / larger(fastest, 1e-300);
+    }
+
+    // Level at which theta0(T) is exact to an error, see PlanarFlown.level_needed().
+    std::int64_t level_needed(double error) {
+        double tail = smaller(larger(unresolved(), settings.smallest_tail), settings.largest_tail);
+        double decay = std::log(tail) / grids[level].nodes;
+        double count = std::log(error / larger(fastest * T, error)) / (2 * decay);
+        for (std::int64_t candidate = 0; candidate + 1 < settings.levels; ++candidate)
+            if (node_counts[candidate] >= count) return candidate;
+        return settings.levels - 1;
+    }
+
+    // sqp.hpp: from x, see exchange.solve() of planning/transcription
+    Solution solve(double *x, double hopeless_way);
+    // One stage of it, see sqp.minimise(); ends where (14), were it linear, is so far away, rad.
+    Solution minimise(double *x, Point &current, const Stage &stage, bool polish, double initial_largest,
+                      double hopeless_way);
+
+  private:
+    const Robot &robot;
+    const Grid *grids;
+    const Settings &settings;
+    Memory &m;
+    std::int64_t n, bodies, width, columns, level = -1;
+    double T = 0, unit = 1, metric_norm = 1, fastest = 0, least = 0;
+
+    // momentum.hpp
+    template <bool is_real> double fly();
+    template <bool is_real> void backward(double *gradient);
+    template <bool is_real, typename Weighted>
+    void couple(std::int64_t a, std::int64_t k, Weighted weighted, Vector &x, Vector &y) const;
+    void factor(std::int64_t f, const Powers &powers);
+    double norm(const double *matrix, std::int64_t f) const;
+};
