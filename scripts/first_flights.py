@@ -20,6 +20,8 @@ from floatplan.robot.urdf.example_robots import PREFIX
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS = {
     "gymnast": str(ROOT / "urdf" / "gymnast.urdf"),
+    "acrobat": str(ROOT / "urdf" / "acrobat.urdf"),
+    "chain10": str(ROOT / "urdf" / "chain10.urdf"),
     "high_jumper": str(ROOT / "urdf" / "high_jumper.urdf"),
     **{
         Path(urdf).stem: PREFIX + urdf
@@ -42,6 +44,7 @@ ROBOTS = {
             "simple_humanoid_description/urdf/simple_humanoid.urdf",
             "panda_description/urdf/panda.urdf",
             "ur_description/urdf/ur5_robot.urdf",
+            "ur_description/urdf/ur10_robot.urdf",
             "kinova_description/robots/kinova.urdf",
             "tiago_description/robots/tiago.urdf",
         )

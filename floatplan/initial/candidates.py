@@ -21,7 +21,7 @@ ENOUGH = 0.6  # [-] of the rates' limits: less is not sought
 MOST = 0.95  # [-] of the rates' limits: more is not taken
 EXCESS = 10.0  # [-] of rates over what is enough
 TORQUE = 0.45  # [-] of the torque limits, that plain motions may take at most
-BEYOND = 0.5  # [rad] that they may leave the ranges
+BEYOND = 0.3  # [rad] that they may leave the ranges
 UNBOUNDED = 1e3  # [-] the ratio where there are no rates
 SAMPLES = 1024  # [-] flights that a search begins with, a power of 2
 CHAINS = 4  # [-] of them that are followed
@@ -33,6 +33,8 @@ BODY = 4.0  # [instants of one body] for each body of the robot
 PENALTY = 30.0  # [1/m] of what is below the ground
 SUNK = 0.1  # [m] that it counts at least
 UNNATURAL = 1.0  # [1/rad] of postures away from the resting one, of leaning, and of standing on a tilted foot
+CROUCH = 0.4  # [-] of the centre of mass's height in the resting posture, and
+CROUCHED = 15.0  # [-] for lower ones: nobody pushes off lying or sitting
 NEARLY = 0.3  # [rad] of the base's turn, that other than plain motions make up for
 MISSED = 2.0  # [1/rad] of the base's turn beyond
 TILTED = 0.25  # [-] of a foot's tilt, squared, beside the base's
@@ -181,6 +183,7 @@ class Flights:
             EXCESS * np.maximum(worst - ENOUGH, 0.0)
             + np.where(depths > 0, PENALTY * (SUNK + depths), 0.0)
             + UNNATURAL * np.sqrt(away).reshape(count, 2).mean(axis=1)
+            + CROUCHED * np.maximum(CROUCH - heights.min(axis=1) / self._size, 0.0)
             + MISSED * np.maximum(missed - NEARLY, 0.0)
             + STRADDLING * standing.apart.reshape(count, 2).max(axis=1) / self._size
         )

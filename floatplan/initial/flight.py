@@ -26,7 +26,7 @@ FLIPS_WORK, LEAPS_WORK, ALL_WORK = (
     4e7,
     5e7,
 )  # [instants of one body] of the search up to there, about 1 s each 6e6
-PATIENCE = 7e6  # [instants of one body] with one flight, until a motion is found
+PATIENCE = 8e6  # [instants of one body] with one flight, until a motion is found
 GOOD = 1.0  # [-] cost of a flight that is tried before others are sought
 LEAN = math.radians(35)  # [rad] of the base at both ends of a flip
 LEANS_OF_LEAPS = tuple(math.radians(lean) for lean in (45, 25, 12, 4))  # [rad] the same of leaps, which turn by it

@@ -127,8 +127,7 @@ def _flight(flight: FirstFlight) -> list[str]:
     if not problem.ground:
         return [*lines, "angular_momentum = 0", "gravity = 0"]
     shares = [f"{100 * (contact.ratio or 0):.0f} %" for contact in flight.plan.contacts]
-    free = asked.angular_momentum == "free"
-    lines.append(f"angular_momentum = {_value(asked.angular_momentum)}{'' if free else '  # kg m^2/s'}")
+    lines.append(f"angular_momentum = {_value(asked.angular_momentum)}  # kg m^2/s")
     lines.append(f"horizontal_velocity = {asked.horizontal_velocity:g}  # m/s")
     lines.append(f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}  # with {shares[0]} of the velocity limits")
     lines.append(f"landing = {{ frame = {_value(problem.landing.frame)} }}  # with {shares[1]}")
