@@ -86,4 +86,3 @@ class Estimate:
         if self.gravity <= 0 or reach < 0:
             return None
         return self.time + float((speed + math.sqrt(reach)) / self.gravity)
-
