@@ -19,8 +19,8 @@ from floatplan.inflight.limits import Rows
 from floatplan.inflight.outlook import Outlook
 from floatplan.motion.sine_polynomial import CONDITIONS
 
-EVALUATIONS = 2  # [-] of motions at most
-EVALUATIONS_FAR = 4  # [-] the same where the landing is far from the goal
+EVALUATIONS = 1  # [-] of changed motions at most
+EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
 FAR = 0.06  # [rad]
 WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
 SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
@@ -41,8 +41,8 @@ class Law:
     def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
         """Return the outlook after the correction, and the share of the correction that was taken.
 
-        Motions are evaluated so many times at most, twice as often where the landing is far from the goal: then first
-        as if the base were to reach it, see :meth:`Outlook.as_landed`.
+        Changed motions are evaluated so many times at most, more often where the landing is far from the goal: then
+        first as if the base were to reach it, see :meth:`Outlook.as_landed`.
         """
         if self.rows and abs(present.miss) > FAR:
             evaluations = max(evaluations, EVALUATIONS_FAR)

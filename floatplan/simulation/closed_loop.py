@@ -16,7 +16,8 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
-from floatplan.inflight.replanner import Correction, Replanner
+from floatplan.inflight.correction import Correction
+from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE

@@ -58,13 +58,13 @@ def spoilt(good: Any, rng: np.random.Generator) -> Any:
 
 
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_hostile_calls(plan: fp.Plan, replanner: fp.Replanner, seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = Drifting(plan, 1.05 * plan.angular_momentum)
     path = plan.ballistics
     taken = 0
-    for following in (plan.duration * np.arange(1, 121) / 120).tolist():
+    for following in (plan.duration * np.arange(1, 91) / 90).tolist():
         now = np.array([robot.time])
         good = dict(
             zip(
@@ -159,9 +159,9 @@ def test_memory_does_not_grow(plan: fp.Plan, replanner: fp.Replanner) -> None:
     robot = Drifting(plan, 1.1 * plan.angular_momentum)
     sizes = []
     tracemalloc.start()
-    for following in (plan.duration * np.arange(1, 220) / 220).tolist():
+    for following in (plan.duration * np.arange(1, 130) / 130).tolist():
         replanner.update(*robot.state(replanner))
         robot.fly(replanner, following, 1)
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert max(sizes[160:]) < 1.1 * max(sizes[80:120])
+    assert max(sizes[105:]) < 1.1 * max(sizes[70:90])
