@@ -80,9 +80,8 @@ class Identification:
         only[0] = 1.0
         self._correct(only, orientation - self.state[0], ANGLE_NOISE**2 * noise / inertia[0] ** 2)
         innovation, variance = float(momentum[1] - row @ self.state), RATE_NOISE**2 * noise
-        if self._is_kick(innovation, math.sqrt(float(row @ self._covariance @ row) + variance)):
-            self.forget()
-        self._correct(row, innovation, variance)
+        if self._believed(innovation, math.sqrt(float(row @ self._covariance @ row) + variance)):
+            self._correct(row, innovation, variance)
         np.minimum(np.maximum(self.state[2:], -LARGEST_ERROR), LARGEST_ERROR, out=self.state[2:])
         self._adapt()
 
@@ -92,14 +91,17 @@ class Identification:
         self._covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self._deviations[:2] ** 2
         self._surprises = 0
 
-    def _is_kick(self, innovation: float, deviation: float) -> bool:
-        """Whether the momentum has now been far from what was expected, to the same side, often enough."""
+    def _believed(self, innovation: float, deviation: float) -> bool:
+        """Whether a momentum is to be learnt from: one that surprises is only as the last of several, a kick."""
         if abs(innovation) <= SURPRISING * deviation:
             self._surprises = 0
-            return False
+            return True
         side = 1 if innovation > 0 else -1
         self._surprises = self._surprises + side if self._surprises * side > 0 else side
-        return abs(self._surprises) >= SURPRISES
+        if abs(self._surprises) < SURPRISES:
+            return False
+        self.forget()
+        return True
 
     def _momentum(self, positions: Array, velocities: Array, rates: Array) -> tuple[Array, Array]:
         """The momentum (N,) with the plan's masses, and how h less it depends on the state (N, 2+2m)."""

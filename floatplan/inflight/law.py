@@ -21,7 +21,7 @@ from floatplan.inflight.outlook import Outlook
 from floatplan.kernel.rest import RestSolver, Weights
 from floatplan.motion.sine_polynomial import CONDITIONS
 
-EVALUATIONS = 2  # [-] of motions at most
+EVALUATIONS = 1  # [-] of changed motions at most
 EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
 FAR = 0.06  # [rad]
 WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
@@ -44,15 +44,17 @@ class Law:
     def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
         """Return the outlook after the correction, and the share of the correction that was taken.
 
-        Motions are evaluated so many times at most, twice as often where the landing is far from the goal: then first
-        as if the base were to reach it, see :meth:`Outlook.as_landed`.
+        Changed motions are evaluated so many times at most, more often where the landing is far from the goal: then
+        first as if the base were to reach it, see :meth:`Outlook.as_landed`.
         """
-        sigma = max(self.sigma, abs(present.miss) / WEIGHED) if self.rows else self.sigma
         if self.rows and abs(present.miss) > FAR:
-            outlook = self._solved(present.as_landed(), max(evaluations, EVALUATIONS_FAR), sigma)[0].as_it_is()
-            if abs(outlook.miss) < abs(present.miss) and self._keeps(outlook, present):
-                return outlook, 1.0
-        outlook, best = self._solved(present, evaluations, sigma)
+            evaluations = max(evaluations, EVALUATIONS_FAR)
+            if present.has_distances:
+                outlook = self._solved(present.as_landed(), evaluations)[0].as_it_is()
+                if abs(outlook.miss) < abs(present.miss) and self._keeps(outlook, present):
+                    return outlook, 1.0
+                evaluations = EVALUATIONS
+        outlook, best = self._solved(present, evaluations)
         if self._keeps(outlook, present):
             return outlook, 1.0
         for scale in SCALES:
@@ -61,12 +63,13 @@ class Law:
                 return part, scale
         return present, 0.0
 
-    def _solved(self, present: Outlook, evaluations: int, sigma: float) -> tuple[Outlook, Array]:
+    def _solved(self, present: Outlook, evaluations: int) -> tuple[Outlook, Array]:
         """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better.
 
         Where no limit is near before and after, the kernel makes them.
         """
         stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
+        sigma = self._tolerance(present.miss)
         if self.compiled and not present.violation.any():
             weights = Weights(sigma, stiffness, SETTLED, SHORTER, evaluations)
             best, _ = self.compiled.corrected(rest_of(present), weights)
@@ -74,7 +77,8 @@ class Law:
             if not outlook.violation.any():
                 return outlook, best
         y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
-        best, outlook, least = y, present, self._cost(present, y, stiffness, sigma)
+        best, outlook = y, present
+        least = self._cost(present, y, stiffness, sigma)
         step, expected = self._step(outlook, best, stiffness, sigma)
         for _ in range(evaluations):
             if least - expected < SETTLED**2:
@@ -88,11 +92,17 @@ class Law:
                     break
                 continue
             settled = cost - expected <= SETTLED * cost + SETTLED**2
-            best, outlook, least = y, tried, cost
-            if settled:
+            best, outlook, nearer = y, tried, self._tolerance(tried.miss)
+            if settled and nearer > sigma / 2:
                 break
+            sigma = nearer
+            least = self._cost(tried, y, stiffness, sigma)
             step, expected = self._step(outlook, best, stiffness, sigma)
         return outlook, best
+
+    def _tolerance(self, miss: float) -> float:
+        """Sigma, rad; larger far from the goal, so that it does not outweigh the limits."""
+        return max(self.sigma, abs(miss) / WEIGHED) if self.rows else self.sigma
 
     @staticmethod
     def _keeps(outlook: Outlook, present: Outlook) -> bool:

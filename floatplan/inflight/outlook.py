@@ -45,6 +45,7 @@ class Views:
         shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
         self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes))
         distances = distance_rows(problem, shapes)
+        self.has_distances = bool(distances)
         self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
         self.grid: GaussGrid = gauss_grid(NODE_COUNTS[_level(plan)]).also(
             np.linspace(0.0, 1.0, WATCHED if distances else LIMITED)
@@ -104,6 +105,11 @@ class Outlook:
 
     def __init__(self, views: Views, motion: RemainingMotion, present: Present, landed: bool = False) -> None:
         self._views, self.motion, self._present, self._landed = views, motion, present, landed
+
+    @property
+    def has_distances(self) -> bool:
+        """Whether there are obstacles, or links that must keep apart."""
+        return self._views.has_distances
 
     def as_landed(self) -> Outlook:
         """Return the same, its distances those of a base that turns to the goal: the miss is taken off, by time.

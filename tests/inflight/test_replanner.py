@@ -146,7 +146,7 @@ def test_nothing_is_imported_or_gathered(plan: fp.Plan, replanner: fp.Replanner)
     robot = Drifting(plan, 1.1 * plan.angular_momentum)
     replanner.update(*robot.state(replanner))
     modules = set(sys.modules)
-    for following in [*instants(plan, 220)[1:], plan.duration]:
+    for following in [*instants(plan, 110)[1:], plan.duration]:
         robot.fly(replanner, following, 1)
         replanner.update(*robot.state(replanner))
         replanner.reference(following)

@@ -1,0 +1,167 @@
+"""Whatever is measured, and whenever: no exception, a motion that goes on, and the way back to good measurements."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from flown_plans import Drifting
+
+import floatplan as fp
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+NAMES = ("t", "orientation", "orientation_rate", "positions", "velocities", "now", "com_position", "com_velocity")
+
+
+class Raising:
+    """What fails when it is read."""
+
+    def __float__(self) -> float:
+        raise RuntimeError
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        raise RuntimeError
+
+
+@pytest.fixture(scope="module")
+def plan() -> fp.Plan:
+    return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+
+
+@pytest.fixture(scope="module")
+def shared(plan: fp.Plan) -> fp.Replanner:
+    return fp.Replanner(plan)
+
+
+@pytest.fixture
+def replanner(shared: fp.Replanner) -> fp.Replanner:
+    shared.reset()
+    return shared
+
+
+def spoilt(good: Any, rng: np.random.Generator) -> Any:
+    """Another value in the place of a good one: wrong, odd, or only a little off."""
+    strange = [math.nan, math.inf, -math.inf, 1e308, -1e308, 1e-308, 10**400, None, "x", "", b"1", [], {}, (), True]
+    strange += [1j, [1j, 2j], np.ma.masked, Decimal("sNaN"), Raising(), [[1.0, 2.0]], np.array([["a"]]), object()]
+    kind = rng.integers(4)
+    if kind == 0:
+        return strange[rng.integers(len(strange))]
+    if kind == 1 and good is not None:
+        return np.asarray(good, dtype=float) + rng.standard_normal() * 10.0 ** rng.uniform(-6, 6)
+    if kind == 2:
+        return 10.0 ** rng.uniform(-300, 300) * rng.choice([-1.0, 1.0], 2)
+    return good
+
+
+@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
+@pytest.mark.parametrize("seed", range(3))
+def test_hostile_calls(plan: fp.Plan, replanner: fp.Replanner, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = Drifting(plan, 1.05 * plan.angular_momentum)
+    path = plan.ballistics
+    taken = 0
+    for following in (plan.duration * np.arange(1, 91) / 90).tolist():
+        now = np.array([robot.time])
+        good = dict(
+            zip(
+                NAMES,
+                (
+                    *robot.state(replanner),
+                    robot.time,
+                    *(values[0] for values in (path.positions(now), path.velocities(now))),
+                ),
+                strict=True,
+            )
+        )
+        for _ in range(4):
+            bad = {name: spoilt(value, rng) if rng.random() < 0.3 else value for name, value in good.items()}
+            before, landing = replanner.motion, replanner.landing
+            correction = replanner.update(**bad)
+            assert correction.status in ("applied", "limited", "refused", "invalid")
+            if correction.status == "invalid":
+                assert replanner.motion is before
+                assert replanner.landing == landing
+            reference = replanner.reference(robot.time)
+            assert np.isfinite(reference.feedforward).all()
+            assert math.isfinite(correction.predicted_miss)
+        taken += replanner.update(**good).status != "invalid"
+        robot.fly(replanner, following, 2)
+    assert taken > 0
+
+
+@pytest.mark.parametrize(("when", "kick"), [(0.3, 0.3), (0.6, 0.15), (0.3, 0.05), (0.2, -0.12)])
+def test_a_kick_is_made_up_for(plan: fp.Plan, replanner: fp.Replanner, when: float, kick: float) -> None:
+    robot = Drifting(plan, plan.angular_momentum)
+    rng = np.random.default_rng(0)
+    kicked = False
+    for following in (plan.duration * np.arange(1, 221) / 220).tolist():
+        if robot.time >= when and not kicked:
+            robot.momentum, kicked = robot.momentum * (1 + kick), True
+        t, angle, rate, positions, velocities = robot.state(replanner)
+        noise = 0.002 * rng.standard_normal(3), 0.02 * rng.standard_normal(3)
+        replanner.update(
+            t, angle + noise[0][0], rate + noise[1][0], positions + noise[0][1:], velocities + noise[1][1:]
+        )
+        robot.fly(replanner, following, 3)
+    assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.2)
+
+
+def jumped(plan: fp.Plan, replanner: fp.Replanner, offset: float, frozen: bool = False) -> list[str]:
+    """Statuses of measurements whose orientation is off from 0.2 s on, or whose values stand still."""
+    robot = Drifting(plan, plan.angular_momentum)
+    statuses: list[str] = []
+    held: tuple[Any, ...] = ()
+    for following in (plan.duration * np.arange(1, 101) / 220).tolist():
+        t, angle, *rest = robot.state(replanner)
+        if robot.time >= 0.2:
+            held = held or (angle + offset, *rest)
+            measured = held if frozen else (angle + offset, *rest)
+            statuses.append(replanner.update(t, *measured).status)
+        else:
+            replanner.update(t, angle, *rest)
+        robot.fly(replanner, following, 3)
+    return statuses
+
+
+def test_consistent_measurements_are_believed_again(plan: fp.Plan, replanner: fp.Replanner) -> None:
+    statuses = jumped(plan, replanner, 1.0)
+    assert set(statuses[:4]) == {"invalid"}
+    assert "invalid" not in statuses[4:]
+
+
+@pytest.mark.parametrize(("offset", "frozen"), [(2 * math.pi, False), (-1.0, True)])
+def test_a_turn_more_or_a_dead_sensor_never(
+    plan: fp.Plan, replanner: fp.Replanner, offset: float, frozen: bool
+) -> None:
+    assert set(jumped(plan, replanner, offset, frozen)) == {"invalid"}
+
+
+def test_noise_does_not_make_the_masses_drift(plan: fp.Plan, replanner: fp.Replanner) -> None:
+    robot = Drifting(plan, plan.angular_momentum)
+    rng = np.random.default_rng(1)
+    for following in (plan.duration * np.arange(1, 221) / 220).tolist():
+        t, angle, rate, positions, velocities = robot.state(replanner)
+        noise = 0.002 * rng.standard_normal(3), 0.02 * rng.standard_normal(3)
+        correction = replanner.update(
+            t, angle + noise[0][0], rate + noise[1][0], positions + noise[0][1:], velocities + noise[1][1:]
+        )
+        robot.fly(replanner, following, 1)
+    assert correction.angular_momentum == pytest.approx(plan.angular_momentum, rel=0.02)
+
+
+def test_memory_does_not_grow(plan: fp.Plan, replanner: fp.Replanner) -> None:
+    import tracemalloc
+
+    robot = Drifting(plan, 1.1 * plan.angular_momentum)
+    sizes = []
+    tracemalloc.start()
+    for following in (plan.duration * np.arange(1, 130) / 130).tolist():
+        replanner.update(*robot.state(replanner))
+        robot.fly(replanner, following, 1)
+        sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert max(sizes[105:]) < 1.1 * max(sizes[70:90])
