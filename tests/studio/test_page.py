@@ -28,7 +28,7 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
     pytest.importorskip("viser")
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     folder = str(tmp_path_factory.mktemp("saved"))
-    with opened(problem, folder=folder, port=8480, with_map=False) as made:
+    with opened(problem, folder=folder, port=0, with_map=False) as made:
         yield made
     assert made.errors == []
 

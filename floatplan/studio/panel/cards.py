@@ -98,7 +98,8 @@ def _facts(flown: Flown) -> str:
         ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
     ]
     if flown.largest_use is not None:
-        facts.append(("most used limit", f"{flown.largest_use:.0%}"))
+        colour = use_colour(flown.largest_use)
+        facts.append(("most used limit", f'<b style="color:{colour}">{flown.largest_use:.0%}</b>'))
     if flown.clearance is not None:
         facts.append(("least clearance", f"{1e3 * flown.clearance:.4g} mm"))
     return '<div class="facts">' + "".join(f"<div><span>{name}</span>{value}</div>" for name, value in facts) + "</div>"
