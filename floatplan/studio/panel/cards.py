@@ -32,6 +32,7 @@ HEADLINES: Mapping[Verdict, tuple[str, str]] = {
 STYLE = """<style>
 div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
 .fp{font:13px/1.4 system-ui,sans-serif;margin:0 .6em .6em;color:#1d2126;overflow-wrap:anywhere}
+.fp.status{height:11.5em;overflow-y:auto}@media(max-width:600px){.fp.status{height:8em}}
 .fp .band{border-left:5px solid var(--c);background:color-mix(in srgb,var(--c) 9%,white);padding:.45em .7em;
 border-radius:4px;margin-bottom:.5em}
 .fp .band b{color:var(--c);font-size:1.12em}
@@ -66,8 +67,8 @@ def status_card(view: View) -> str:
     parts.append(f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{words}</div>')
     if view.flown is not None:
         parts.append(_facts(view.flown))
-        parts.append(_warnings(view.flown))
-    return f'{STYLE}<div class="fp" id="floatplan-status">{"".join(parts)}</div>'
+        parts.append(_warnings(view.flown) if view.flown.plan.ok else "")
+    return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
 
 
 def _words(view: View) -> str:
