@@ -38,7 +38,7 @@ border-radius:4px;margin-bottom:.5em}
 .fp .band b{color:var(--c);font-size:1.12em}
 .fp p{margin:.25em 0}
 .fp .refusal{--c:#c0182b}.fp .warning{--c:#b26a00}
-.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(6.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
+.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(8.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
 .fp .facts div{white-space:nowrap}.fp .facts span{display:block;color:#6b7178;font-size:.85em}
 .fp table{width:100%;border-collapse:collapse;font-variant-numeric:tabular-nums}
 .fp td,.fp th{padding:.12em .3em;text-align:right;font-weight:400}.fp th:first-child,.fp td:first-child{text-align:left}
@@ -174,7 +174,7 @@ def map_card(chart: Map | None, buttons: Mapping[tuple[int, int], str], wanted: 
     )
     unit = "share of the limits used" if chart.relative else "largest torque, N m"
     key = (
-        f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>no plan found '
+        f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>none found quickly '
         '<i style="background:#3a3f45"></i>impossible</p>'
     )
     grid = f'<div class="map" style="grid-template-columns:{columns}">{"".join(rows)}<span></span>{axis}</div>'
@@ -199,7 +199,7 @@ def _point_look(cell: Cell | None, uses: list[float], relative: bool) -> tuple[s
     if cell.use is None:
         return ("#3a3f45" if cell.status == "impossible" else GREY), ""
     if relative:
-        return use_colour(cell.use), f"{100 * cell.use:.0f}"
+        return use_colour(cell.use), f"{cell.use:.0%}".rstrip("%")
     known = [math.log(each) for each in uses if 0 < each < math.inf]
     width = max(known, default=0.0) - min(known, default=0.0)
     share = (math.log(cell.use) - min(known)) / width if width > 0 and 0 < cell.use < math.inf else 0.0
