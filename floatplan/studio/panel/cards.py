@@ -32,7 +32,7 @@ HEADLINES: Mapping[Verdict, tuple[str, str]] = {
 STYLE = """<style>
 div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
 .fp{font:13px/1.4 system-ui,sans-serif;margin:0 .6em .6em;color:#1d2126;overflow-wrap:anywhere}
-.fp.status{height:11.5em;overflow-y:auto}@media(max-width:600px){.fp.status{height:8em}}
+.fp.status{height:14em;overflow-y:auto}@media(max-width:600px){.fp.status{height:8em}}
 .fp .band{border-left:5px solid var(--c);background:color-mix(in srgb,var(--c) 9%,white);padding:.45em .7em;
 border-radius:4px;margin-bottom:.5em}
 .fp .band b{color:var(--c);font-size:1.12em}
