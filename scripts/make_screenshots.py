@@ -93,7 +93,7 @@ def photograph_studio(browser: Any, problem: fp.Problem, path: Path) -> None:
     from studio_page import Page
 
     browser.driver.set_window_size(1300, 900)
-    with opened(problem, port=8550) as studio:
+    with opened(problem, port=0) as studio:
         studio.player.seek(0.4 * problem.flight.duration)
         page = Page(browser, studio)
         page.wait_for("proved", after=0)

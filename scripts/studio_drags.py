@@ -182,7 +182,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--gentle", type=int, default=40, help="drags that are timed")
-    parser.add_argument("--port", type=int, default=8490)
+    parser.add_argument("--port", type=int, default=0)
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     problem = fp.load_problem(options.problem)

@@ -22,7 +22,8 @@ PORT = 8080
 def studio(
     source: Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT", help="A problem file, or a robot.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where to save; runs/<name> if left out.")
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Where to save; runs/<name>/studio if left out."),
     ] = None,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one.")] = PORT,
     around: Annotated[bool, typer.Option("--map/--no-map", help="Plan around the present point too.")] = True,
@@ -40,7 +41,7 @@ def studio(
 
     import_optional("viser", name="viser", element="studio", extra="view")
     problem = _problem(source, quiet)
-    directory = default_directory(problem) if output is None else output
+    directory = default_directory(problem) / "studio" if output is None else output
     with opened(problem, folder=str(directory), port=port, with_map=around) as page:
         typer.echo(f"{escaped(problem.name)}: {page.address} (Ctrl-C ends it)", err=True)
         if open_page:

@@ -54,13 +54,13 @@ def prepare_options(rng: random.Random, folder: Path) -> list[str]:
 
 @cache
 def _commands() -> dict[str, list[Any]]:
-    """The commands and their parameters, as the command line itself knows them."""
+    """The commands and their parameters, as the command line itself knows them; not ``studio``, which never ends."""
     import typer.main
 
     from floatplan.cli.commands import app
 
     group: Any = typer.main.get_command(app)
-    return {name: list(command.params) for name, command in group.commands.items()}
+    return {name: list(command.params) for name, command in group.commands.items() if name != "studio"}
 
 
 def _sound(rng: random.Random, command: str, spoiled: set[str]) -> list[str]:

@@ -28,7 +28,7 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
     pytest.importorskip("viser")
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     folder = str(tmp_path_factory.mktemp("saved"))
-    with opened(problem, folder=folder, port=8480, with_map=False) as made:
+    with opened(problem, folder=folder, port=0, with_map=False) as made:
         yield made
     assert made.errors == []
 
@@ -59,8 +59,8 @@ def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
 
 @pytest.mark.parametrize("end", ["start", "goal"])
 @pytest.mark.parametrize("part", [0, 1, 2])
-def test_what_is_dragged_stays_under_the_hand(fresh: Studio, end: str, part: int) -> None:
-    """A joint turns so that its grip is where the hand is; nothing else of the posture changes."""
+def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str, part: int) -> None:
+    """Around that joint; nothing else of the posture changes."""
     before = fresh.session.view.problem
     places = fresh.stage.grip_places(end, part, np.linspace(0.0, 0.2, 5))
     for step, place in enumerate(places):
@@ -70,9 +70,6 @@ def test_what_is_dragged_stays_under_the_hand(fresh: Studio, end: str, part: int
     changed = [states[1].orientation - states[0].orientation, *(states[1].positions - states[0].positions)]
     assert abs(changed[part]) == pytest.approx(0.2, abs=1e-9)
     assert [value for index, value in enumerate(changed) if index != part] == [0.0, 0.0]
-    (shown,) = fresh.stage.grip_places(end, part, np.zeros(1))
-    if not (end == "start" or part == 0):  # at takeoff the foot stays, and the centre of mass goes where it may
-        assert np.isfinite(shown)
     answered(fresh)
 
 

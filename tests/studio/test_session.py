@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -224,6 +226,40 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
         worker.close()
     with pytest.raises(StoppedError):
         worker.ask(Quick(problem, 5.0))
+
+
+SCRIPT = """
+import floatplan as fp
+from floatplan.studio.work.tasks import Quick
+from floatplan.studio.work.worker import Worker
+
+if __name__ == "__main__":
+    problem = fp.load_problem({path!r})
+    worker = Worker(problem.robot)
+    print(worker.ask(Quick(problem, 5.0)).plan.ok)
+    worker.close()
+"""
+
+
+def test_processes_import_what_the_page_does_wherever_it_is_started(tmp_path: Path) -> None:
+    """Another floatplan lies in the working directory."""
+    for module in ("floatplan/__init__.py", "floatplan/studio/__init__.py"):
+        (tmp_path / "here" / module).parent.mkdir(parents=True)
+        (tmp_path / "here" / module).write_text("")
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(path=str(ROOT / "problems" / "new_configuration.toml")))
+    places = os.pathsep.join(place for place in sys.path if place)
+    environment = {**os.environ, "PYTHONPATH": places}
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=tmp_path / "here",
+        env=environment,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert (done.stdout, done.stderr) == ("True\n", "")
 
 
 def ask_on(worker: Worker, problem: fp.Problem) -> None:

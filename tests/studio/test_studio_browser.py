@@ -26,7 +26,7 @@ def browser() -> Iterator[Browser]:
 def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
     folder = tmp_path / "made"
     problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
-    with opened(problem, folder=str(folder), port=8470, with_map=False) as studio:
+    with opened(problem, folder=str(folder), port=0, with_map=False) as studio:
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
         assert studio.session.view.problem is problem, "showing a problem does not change it"

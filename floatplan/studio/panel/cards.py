@@ -32,12 +32,13 @@ HEADLINES: Mapping[Verdict, tuple[str, str]] = {
 STYLE = """<style>
 div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
 .fp{font:13px/1.4 system-ui,sans-serif;margin:0 .6em .6em;color:#1d2126;overflow-wrap:anywhere}
+.fp.status{height:14em;overflow-y:auto}@media(max-width:600px){.fp.status{height:8em}}
 .fp .band{border-left:5px solid var(--c);background:color-mix(in srgb,var(--c) 9%,white);padding:.45em .7em;
 border-radius:4px;margin-bottom:.5em}
 .fp .band b{color:var(--c);font-size:1.12em}
 .fp p{margin:.25em 0}
 .fp .refusal{--c:#c0182b}.fp .warning{--c:#b26a00}
-.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(6.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
+.fp .facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(8.4em,1fr));gap:.3em .8em;margin:.2em 0 .3em}
 .fp .facts div{white-space:nowrap}.fp .facts span{display:block;color:#6b7178;font-size:.85em}
 .fp table{width:100%;border-collapse:collapse;font-variant-numeric:tabular-nums}
 .fp td,.fp th{padding:.12em .3em;text-align:right;font-weight:400}.fp th:first-child,.fp td:first-child{text-align:left}
@@ -66,8 +67,8 @@ def status_card(view: View) -> str:
     parts.append(f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{words}</div>')
     if view.flown is not None:
         parts.append(_facts(view.flown))
-        parts.append(_warnings(view.flown))
-    return f'{STYLE}<div class="fp" id="floatplan-status">{"".join(parts)}</div>'
+        parts.append(_warnings(view.flown) if view.flown.plan.ok else "")
+    return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
 
 
 def _words(view: View) -> str:
@@ -98,7 +99,8 @@ def _facts(flown: Flown) -> str:
         ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
     ]
     if flown.largest_use is not None:
-        facts.append(("most used limit", f"{flown.largest_use:.0%}"))
+        colour = use_colour(flown.largest_use)
+        facts.append(("most used limit", f'<b style="color:{colour}">{flown.largest_use:.0%}</b>'))
     if flown.clearance is not None:
         facts.append(("least clearance", f"{1e3 * flown.clearance:.4g} mm"))
     return '<div class="facts">' + "".join(f"<div><span>{name}</span>{value}</div>" for name, value in facts) + "</div>"
@@ -172,7 +174,7 @@ def map_card(chart: Map | None, buttons: Mapping[tuple[int, int], str], wanted: 
     )
     unit = "share of the limits used" if chart.relative else "largest torque, N m"
     key = (
-        f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>no plan found '
+        f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>none found quickly '
         '<i style="background:#3a3f45"></i>impossible</p>'
     )
     grid = f'<div class="map" style="grid-template-columns:{columns}">{"".join(rows)}<span></span>{axis}</div>'
@@ -197,7 +199,7 @@ def _point_look(cell: Cell | None, uses: list[float], relative: bool) -> tuple[s
     if cell.use is None:
         return ("#3a3f45" if cell.status == "impossible" else GREY), ""
     if relative:
-        return use_colour(cell.use), f"{100 * cell.use:.0f}"
+        return use_colour(cell.use), f"{cell.use:.0%}".rstrip("%")
     known = [math.log(each) for each in uses if 0 < each < math.inf]
     width = max(known, default=0.0) - min(known, default=0.0)
     share = (math.log(cell.use) - min(known)) / width if width > 0 and 0 < cell.use < math.inf else 0.0

@@ -74,7 +74,7 @@ class Player:
                     self._time += (now - last) * self._speed
                 shows, instant, moving = self._shows, self._time, self._playing or self._dirty
                 longest = max((flown.plan.duration for _, flown in shows), default=0.0)
-                if instant > longest + REST * self._speed:
+                if self._playing and instant > longest + REST * self._speed:
                     self._time = 0.0
                 self._dirty = False
             last = now

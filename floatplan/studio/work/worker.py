@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import pickle
 import signal
+import sys
 import threading
-from multiprocessing import get_context
+from collections.abc import Iterator
+from multiprocessing import forkserver, get_context
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import floatplan as fp
@@ -88,11 +92,29 @@ class Worker:
             raise StoppedError
         context = get_context("forkserver")
         context.set_forkserver_preload(["__main__", "floatplan.studio.work.preloaded"])
+        with same_modules():
+            forkserver.ensure_running()
         ours, theirs = context.Pipe()
         process = context.Process(target=serve, args=(theirs, self._robot), daemon=True)
         process.start()
         theirs.close()
         return process, ours
+
+
+@contextlib.contextmanager
+def same_modules() -> Iterator[None]:
+    """Let a process that is started meanwhile import what this one does, whatever lies in the working directory."""
+    places = {"PYTHONPATH": os.pathsep.join(place or str(Path.cwd()) for place in sys.path), "PYTHONSAFEPATH": "1"}
+    before = {name: os.environ.get(name) for name in places}
+    os.environ.update(places)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def serve(pipe: Connection, robot: fp.Robot) -> None:
