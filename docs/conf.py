@@ -9,6 +9,7 @@ version = release = importlib.metadata.version("floatplan")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
 html_title = f"floatplan {release}"
+html_extra_path = ["../build/reports"]  # made by scripts/make_reports.py
 myst_heading_anchors = 3
 napoleon_google_docstring = False
 napoleon_use_ivar = True

@@ -27,8 +27,8 @@ import fuzz_sources  # noqa: E402
 import load  # noqa: E402
 
 BATCH = 50  # cases in one process
-PATIENCE = 60.0  # s for one case
-SLOW = {"here": 5.0, "processes": PATIENCE, "kills": PATIENCE}  # s for each of many: a process ends its own case
+PATIENCE = float(fuzz_runs.WAITING)  # s for one case
+SLOW = 60.0  # s for each of many
 PLANS, ROBOTS = 1000, 200  # of --load
 MOST_GROWTH = 5.0  # MB
 
@@ -61,7 +61,7 @@ def batch(seeds: range, mode: str) -> Iterator[str]:
         ended = "a crash"
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             try:
-                output, errors = process.communicate(timeout=PATIENCE + SLOW[mode] * len(seeds))
+                output, errors = process.communicate(timeout=PATIENCE + SLOW * len(seeds))
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, errors = process.communicate()

@@ -1,4 +1,4 @@
-"""Plans every problem in problems/gallery/, prints the README's table of it, and draws docs/images/gallery.png.
+"""Plans every problem in problems/gallery/, prints the table of docs/gallery.md, and draws docs/images/gallery.png.
 
 Run it from anywhere. With names, only these problems; with ``--no-picture``, only the table.
 """

@@ -46,6 +46,7 @@ def main() -> None:
         columns = [[rendered(drawn[figure], SHEET_DPI) for figure in column] for column in SHEET]
         save(sheet(columns), IMAGES / f"figures_{name}.png")
     with styled():
+        save(rendered(flight(plan_of("gallery/go2"))), IMAGES / "go2.png")
         save(rendered(flight(plan_of("handstand"))), IMAGES / "handstand.png")
         save(rendered(flight(plan_of("obstacle"), without_obstacles("obstacle"))), IMAGES / "obstacle.png")
         save(rendered(gallery({title: plan_of(name) for name, title in GALLERY.items()})), IMAGES / "flights.png")
@@ -79,7 +80,7 @@ def flight(plan: fp.Plan, other: fp.Plan | None = None) -> Figure:
     if other is not None:
         names += (plan_names(plan, other)[1],)
         handles.append(Line2D([], [], color=GREY, linestyle="--"))
-    angles.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(names))
+    angles.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(len(names), 3))
     return figure
 
 

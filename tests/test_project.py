@@ -140,7 +140,16 @@ class TestWheel:
 
 class TestScripts:
     @pytest.mark.parametrize(
-        "name", ["scripts/demo", "scripts/test", "scripts/check", "scripts/docs", "scripts/environment", ".ci/run"]
+        "name",
+        [
+            "scripts/demo",
+            "scripts/test",
+            "scripts/check",
+            "scripts/docs",
+            "scripts/build",
+            "scripts/environment",
+            ".ci/run",
+        ],
     )
     def test_can_be_run(self, name: str) -> None:
         path = ROOT / name

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from floatplan.cli.bundled import argument
 from floatplan.cli.common import (
     DONE,
     FAILED,
@@ -54,7 +55,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-Source = Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT.urdf", help="A problem file, or a robot.")]
+Source = Annotated[str, argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or a robot.")]
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 
 
@@ -206,7 +207,7 @@ def plan(
 @app.command()
 @reporting_errors
 def bounds(
-    problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
+    problem_file: Annotated[str, argument("PROBLEM.toml", "A problem file.")],
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
     ] = None,

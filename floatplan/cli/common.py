@@ -16,7 +16,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 import typer
 from typer.core import TyperGroup
 
-from floatplan.errors import FloatplanError, InputError, printable
+from floatplan.errors import FloatplanError, InputError, escaped, printable
 from floatplan.optional import near
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
@@ -107,6 +107,11 @@ def program() -> str:
     if called.name != "floatplan" or (found is not None and os.path.realpath(found) == os.path.realpath(called)):
         return "floatplan"
     return shlex.quote(near(called.absolute()))
+
+
+def print_path(path: Path, *, err: bool = False) -> None:
+    """Print the path of a file that was written, on one line, whatever its name is made of."""
+    typer.echo(escaped(str(path)), err=err)
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -6,12 +6,13 @@ from typing import Annotated
 
 import typer
 
+from floatplan.cli.bundled import argument
 from floatplan.cli.common import DONE, FAILED, Json, print_json, reporting_errors
 
 
 @reporting_errors
 def takeoff(
-    problem_file: Annotated[str, typer.Argument(metavar="PROBLEM.toml", help="A problem file.")],
+    problem_file: Annotated[str, argument("PROBLEM.toml", "A problem file.")],
     json_output: Json = False,
 ) -> None:
     """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from floatplan.cli.bundled import argument
 from floatplan.cli.common import Coupled, Json, Locked, PlaneName, Reference, print_json, reporting_errors
 
 LISTED = "-"  # stands for no file
@@ -30,9 +31,7 @@ class InfoCommand(TyperCommand):
 
 @reporting_errors
 def info(
-    source: Annotated[
-        str, typer.Argument(metavar="ROBOT.urdf|FILE.toml", help="A robot, a problem, or a file with [robot] alone.")
-    ],
+    source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
     plane: PlaneName = None,
     coupled: Coupled = None,
     locked: Locked = None,

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
+from floatplan.cli.bundled import argument
 from floatplan.cli.common import Quiet, reporting_errors
 from floatplan.errors import InputError
 
 
 @reporting_errors
 def init(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF file, or example-robot-data:PATH.")],
+    robot: Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.toml", help="Left out, <robot>.toml here.")
     ] = None,

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from floatplan.cli.bundled import found, own_urdfs
 from floatplan.cli.common import Json, print_json, reporting_errors
 from floatplan.cli.progress import progress
 
 if TYPE_CHECKING:
     from floatplan.robot.robot import Robot
-
-FOLDERS = ("data/urdf", "../urdf")  # of the package: in a wheel, in a clone
 
 
 @reporting_errors
@@ -33,18 +31,10 @@ def robots(json_output: Json = False) -> None:
         typer.echo(line)
 
 
-def own_urdfs() -> list[Path]:
-    """The URDFs that come with floatplan."""
-    package = Path(__file__).resolve().parents[1]
-    folder = next((place for place in (package / name for name in FOLDERS) if place.is_dir()), None)
-    return [] if folder is None else sorted(folder.resolve().glob("*.urdf"))
-
-
 def _sources() -> Iterator[str]:
-    from floatplan.optional import near
     from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
 
-    yield from (near(path) for path in own_urdfs())
+    yield from own_urdfs()
     yield from (PREFIX + name for name in example_urdfs())
 
 
@@ -58,11 +48,11 @@ def _facts(source: str) -> dict[str, Any]:
         return {"robot": source, "name": robot.name, "mass": robot.mass, "plane": robot.plane.name, **moving}
 
     try:
-        return told(Robot.from_urdf(source, coupled="mirror"), "mirror")
+        return told(Robot.from_urdf(found(source), coupled="mirror"), "mirror")
     except InputError:
         pass
     try:
-        return told(Robot.from_urdf(source), None)
+        return told(Robot.from_urdf(found(source)), None)
     except InputError as error:
         return {"robot": source, "reason": error.reason}
 

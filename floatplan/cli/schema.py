@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.common import reporting_errors
+from floatplan.cli.common import print_path, reporting_errors
 
 
 class File(StrEnum):
@@ -40,4 +40,4 @@ def schema(
     from floatplan.files import write_atomically
 
     with naming_the_place(output):
-        typer.echo(str(write_atomically(output, f"{text}\n")))
+        print_path(write_atomically(output, f"{text}\n"))

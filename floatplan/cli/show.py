@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import PlanFile, Quiet, Urdf, reporting_errors
+from floatplan.cli.common import PlanFile, Quiet, Urdf, print_path, reporting_errors
 from floatplan.cli.progress import Bar, progress
-from floatplan.errors import escaped
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -54,7 +53,7 @@ def show(
         files += _pictures(plan, other, directory, formats, films, speed, bar)
     if not quiet:
         for path in files:
-            typer.echo(escaped(str(path)))
+            print_path(path)
     if open_page:
         for path in files:
             if path.suffix == ".html":
@@ -125,4 +124,4 @@ def export(
     with naming_the_place(path), progress("exporting", quiet):
         path = write(plan, form, path, rate)
     if not quiet:
-        typer.echo(escaped(str(path)))
+        print_path(path)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, Quiet, print_json, reporting_errors
+from floatplan.cli.common import DONE, FAILED, Json, Quiet, print_json, print_path, reporting_errors
 from floatplan.cli.progress import Bar, progress
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def study(
         for status, count in done.statuses.items():
             typer.echo(f"{count:>9} {status.replace('_', ' ')}", err=json_output)
         for path in done.files:
-            typer.echo(str(path), err=json_output)
+            print_path(path, err=json_output)
     if json_output:
         print_json(
             {

@@ -35,10 +35,25 @@ class TestRobots:
         own = [facts for facts in listed["robots"] if "example-robot-data" not in facts["robot"]]
         assert {Path(facts["robot"]).name for facts in own} == {path.name for path in URDF.glob("*.urdf")}
         for facts in own:
-            assert fp.Robot.from_urdf(facts["robot"]).joints == tuple(facts["joints"])
+            assert floatplan("info", facts["robot"]).code == 0
+            assert fp.Robot.from_urdf(URDF.parent / facts["robot"]).joints == tuple(facts["joints"])
         for line, facts in zip(floatplan("robots").stdout.splitlines()[1:], listed["robots"], strict=False):
             assert line.removesuffix(" --coupled mirror").endswith(facts["robot"])
             assert line.endswith("--coupled mirror") == (facts["coupled"] == "mirror")
+
+    def test_a_file_here_comes_before_one_of_the_same_name_that_comes_with_floatplan(self, floatplan: Command) -> None:
+        own = floatplan("info", "urdf/gymnast.urdf", "--json")
+        assert own.code == 0
+        Path("urdf").mkdir()
+        Path("urdf/gymnast.urdf").write_text("no URDF")
+        assert floatplan("info", "urdf/gymnast.urdf").code == 2
+        for name in ("urdf/nobody.urdf", "urdf/../urdf/acrobat.urdf", "problems", "problems/" + 300 * "a"):
+            assert floatplan("info", name).code == 2
+
+    def test_problems_that_come_with_floatplan_plan_anywhere(self, floatplan: Command) -> None:
+        run = floatplan("plan", "problems/handstand.toml", "--quiet", "--no-figures")
+        assert run.code == 0, run
+        assert fp.load_plan("runs/handstand/plan.json").ok
 
     def test_of_example_robot_data(self, floatplan: Command) -> None:
         if example_robots.robots_folder() is None:

@@ -265,7 +265,12 @@ class TestText:
     @pytest.mark.parametrize("name", ["\x1b[31mred.csv", "two\nlines.csv", "\udcff.csv"])
     def test_paths_are_printed_on_one_line(self, floatplan, plan_file, root, tmp_path, name):
         problem = root / "problems" / "new_configuration.toml"
-        for arguments in (["export", plan_file, "-f", "csv"], ["show", plan_file], ["plan", problem, "--no-figures"]):
+        for arguments in (
+            ["export", plan_file, "-f", "csv"],
+            ["show", plan_file],
+            ["plan", problem, "--no-figures"],
+            ["schema"],
+        ):
             run = floatplan(*arguments, "-o", tmp_path / name)
             assert run.code in (0, 2)
             assert (run.stdout + run.stderr).replace("\n", "").isprintable()

@@ -37,7 +37,8 @@ LONGEST_MESSAGE = 2000  # characters
 GRACE = 2.0  # s of CPU beyond the budget
 UNBUDGETED = 10.0  # s of CPU that other commands may take
 SEARCHING = 40.0  # s of CPU that the search of a first flight may take
-PATIENCE = 60  # s until a run counts as hanging
+PATIENCE = 60  # s of CPU until a run counts as hanging
+WAITING = 600  # s of time, the same
 LARGEST = 2 * 1024**3  # bytes
 
 
@@ -130,11 +131,16 @@ class _HangError(BaseException):
 def _surroundings(folder: Path) -> Iterator[None]:
     """The case's folder as working directory, nothing written elsewhere, no browser, and an end of waiting."""
 
-    def stop(*_: object) -> NoReturn:
-        raise _HangError(f"{PATIENCE} s of time")
+    def stop(number: int, _: object) -> NoReturn:
+        raise _HangError("it works on and on" if number == signal.SIGPROF else "it waits for something")
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(PATIENCE)
+    clocks = {  # a busy machine makes a command slow, not long
+        signal.SIGPROF: (signal.ITIMER_PROF, PATIENCE),
+        signal.SIGALRM: (signal.ITIMER_REAL, WAITING),
+    }
+    before = {number: signal.signal(number, stop) for number in clocks}
+    for clock, seconds in clocks.values():
+        signal.setitimer(clock, seconds)
     try:
         with (
             contextlib.chdir(folder),
@@ -143,8 +149,9 @@ def _surroundings(folder: Path) -> Iterator[None]:
         ):
             yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for number, (clock, _) in clocks.items():
+            signal.setitimer(clock, 0)
+            signal.signal(number, before[number])
 
 
 def _environment(folder: Path) -> dict[str, str]:
@@ -160,7 +167,7 @@ def run_process(seed: int, folder: Path) -> list[Finding]:
         run = subprocess.run(
             [sys.executable, "-m", "floatplan", *arguments],
             capture_output=True,
-            timeout=PATIENCE,
+            timeout=WAITING,
             cwd=folder,
             check=False,
             env=_environment(folder),
@@ -168,7 +175,7 @@ def run_process(seed: int, folder: Path) -> list[Finding]:
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (LARGEST, LARGEST)),
         )
     except subprocess.TimeoutExpired:
-        return [Finding(seed, arguments, f"{PATIENCE} s of time", "killed")]
+        return [Finding(seed, arguments, f"{WAITING} s of time", "killed")]
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     output, errors = (stream.decode("utf-8", "replace") for stream in (run.stdout, run.stderr))

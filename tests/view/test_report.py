@@ -248,19 +248,6 @@ def test_a_notebook_gets_a_frame_of_its_own(handstand: fp.Plan, page: str) -> No
     assert cell.count("<") == 2
 
 
-def test_the_tutorial_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """docs/tutorial.md, block by block, in an empty directory beside the problems and robots."""
-    for name in ("problems", "urdf"):
-        (tmp_path / name).symlink_to(root / name)
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {}
-    blocks = re.findall(r"```python\n(.*?)```", (root / "docs" / "tutorial.md").read_text(), re.DOTALL)
-    assert len(blocks) > 5
-    for block in blocks:
-        exec(block, names)  # the project's own text
-    assert (tmp_path / "report.html").is_file()
-
-
 def test_the_scene_s_clock_is_the_flight_s(handstand: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     """It begins at takeoff and ends at landing."""
     infra = pytest.importorskip("viser.infra")

@@ -1,0 +1,82 @@
+"""The README and the pages of docs/: every snippet runs, in the order in which a reader meets it."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shlex
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from needed import skip_or_fail
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
+EXTRAS = {
+    "parquet": "pyarrow",
+    "floatplan study": "pyarrow",
+    "mcap": "mcap",
+    "mujoco": "mujoco",
+    "--scene": "viser",
+    "example-robot-data:": "example_robot_data",
+}
+VERDICTS = (
+    "floatplan takeoff",
+    "floatplan plan",
+    "floatplan replay",
+)  # commands that may find that something is not so
+
+Command = Callable[..., Any]
+
+
+def blocks(page: str, *languages: str) -> Iterator[tuple[str, str]]:
+    """Language and text of a page's code blocks."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for language, block in re.findall(r"^```(\w+)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        if language in languages:
+            yield language, block
+
+
+def commands(block: str) -> Iterator[str]:
+    """Lines of a shell block that call floatplan, without their comments."""
+    for line in block.splitlines():
+        command = " ".join(shlex.split(line, comments=True))
+        if command.startswith("floatplan "):
+            yield command
+
+
+def with_snippets(*languages: str) -> list[str]:
+    """Pages that have such blocks."""
+    return [page for page in PAGES if any(blocks(page, *languages))]
+
+
+@pytest.mark.parametrize("page", with_snippets("python", "sh"))
+def test_snippets_run(page: str, floatplan: Command) -> None:
+    for name in ("problems", "urdf"):
+        Path(name).symlink_to(ROOT / name)
+    names: dict[str, Any] = {}
+    for language, block in blocks(page, "python", "sh"):
+        if language == "python":
+            exec(compile(block, page, "exec"), names)  # the project's own text
+            continue
+        for command in commands(block):
+            for word, module in EXTRAS.items():
+                if word in command and importlib.util.find_spec(module) is None:
+                    skip_or_fail(f"{module} is not installed")
+            run = floatplan(*shlex.split(command)[1:])
+            assert run.code == 0 or (run.code == 1 and command.startswith(VERDICTS)), (command, run)
+
+
+@pytest.mark.parametrize("page", with_snippets("toml"))
+def test_toml_is_as_the_schema_says(page: str, floatplan: Command) -> None:
+    """A study file, or tables of a problem file, some of them left out."""
+    schemas = {kind: json.loads(floatplan("schema", kind).stdout) for kind in ("problem", "study")}
+    schemas["problem"].pop("required")
+    for _, block in blocks(page, "toml"):
+        content = tomllib.loads(block)
+        jsonschema.Draft202012Validator(schemas["study" if "vary" in content else "problem"]).validate(content)
