@@ -41,6 +41,10 @@ def study(
 
     Exit code 0 once every row has a status, whatever it is.
     """
+    from floatplan.studies.processes import get_ready
+
+    if engine == "processes" and jobs != 1:
+        get_ready()
     from floatplan.studies.study import study as run
 
     began = time.perf_counter()
