@@ -43,12 +43,12 @@ def study(
     """
     from floatplan.studies.processes import get_ready
 
-    if engine == "processes" and jobs != 1:
-        get_ready()
-    from floatplan.studies.study import study as run
-
     began = time.perf_counter()
     try:
+        if engine == "processes" and jobs != 1:
+            get_ready()
+        from floatplan.studies.study import study as run
+
         with progress("study", quiet, tell=True) as bar:
             done = run(
                 study_file,

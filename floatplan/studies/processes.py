@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import forkserver, get_context
+from multiprocessing import forkserver, get_context, resource_tracker
 from multiprocessing.connection import Connection
 
 
@@ -16,7 +16,12 @@ def get_ready() -> None:
     """Begin to load the package, once for all processes; return at once."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes: they are as many as the processors
     get_context("forkserver").set_forkserver_preload(["floatplan.studies.study"])
-    forkserver.ensure_running()
+    resource_tracker.ensure_running()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C is not for what is started here
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextmanager
