@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from floatplan.errors import InputError
 from floatplan.optional import import_optional
 from floatplan.planning.search import MOST_JOBS
+from floatplan.studies.processes import processes
 
 ENGINES = ("processes", "dask")
 PATIENCE = 30  # [s] for a scheduler to answer
@@ -108,13 +105,12 @@ class _Pool:
     """Processes of this machine, which end with this one."""
 
     def __init__(self, count: int) -> None:
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes: they are as many as the processors
         self._count = count
         self._begin()
 
     def _begin(self) -> None:
         self._open = ExitStack()
-        self.executor = self._open.enter_context(_processes(self._count))
+        self.executor = self._open.enter_context(processes(self._count))
 
     def slots(self) -> int:
         return self._count
@@ -124,31 +120,10 @@ class _Pool:
         self._begin()
 
     def alone(self) -> AbstractContextManager[Executor]:
-        return _processes(1)
+        return processes(1)
 
     def close(self) -> None:
         self._open.close()
-
-
-@contextmanager
-def _processes(count: int) -> Iterator[Executor]:
-    """Make processes that end at once, in the middle of a row too, where they are let go or this process ends."""
-    context = get_context("forkserver")
-    context.set_forkserver_preload(["floatplan.studies.study"])  # loaded once for all
-    ended, held = context.Pipe(duplex=False)
-    with ended, ProcessPoolExecutor(count, context, initializer=_end_with, initargs=(ended,)) as executor, held:
-        yield executor
-
-
-def _end_with(ended: Connection) -> None:
-    """Make a process ready: Ctrl-C is for the main one; where that lets go of its end of a pipe, this one goes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        ended.poll(None)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 class _Dask:
