@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from floatplan.cli.bundled import argument
 from floatplan.cli.common import DONE, Quiet, reporting_errors
 from floatplan.errors import escaped
 
@@ -20,7 +21,7 @@ PORT = 8080
 
 @reporting_errors
 def studio(
-    source: Annotated[str, typer.Argument(metavar="PROBLEM.toml|ROBOT", help="A problem file, or a robot.")],
+    source: Annotated[str, argument("PROBLEM.toml|ROBOT", "A problem file, or a robot.")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Where to save; runs/<name>/studio if left out."),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from floatplan.cli.bundled import argument
 from floatplan.cli.common import DONE, FAILED, Json, Quiet, print_json, print_path, reporting_errors
 from floatplan.cli.progress import Bar, progress
 
@@ -20,7 +21,7 @@ EVERY = 2.0  # [s] words about the progress
 
 @reporting_errors
 def study(
-    study_file: Annotated[str, typer.Argument(metavar="STUDY.toml", help="A study file.")],
+    study_file: Annotated[str, argument("STUDY.toml", "A study file.")],
     restart: Annotated[bool, typer.Option("--restart", help="Discard what the folder has, and begin again.")] = False,
     engine: Annotated[
         str, typer.Option(metavar="NAME", help="'processes' of this machine, or 'dask' for many machines.")
