@@ -1,6 +1,7 @@
 """How ``scripts/docs`` makes the pages: Sphinx, Markdown by MyST, the API from numpydoc docstrings by Napoleon."""
 
 import importlib.metadata
+from pathlib import Path
 
 project = "floatplan"
 author = "the floatplan authors"
@@ -9,7 +10,8 @@ version = release = importlib.metadata.version("floatplan")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
 html_title = f"floatplan {release}"
-html_extra_path = ["../build/reports"]  # made by scripts/make_reports.py
+REPORTS = Path(__file__).parents[1] / "build" / "reports"  # made by scripts/make_reports.py
+html_extra_path = [str(REPORTS)] if REPORTS.is_dir() else []
 myst_heading_anchors = 3
 napoleon_google_docstring = False
 napoleon_use_ivar = True
