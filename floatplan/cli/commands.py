@@ -73,7 +73,7 @@ def _print_version(wanted: bool) -> None:
     """Print the version, and which solver makes plans without inequalities."""
     if wanted:
         import floatplan
-        from floatplan.kernel import description
+        from floatplan.kernel.library import description
 
         typer.echo(f"floatplan {floatplan.__version__}, {description()}")
         raise typer.Exit(DONE)
