@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 import floatplan as fp
-from floatplan import kernel
 from floatplan.cli import common, progress
+from floatplan.kernel.library import description
 
 ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = ROOT / "problems"
@@ -132,7 +132,7 @@ class TestLog:
 
 def test_the_version(floatplan: Callable[..., Any]) -> None:
     run = floatplan("--version")
-    solver = f"floatplan {fp.__version__}, {kernel.description()}\n"
+    solver = f"floatplan {fp.__version__}, {description()}\n"
     assert (run.code, run.stdout, run.stderr) == (0, solver, "")
 
 

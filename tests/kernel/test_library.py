@@ -93,7 +93,7 @@ def test_bodies_that_turn_alike_are_one(any_robot):
 
 
 def describe(folder: Path, **environment: str) -> str:
-    code = "import floatplan as fp, floatplan.kernel as kernel; print(kernel.description())"
+    code = "import floatplan as fp, floatplan.kernel.library as kernel; print(kernel.description())"
     found = subprocess.run(
         [sys.executable, "-c", code],
         check=True,
