@@ -18,7 +18,11 @@ REFERENCES = ROOT / "tests" / "references.json"
 def problem_names() -> list[str]:
     """Paths of all problem files below ``problems/``, without their ending."""
     folder = ROOT / "problems"
-    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.toml"))
+    return sorted(
+        path.relative_to(folder).with_suffix("").as_posix()
+        for path in folder.rglob("*.toml")
+        if path.parent.name != "studies"
+    )
 
 
 def answer(name: str) -> dict[str, Any]:

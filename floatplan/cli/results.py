@@ -77,7 +77,9 @@ def _remove_older(directory: Path) -> None:
         return
     from floatplan.export.formats import FORMATS
 
-    drawn = {"snapshots", "kinogram", "configuration", "clearance", *(row.title.lower() for row in LIMITS)}
+    drawn = {"snapshots", "kinogram", "configuration", "momentum", "inertia", "clearance"} | {
+        row.title.lower() for row in LIMITS
+    }
     made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]

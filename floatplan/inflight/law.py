@@ -15,10 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.inflight.compiled import rest_of
 from floatplan.inflight.limits import Rows
 from floatplan.inflight.outlook import Outlook
-from floatplan.kernel.rest import RestSolver, Weights
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 EVALUATIONS = 1  # [-] of changed motions at most
@@ -39,7 +37,6 @@ class Law:
     sigma: float
     acceleration: float
     rows: tuple[Rows, ...]
-    compiled: RestSolver | None = None
 
     def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
         """Return the outlook after the correction, and the share of the correction that was taken.
@@ -64,20 +61,10 @@ class Law:
         return present, 0.0
 
     def _solved(self, present: Outlook, evaluations: int) -> tuple[Outlook, Array]:
-        """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better.
-
-        Where no limit is near before and after, the kernel makes them.
-        """
-        stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
-        sigma = self._tolerance(present.miss)
-        if self.compiled and not present.violation.any():
-            weights = Weights(sigma, stiffness, SETTLED, SHORTER, evaluations)
-            best, _ = self.compiled.corrected(rest_of(present), weights)
-            outlook = present.changed(best) if best.any() else present
-            if not outlook.violation.any():
-                return outlook, best
+        """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better."""
         y = np.zeros(present.motion.amplitude.size * (len(present.motion.coefficients) - CONDITIONS))
-        best, outlook = y, present
+        stiffness = 1 / (self.acceleration * present.motion.remaining**2) ** 2
+        best, outlook, sigma = y, present, self._tolerance(present.miss)
         least = self._cost(present, y, stiffness, sigma)
         step, expected = self._step(outlook, best, stiffness, sigma)
         for _ in range(evaluations):

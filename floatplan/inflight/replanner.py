@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.compiled import rest_solver
 from floatplan.inflight.correction import Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
@@ -70,8 +69,7 @@ class Replanner:
         self.rewriting = Rewriting(plan)
         self.views = Views(plan, self.rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
-        compiled = rest_solver(plan, self.views)
-        self._law = Law(float(sigma), scale, self.views.rows, compiled)
+        self._law = Law(float(sigma), scale, self.views.rows)
         self._plausible = Plausibility(plan)
         tree = plan.robot.tree
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)

@@ -10,14 +10,26 @@ from needed import skip_or_fail
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.inflight.compiled import rest_of, rest_solver
 from floatplan.inflight.law import SETTLED, SHORTER, Law
 from floatplan.inflight.motion import Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
 from floatplan.kernel import library
-from floatplan.kernel.rest import Weights
+from floatplan.kernel.rest import Rest, RestSolver, Weights
 
 SIGMA = 0.003
+
+
+def rest_solver(plan: fp.Plan, views: Views) -> RestSolver:
+    found = library.kernel()
+    assert found is not None
+    return RestSolver(found, plan.robot.tree, plan.centre, plan.amplitude, views.whitening, views.grid.nodes)
+
+
+def rest_of(outlook: Outlook) -> Rest:
+    motion, present = outlook.motion, outlook.present
+    return Rest(
+        motion.remaining, present.angular_momentum, outlook.change, motion.coefficients, *present.dynamics.masses
+    )
 
 
 @pytest.fixture(scope="module")

@@ -83,9 +83,10 @@ def test_rows_are_what_plan_many_and_plans_say(done):
     keys = ("flight.angular_momentum", "flight.duration")
     plans = fp.plan_many(fp.Family(base, {key: [row[key] for row in table] for key in keys}))
     assert [row["status"] for row in table] == plans.status.tolist()
-    for index in (0, 17, 40, 61):
+    solved = np.flatnonzero(plans.ok)
+    assert len(solved) > len(table) / 2
+    for index in solved[:: len(solved) // 4].tolist():
         row, plan = table[index], plans[index]
-        assert row["status"] in ("optimal", "feasible")
         assert row["objective"] == plans.objective[index]
         np.testing.assert_allclose(row["coefficients"], plan.coefficients, rtol=0, atol=0)
         np.testing.assert_allclose([row["torque_peak.q1"], row["torque_peak.q2"]], plan.peaks.motor_torque, rtol=1e-7)
