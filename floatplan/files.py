@@ -53,6 +53,14 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
     return content
 
 
+def is_file(path: Path) -> bool:
+    """Whether a path leads to a regular file; one that no file can have does not."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_text(path: str | Path, largest: int, kind: str) -> str:
     """Content of a regular text file in UTF-8, with or without a byte-order mark; errors as :func:`read_regular`."""
     try:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import typer
+
+from floatplan.files import is_file
 
 PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
@@ -27,10 +30,7 @@ def found(source: str) -> str:
     place, path = folder(), Path(source)
     if place is None or path.is_absolute() or ".." in path.parts or path.parts[:1] not in [(kind,) for kind in KINDS]:
         return source
-    try:
-        return source if path.exists() or not (place / path).is_file() else str(place / path)
-    except OSError:  # a name that no file can have
-        return source
+    return str(place / path) if not os.path.lexists(path) and is_file(place / path) else source
 
 
 def argument(metavar: str, text: str) -> typer.models.ArgumentInfo:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from floatplan.errors import InputError
-from floatplan.files import plain
+from floatplan.files import is_file, plain
 from floatplan.plans.record import RobotRecord
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.example_robots import PREFIX
@@ -74,11 +74,11 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
     InputError
         It is in none of these places.
     """
-    if urdf.startswith(PREFIX) or Path(urdf).is_file() or plan_file is None:
+    if urdf.startswith(PREFIX) or is_file(Path(urdf)) or plan_file is None:
         return urdf
     for name in (Path(urdf).name, urdf):
         path = Path(plan_file).parent / name
-        if path.is_file():
+        if is_file(path):
             return str(path)
     raise InputError("no such file", source=plan_file, element=f"robot.urdf {urdf}", advice="--urdf says where it is")
 

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from floatplan.errors import InputError
-from floatplan.robot.shapes.meshes import load_mesh
+from floatplan.robot.shapes.meshes import find_mesh, load_mesh
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]]
 FACES = [[0, 1, 2], [1, 3, 2]]
@@ -162,3 +162,8 @@ def test_a_scene_with_a_corner_that_is_not_finite_is_refused(tmp_path):
     at = content.index(corner)
     content[at : at + 4] = struct.pack("<f", float("nan"))
     assert "not finite" in refusal(tmp_path, "glb", bytes(content))
+
+
+@pytest.mark.parametrize("name", ["n" * 5000, "package://" + "n" * 5000, "a\0b", "nobody.stl"])
+def test_a_name_that_no_file_can_have_is_that_of_none(tmp_path, name):
+    assert find_mesh(name, tmp_path) is None

@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
-from floatplan.files import read_regular
+from floatplan.files import is_file, read_regular
 
 KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives: a small one can hold gigabytes
 LARGEST_MESH = 100_000_000  # [bytes]
@@ -38,7 +38,7 @@ def find_mesh(filename: str, folder: Path) -> Path | None:
     ``package://name/rest`` is searched in the folders above the URDF and below ``ROS_PACKAGE_PATH`` and
     ``AMENT_PREFIX_PATH``; anything else is a path, absolute or from the URDF.
     """
-    return next((path for path in map(Path, _candidates(filename, folder.absolute())) if path.is_file()), None)
+    return next((path for path in map(Path, _candidates(filename, folder.absolute())) if is_file(path)), None)
 
 
 def mesh_digest(path: Path, element: str) -> str:

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from floatplan.errors import InputError
+from floatplan.files import is_file
 from floatplan.optional import install_advice
 
 PREFIX = "example-robot-data:"
@@ -35,7 +36,7 @@ def urdf_path(source: str | Path) -> Path:
         raise InputError("the package example-robot-data is not installed", source=source, advice=advice)
     name = source.removeprefix(PREFIX)
     path = folder / name
-    if Path(name).is_absolute() or ".." in Path(name).parts or not path.is_file():
+    if Path(name).is_absolute() or ".." in Path(name).parts or not is_file(path):
         raise InputError(f"example-robot-data has no file {name!r}", source=source, advice=_similar(folder, name))
     return path
 
