@@ -27,22 +27,6 @@ class Raising:
         raise RuntimeError
 
 
-@pytest.fixture(scope="module")
-def plan() -> fp.Plan:
-    return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
-
-
-@pytest.fixture(scope="module")
-def shared(plan: fp.Plan) -> fp.Replanner:
-    return fp.Replanner(plan)
-
-
-@pytest.fixture
-def replanner(shared: fp.Replanner) -> fp.Replanner:
-    shared.reset()
-    return shared
-
-
 def spoilt(good: Any, rng: np.random.Generator) -> Any:
     """Another value in the place of a good one: wrong, odd, or only a little off."""
     strange = [math.nan, math.inf, -math.inf, 1e308, -1e308, 1e-308, 10**400, None, "x", "", b"1", [], {}, (), True]

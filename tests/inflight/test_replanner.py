@@ -20,22 +20,6 @@ FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml")
 STATUSES = {"applied", "limited", "refused"}
 
 
-@pytest.fixture(scope="module")
-def plan() -> fp.Plan:
-    return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
-
-
-@pytest.fixture(scope="module")
-def shared(plan: fp.Plan) -> fp.Replanner:
-    return fp.Replanner(plan)
-
-
-@pytest.fixture
-def replanner(shared: fp.Replanner) -> fp.Replanner:
-    shared.reset()
-    return shared
-
-
 def instants(plan: fp.Plan, count: int) -> list[float]:
     return (plan.duration * np.arange(count) / count).tolist()
 
