@@ -13,7 +13,7 @@ from floatplan.plans import reading
 from floatplan.problem import checks, family, file, limits
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, values
-from floatplan.simulation import disturbance, forward, replay
+from floatplan.simulation import closed_loop, disturbance, forward, replay
 from floatplan.studies import file as study_file
 from floatplan.studies import page as study_page
 
@@ -32,6 +32,9 @@ SIZES = {
     "rows on a study's page": study_page.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,
+    "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
+    "flights in closed loop": closed_loop.MOST_FLIGHTS,
+    "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
     "transforms of an export to MCAP: instants times joints that move": ros_bag.MOST_TRANSFORMS,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
     "bandwidth of a replay's feedback": f"{disturbance.FASTEST:.0f} rad/s",

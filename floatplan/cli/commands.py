@@ -293,7 +293,10 @@ def replay(
         float | None,
         typer.Option(metavar="HZ", help="Correct in flight, so often a second: many flights, with and without."),
     ] = None,
-    flights: Annotated[int, typer.Option(min=1, metavar="N", help="Number of flights with --replan.")] = 100,
+    flights: Annotated[int, typer.Option(min=1, metavar="N", help="Number of flights with --replan.")] = 20,
+    budget: Annotated[
+        float, typer.Option(metavar="S", help="Time after which no more is flown with --replan, s.")
+    ] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
     authority: Annotated[
         bool, typer.Option("--authority", help="Tell from which errors corrections still land, and until when.")
@@ -321,7 +324,7 @@ def replay(
 
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
-        fly_many(plan, replan, checked, perturb, flights, seed, feedback, authority, output, json_output)
+        fly_many(plan, replan, checked, perturb, flights, budget, seed, feedback, authority, output, json_output)
         raise typer.Exit(DONE)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")

@@ -28,6 +28,7 @@ def fly_many(
     engine: Engine,
     perturb: str,
     flights: int,
+    budget: float,
     seed: int,
     feedback: float | None,
     with_authority: bool,
@@ -41,7 +42,14 @@ def fly_many(
     if rate is not None:
         bandwidth = BANDWIDTH if feedback is None else feedback
         flown = closed_loop(
-            plan, rate, perturb=perturb or PERTURBED, flights=flights, seed=seed, engine=engine, feedback=bandwidth
+            plan,
+            rate,
+            perturb=perturb or PERTURBED,
+            flights=flights,
+            seed=seed,
+            engine=engine,
+            feedback=bandwidth,
+            budget=budget,
         )
     found = authority(plan) if with_authority else None
     page = None if output is None else _write(plan, output / PAGE, flown, found)
@@ -66,6 +74,8 @@ def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | Non
     parts: list[RenderableType] = []
     if flown is not None:
         many = "1 flight" if flown.flights == 1 else f"{flown.flights} flights"
+        if flown.flights < flown.asked:
+            many += f" of {flown.asked} (--budget gives more time)"
         parts.append(Text(f"{many} in {flown.seconds:.3g} s, {flown.engine}, corrected at {flown.rate:g} Hz", "bold"))
         parts.append(_table(("", "with corrections", "without"), landing_rows(flown)))
     if found is not None:

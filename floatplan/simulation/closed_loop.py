@@ -6,6 +6,8 @@ At the rate of the corrections a :class:`~floatplan.inflight.replanner.Replanner
 
 from __future__ import annotations
 
+import contextlib
+import math
 import time as clock
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -32,7 +34,11 @@ from floatplan.simulation.stepping import Stepper, mujoco_stepper, pinocchio_ste
 PERIOD = 1e-3  # [s] of the joints' control
 BANDWIDTH = 100.0  # [rad/s] of their feedback
 PERTURBED = "h=10%,inertia=5%,noise=0.1deg,delay=5ms"
+FLIGHTS = 20
 MOST_FLIGHTS = 10_000
+MOST_PERIODS = 100_000  # [-] of a flight
+BUDGET = 60.0  # [s]
+BETWEEN_LOOKS = 100  # [-] periods between looks at the clock
 MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
 TRACED = 24  # [-] flights whose paths are kept
 TRACE_STEP = 5  # [-] periods between the points of a path
@@ -43,10 +49,11 @@ def closed_loop(
     rate: float = 200.0,
     *,
     perturb: str | Perturbation = PERTURBED,
-    flights: int = 100,
+    flights: int = FLIGHTS,
     seed: int = 0,
     engine: Engine = "pinocchio",
     feedback: float = BANDWIDTH,
+    budget: float | None = BUDGET,
 ) -> ClosedLoop:
     """Fly perturbed robots, each with corrections in flight and without.
 
@@ -62,13 +69,16 @@ def closed_loop(
     engine : "pinocchio" or "mujoco"
     feedback : float
         Bandwidth of the joints' control, rad/s.
+    budget : float, optional
+        Time, s, after which no more is flown: what is told is of the flights that ended in it. None: no end.
 
     Raises
     ------
     InputError
-        The plan reaches no goal, a number is wrong, or the engine is unknown or not installed.
+        The plan reaches no goal, a number is wrong, the flight takes more than ``MOST_PERIODS`` periods, or the engine
+        is unknown or not installed.
     FloatplanError
-        A flight cannot be integrated.
+        A flight cannot be integrated, or not one ended within the budget.
     """
     began = clock.perf_counter()
     check_engine(engine)
@@ -76,17 +86,32 @@ def closed_loop(
         raise InputError(f"must be from 1 to {MOST_FLIGHTS}, not {flights}", element="flights")
     if not 0 < rate <= MOST_RATE:
         raise InputError(f"must be above 0 and at most {MOST_RATE:g} Hz, not {rate:g}", element="replan")
+    if budget is not None and not budget > 0:
+        raise InputError(f"{budget} s is not positive", element="budget", advice="give a positive number of seconds")
+    if plan.duration > MOST_PERIODS * PERIOD:
+        raise InputError(
+            f"a flight of {plan.duration:g} s is too long for closed loops: at most {MOST_PERIODS * PERIOD:g} s"
+        )
     perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else perturb
-    loop = _Loop(plan, rate, perturbation, feedback, engine)
+    loop = _Loop(plan, rate, perturbation, feedback, engine, math.inf if budget is None else began + budget)
     with_corrections: list[_Flown] = []
     without: list[_Flown] = []
     statuses, seconds = Counter[str](), list[float]()
-    for flight in range(flights):
-        for correct, ended in ((True, with_corrections), (False, without)):
-            ended.append(loop.fly(seed, flight, correct, statuses, seconds))
+    with contextlib.suppress(_OutOfTimeError):
+        for flight in range(flights):
+            corrected, tried, took = loop.fly(seed, flight, correct=True)
+            without.append(loop.fly(seed, flight, correct=False)[0])
+            with_corrections.append(corrected)
+            statuses += tried
+            seconds += took
+    if not without:
+        raise FloatplanError(
+            f"not one flight ended within {budget:g} s: give it more time (budget), or fewer corrections a second"
+        )
     return ClosedLoop(
         engine,
         rate,
+        len(without),
         flights,
         seed,
         perturbation,
@@ -101,6 +126,10 @@ def closed_loop(
         tuple(flown.path for flown in without[:TRACED]),
         clock.perf_counter() - began,
     )
+
+
+class _OutOfTimeError(Exception):
+    """The budget is over."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +158,11 @@ def _updated(replanner: Replanner, now: float, measured: tuple[Any, ...]) -> Cor
 class _Loop:
     """A plan, its controller, and the robots that fly it."""
 
-    def __init__(self, plan: Plan, rate: float, perturbation: Perturbation, feedback: float, engine: Engine) -> None:
+    def __init__(
+        self, plan: Plan, rate: float, perturbation: Perturbation, feedback: float, engine: Engine, deadline: float
+    ) -> None:
         self.plan, self.perturbation, self.engine, robot = plan, perturbation, engine, plan.robot
+        self.deadline = deadline
         self.replanner = Replanner(plan, rate)
         self.every = max(1, round(1 / (rate * PERIOD)))
         self.reduced = reduced_model(robot, plan.ballistics.gravity)
@@ -150,8 +182,9 @@ class _Loop:
         self.shapes = LinkShapes(robot.tree, robot.shapes) if self.obstacles else None
         self.base_weights = robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
 
-    def fly(self, seed: int, flight: int, correct: bool, statuses: Counter[str], seconds: list[float]) -> _Flown:
-        """Fly one robot; what its corrections were and took is added to the lists."""
+    def fly(self, seed: int, flight: int, correct: bool) -> tuple[_Flown, Counter[str], list[float]]:
+        """Fly one robot; also how often a correction had which status, and the seconds that each took."""
+        statuses, seconds = Counter[str](), list[float]()
         drawn = self.perturbation.drawn(seed, flight, len(self.names), self.reduced.model.njoints)
         true, model = self._robot(drawn)
         state = self._takeoff(drawn, true)
@@ -164,6 +197,8 @@ class _Loop:
         tick = 0
         while tick * PERIOD < replanner.landing - 1e-9:
             now = tick * PERIOD
+            if tick % BETWEEN_LOOKS == 0:
+                self._look_at_the_clock()
             measured.append(self._measurement(now, state, drawn, model))
             if correct and tick % self.every == 0 and tick >= delay:
                 began = clock.process_time()
@@ -180,7 +215,11 @@ class _Loop:
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
             states.append(state)
             tick += 1
-        return self._ended(states, peak, corrections)
+        return self._ended(states, peak, corrections), statuses, seconds
+
+    def _look_at_the_clock(self) -> None:
+        if clock.perf_counter() > self.deadline:
+            raise _OutOfTimeError
 
     def _robot(self, drawn: Drawn) -> tuple[ReducedModel, Any]:
         model = self.reduced.model.copy()
@@ -258,6 +297,7 @@ class _Loop:
         segments = self.shapes.place(com, angles)
         least = np.inf
         for obstacle in self.obstacles:
+            self._look_at_the_clock()
             low, high = obstacle.window or (-np.inf, np.inf)
             distances = obstacle_distances(segments, obstacle, times).values[(times >= low) & (times <= high)]
             least = min(least, float(distances.min(initial=np.inf)))

@@ -54,6 +54,7 @@ class ClosedLoop:
 
     Attributes
     ----------
+    flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
     corrected, uncorrected : Landings
         With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
     statuses : how often a correction had which
@@ -68,6 +69,7 @@ class ClosedLoop:
     engine: Engine
     rate: float
     flights: int
+    asked: int
     seed: int
     perturbation: Perturbation
     joints: tuple[str, ...]
@@ -93,6 +95,7 @@ class ClosedLoop:
                 "engine": self.engine,
                 "replan": self.rate,
                 "flights": self.flights,
+                "asked": self.asked,
                 "seed": self.seed,
                 "perturbation": asdict(self.perturbation) | {"rate_noise": self.perturbation.noise_of_rates},
                 "corrected": self._landings(self.corrected),

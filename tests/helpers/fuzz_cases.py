@@ -11,8 +11,9 @@ from fuzz_meshes import prepare_robot
 from fuzz_mutations import ROOT, spoiled
 from fuzz_options import prepare_options
 from fuzz_sources import FORMATS, PROBLEMS, has_gallery, plan_of, robot_of
+from fuzz_studies import prepare_study
 
-WEIGHTS = {".toml": 2, ".urdf": 2, ".json": 2, "options": 1, "meshes": 1}
+WEIGHTS = {".toml": 4, ".urdf": 4, ".json": 4, "options": 2, "meshes": 2, "studies": 1}
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Case:
 
     @property
     def kind(self) -> str:
-        """What is spoiled: a file by its suffix, the options, or a robot of the gallery with its meshes."""
+        """What is spoiled: a file by its suffix, the options, a robot of the gallery with its meshes, or a study."""
         rng = random.Random(f"kind {self.seed}")
         kinds = [kind for kind in WEIGHTS if kind != "meshes" or has_gallery()]
         return rng.choices(kinds, [WEIGHTS[kind] for kind in kinds])[0]
@@ -35,6 +36,8 @@ class Case:
             return prepare_options(rng, folder)
         if kind == "meshes":
             return prepare_robot(rng, folder)
+        if kind == "studies":
+            return prepare_study(rng, folder)
         name = rng.choice(PROBLEMS)
         robots = folder / "urdf"
         shutil.copytree(ROOT / "urdf", robots)
@@ -116,6 +119,8 @@ def _with_plan(rng: random.Random, plan: Path, folder: Path) -> list[str]:
         arguments += ["-f", rng.choice(FORMATS), "-o", str(folder / "exported")]
     elif command == "show":
         arguments += ["-o", str(folder / "out")]
+    elif command == "replay" and rng.random() < 0.4:
+        arguments += rng.choice((["--replan", "50", "--flights", "1", "--budget", "2"], ["--authority", "--json"]))
     else:
         arguments += rng.choice(([], ["--json"], ["--save"]))
     return arguments

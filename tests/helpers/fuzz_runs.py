@@ -36,8 +36,9 @@ from floatplan.files import write_atomically
 LONGEST_MESSAGE = 2000  # characters
 GRACE = 2.0  # s of CPU beyond the budget
 UNBUDGETED = 10.0  # s of CPU that other commands may take
-SEARCHING = 40.0  # s of CPU that the search of a first flight may take
-PATIENCE = 60  # s of CPU until a run counts as hanging
+FLYING = 60.0  # s of time, the budget of flights in closed loop that gives none
+SEARCHING = 40.0  # s of CPU that the search of a first flight, or the rows of a small study may take
+PATIENCE = 80  # s of CPU until a run counts as hanging
 WAITING = 600  # s of time, the same
 LARGEST = 2 * 1024**3  # bytes
 
@@ -60,10 +61,13 @@ class Finding:
 def limit_of(arguments: Sequence[str]) -> float:
     """Seconds of CPU that a command may take."""
     budgets = [after for word, after in pairwise(arguments) if word == "--budget"]
-    if "plan" in arguments[:1] and budgets:
+    flying = "replay" in arguments[:1] and any(word.startswith("--replan") for word in arguments)
+    if budgets and (flying or "plan" in arguments[:1]):
         with contextlib.suppress(ValueError):
-            return min(max(float(budgets[-1]), 0.0), UNBUDGETED) + GRACE
-    return (SEARCHING if "init" in arguments[:1] else UNBUDGETED) + GRACE
+            return min(max(float(budgets[-1]), 0.0), FLYING if flying else UNBUDGETED) + GRACE
+    if flying:
+        return FLYING + GRACE
+    return (SEARCHING if arguments[:1] in (["init"], ["study"]) else UNBUDGETED) + GRACE
 
 
 def judge(seed: int, arguments: Sequence[str], code: object, output: str, errors: str, seconds: float) -> list[Finding]:
@@ -199,6 +203,7 @@ def run_killed(seed: int, folder: Path) -> list[Finding]:
             ["show", str(plan), "-o", str(out), "--png"],
             ["export", str(plan), "-f", rng.choice(FORMATS), "-o", str(out / "exported")],
             ["certify", str(plan), "--save"],
+            ["study", str(ROOT / "problems" / "studies" / "first.toml"), "-o", str(out), "-q", "--jobs", "2"],
         )
     )
     command = [sys.executable, "-m", "floatplan", *arguments]
@@ -208,7 +213,7 @@ def run_killed(seed: int, folder: Path) -> list[Finding]:
         time.sleep(rng.uniform(0.1, LONGEST_LIFE))
         process.kill()
     half = [path for path in folder.rglob("*") if path.is_file() and not _is_left_over(path) and not _is_whole(path)]
-    for place in (folder, out):
+    for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):
         write_atomically(place / "next", "")
     left = [path for path in folder.rglob("*") if _is_left_over(path)]
     return [
@@ -227,7 +232,8 @@ def _is_whole(path: Path) -> bool:
     if path.suffix == ".json":
         json.loads(content)
         return True
-    ends = {".html": b"</html>", ".png": b"IEND\xaeB`\x82", ".csv": b"\n"}
-    return bool(content) and content.rstrip(b"\n \t" if path.suffix == ".html" else b"").endswith(
-        ends.get(path.suffix, b"")
-    )
+    if path.name == ".lock":
+        return not content
+    ends = {".html": b"</html>", ".svg": b"</svg>", ".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".parquet": b"PAR1"}
+    written = content.rstrip() if path.suffix in (".html", ".svg") else content
+    return bool(content) and written.endswith(ends.get(path.suffix, b""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -15,8 +16,9 @@ from flown_plans import Drifting
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.errors import InputError
+from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight import authority as authority_module
+from floatplan.simulation import closed_loop as closed_loop_module
 from floatplan.simulation.perturbation import Perturbation, parse_perturbation
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.stepping import mujoco_stepper, pinocchio_stepper
@@ -129,10 +131,39 @@ def test_wrong_perturbations_are_told(plan: fp.Plan, text: str) -> None:
         fp.closed_loop(plan, perturb=text, flights=1)
 
 
-@pytest.mark.parametrize("wrong", [{"rate": 0.0}, {"rate": 1e4}, {"flights": 0}, {"engine": "ode"}, {"feedback": -1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"rate": 0.0}, {"rate": 1e4}, {"flights": 0}, {"engine": "ode"}, {"feedback": -1.0}, {"budget": 0.0}]
+)
 def test_wrong_numbers_are_told(plan: fp.Plan, wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         fp.closed_loop(plan, **wrong)
+
+
+def test_flights_that_end_in_the_budget_count(plan: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = itertools.count()
+
+    def look(_: Any) -> None:
+        if next(looks) > 30:  # eleven a flight, and each is flown twice
+            raise closed_loop_module._OutOfTimeError
+
+    whole = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5)
+    monkeypatch.setattr(closed_loop_module._Loop, "_look_at_the_clock", look)
+    result = fp.closed_loop(plan, perturb=PERTURBED, flights=3, seed=5)
+    assert (result.flights, result.asked) == (1, 3)
+    assert result.statuses == whole.statuses
+    assert len(result.paths) == len(result.uncorrected_paths) == 1
+    np.testing.assert_array_equal(result.corrected.orientation, whole.corrected.orientation)
+
+
+def test_a_budget_without_a_flight_is_told(plan: fp.Plan) -> None:
+    with pytest.raises(FloatplanError, match="not one flight ended"):
+        fp.closed_loop(plan, budget=1e-9)
+
+
+def test_flights_that_are_too_long_are_told(plan: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed_loop_module, "MOST_PERIODS", 1000)
+    with pytest.raises(InputError, match="too long"):
+        fp.closed_loop(plan)
 
 
 def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,6 +187,7 @@ def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pyt
         ("--replan", 0),
         ("--output", "out"),
         ("--replan", 100, "--save"),
+        ("--replan", 100, "--budget", 0),
         ("--replan", 100, "--perturb", "x"),
     ):
         assert floatplan("replay", path.absolute(), *wrong, "--flights", 1).code == 2
