@@ -1,7 +1,4 @@
-"""The tables of a problem file as pydantic models: which keys there are, and what each may hold.
-
-Validated with the context ``{"degrees": True}``, every angle comes out in radians.
-"""
+"""The tables of a problem file as pydantic models: which keys there are; :mod:`.values` says what each may hold."""
 
 from __future__ import annotations
 
@@ -9,104 +6,26 @@ import math
 from dataclasses import MISSING, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo, create_model
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
 from floatplan.problem import parts as asked
+from floatplan.problem.values import (
+    AccelerationLimits,
+    Accelerations,
+    Angle,
+    AngularLimits,
+    AngularMomentum,
+    Degree,
+    JointAngles,
+    Number,
+    Place,
+    PositionLimits,
+    TorqueLimits,
+    Velocities,
+    any_of,
+)
 from floatplan.robot.robot import Coupling
 from floatplan.tables import LIMIT_TABLE, Objective
-
-
-def _in_radians(value: float, info: ValidationInfo) -> float:
-    return math.radians(value) if info.context and info.context["degrees"] else value
-
-
-def _shape(value: Any) -> str:
-    """Tag of the shape that a value has; tags are in angle brackets, so that no path in a message shows them."""
-    for shape, kind in (("<table>", dict), ("<list>", list), ("<word>", str)):
-        if isinstance(value, kind):
-            return shape
-    return "<number>"
-
-
-def _obstacle_kind(value: Any) -> str | None:
-    kind = value.get("kind") if isinstance(value, dict) else None
-    return f"<{kind}>" if isinstance(kind, str) else None
-
-
-def any_of(wanted: str) -> Discriminator:
-    """Tell apart by their shapes what a key may hold; else it is not ``wanted``."""
-    return Discriminator(_shape, custom_error_type="wrong_shape", custom_error_message=f"is not {wanted}")
-
-
-Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Whole: TypeAlias = Annotated[int, Field(strict=True)]
-Angle: TypeAlias = Annotated[Number, AfterValidator(_in_radians)]
-Place: TypeAlias = tuple[Number, Number]
-Range: TypeAlias = tuple[Angle, Angle]
-
-JointAngles: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[Angle], Tag("<list>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("a number, a list in joint order, or a table by joint"),
-]
-Velocities: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[Angle], Tag("<list>")]
-    | Annotated[Literal["takeoff", "landing"], Tag("<word>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("a number, a list in joint order, a table by joint, or 'takeoff' or 'landing'"),
-]
-Accelerations: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[Angle], Tag("<list>")]
-    | Annotated[Literal["free"], Tag("<word>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("a number, a list in joint order, a table by joint, or 'free'"),
-]
-PositionLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Range], Tag("<table>")]
-    | Annotated[list[Range], Tag("<list>")]
-    | Annotated[Literal["urdf", "full"], Tag("<word>")],
-    any_of("'urdf', 'full', or a table of [low, high] by joint"),
-]
-AngularLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Angle, Tag("<number>")], any_of("a number or 'none'")
-]
-AngularLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[AngularLimit | None], Tag("<list>")]
-    | Annotated[Literal["urdf", "none"], Tag("<word>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("'urdf', 'none', a number, or a table by joint"),
-]
-AccelerationLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[AngularLimit | None], Tag("<list>")]
-    | Annotated[Literal["none"], Tag("<word>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("'none', a number, or a table by joint"),
-]
-TorqueLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")], any_of("a number or 'none'")
-]
-TorqueLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Number], Tag("<table>")]
-    | Annotated[list[TorqueLimit | None], Tag("<list>")]
-    | Annotated[Literal["urdf", "none"], Tag("<word>")]
-    | Annotated[Number, Tag("<number>")],
-    any_of("'urdf', 'none', a number, or a table by joint"),
-]
-AngularMomentum: TypeAlias = Annotated[
-    Annotated[Literal["midpoint", "free"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
-    any_of("a number, 'midpoint' or 'free'"),
-]
-Degree: TypeAlias = Annotated[
-    Annotated[list[Whole], Tag("<list>")]
-    | Annotated[Literal["auto"], Tag("<word>")]
-    | Annotated[Whole, Tag("<number>")],
-    any_of("a whole number, a list of them, or 'auto'"),
-]
 
 
 class Table(BaseModel):
@@ -319,6 +238,11 @@ def _obstacle_table(kind: type[asked.Obstacle]) -> type[ObstacleTable]:
     keys["kind"] = (Literal[kind.kind], ...)
     table: type[ObstacleTable] = create_model(f"{kind.__name__}Table", __base__=ObstacleTable, **keys)
     return table
+
+
+def _obstacle_kind(value: Any) -> str | None:
+    kind = value.get("kind") if isinstance(value, dict) else None
+    return f"<{kind}>" if isinstance(kind, str) else None
 
 
 def _any_obstacle() -> Any:

@@ -21,8 +21,9 @@ from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.recorded_robot import robot_record
 from floatplan.problem.checks import refuse
 from floatplan.problem.family import Family
-from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml, validated
+from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
+from floatplan.problem.validation import validated
 from floatplan.studies.numbers import quantity
 from floatplan.studies.sampling import Axis, Samples, Values
 from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable
