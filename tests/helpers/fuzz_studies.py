@@ -67,14 +67,14 @@ def prepare_study(rng: random.Random, folder: Path) -> list[str]:
 
 
 def _elsewhere(rng: random.Random, sound: dict[str, Any]) -> dict[str, Any]:
-    """The study with other numbers varied, and over other ranges."""
+    """The study with another number varied, or one over another range."""
     vary = dict(sound["vary"])
     kept = [path for path in vary if path not in ("sampling", "samples")]
     drawn = "sampling" in vary
-    for path in {rng.choice((*kept, *PATHS)) for _ in range(rng.randint(1, 2))}:
-        ends = sorted(rng.sample(VALUES, 2))
-        ranged = {"from": ends[0], "to": ends[1]}
-        vary[path] = ranged if drawn else rng.choice((ends, ends[:1], {**ranged, "count": 2}))
+    path = rng.choice((*kept, *PATHS))
+    ends = sorted(rng.sample(VALUES, 2))
+    ranged = {"from": ends[0], "to": ends[1]}
+    vary[path] = ranged if drawn else rng.choice((ends, ends[:1], {**ranged, "count": 2}))
     plan = rng.choice((sound.get("plan", {}), {"starts": 3}, {"search": True}, {"prove": True}))
     return {**sound, "vary": vary, "plan": plan, "result": {"folder": "out"}}
 
