@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,13 +28,21 @@ SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 @dataclass(frozen=True, eq=False)
 class Present:
-    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on, masses."""
+    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on.
+
+    ``adapted`` gives the dynamics of its masses when they are asked for.
+    """
 
     time: float
     orientation: float
     angular_momentum: float
     com: Ballistics
-    dynamics: Dynamics
+    adapted: Callable[[], Dynamics]
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """With the masses that the robot is believed to have."""
+        return self.adapted()
 
 
 class Views:
