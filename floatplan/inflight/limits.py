@@ -76,15 +76,20 @@ class Rows(Protocol):
         """Derivatives of the rows at some instants, each (S,) indices."""
 
 
+class Shares:
+    """One minus the share of a limit that is used: what corrections aim at, and how softly."""
+
+    aim: float = 0.02
+    softness: float = 0.01
+
+
 @dataclass(frozen=True, eq=False)
-class JointRows:
+class JointRows(Shares):
     """``1 - |rate| / limit`` of velocities, accelerations or the base's rate; ``limited`` (r,) are indices."""
 
     quantity: str
     limited: IntArray
     limit: Array
-    aim: float = 0.02
-    softness: float = 0.01
 
     def values(self, ahead: Ahead) -> Array:
         """Values (K, r)."""
@@ -110,7 +115,7 @@ class JointRows:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueRows:
+class TorqueRows(Shares):
     """``1 - (|torque| + slope |rate|) / limit`` of torques that turn the bodies by ``turns`` (m, r).
 
     ``ratios`` (r, n) are the derivatives of the motors' positions by the planned ones.
@@ -120,8 +125,6 @@ class TorqueRows:
     ratios: Array
     limit: Array
     slope: Array
-    aim: float = 0.02
-    softness: float = 0.01
 
     def values(self, ahead: Ahead) -> Array:
         """Values (K, r)."""

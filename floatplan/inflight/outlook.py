@@ -23,6 +23,7 @@ from floatplan.robot.robot import LinkCapsule, PlanarTree
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants at which distances are watched
 LIMITED = 8  # [-] instants besides the nodes at which limits are, where nothing is watched
+TURNING = ("flown", "watched", "miss", "_rate_by_y")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 
@@ -125,11 +126,16 @@ class Outlook:
 
         So that a base far from its goal, whose feet would be in the ground, is not kept from turning through there.
         """
-        return Outlook(self._views, self.motion, self._present, landed=True)
+        return self._seen(landed=True)
 
     def as_it_is(self) -> Outlook:
         """Return the same, its distances those of the base as it turns."""
-        return Outlook(self._views, self.motion, self._present)
+        return self._seen(landed=False)
+
+    def _seen(self, landed: bool) -> Outlook:
+        other = Outlook(self._views, self.motion, self._present, landed)
+        other.__dict__.update((name, self.__dict__[name]) for name in TURNING if name in self.__dict__)
+        return other
 
     @cached_property
     def watched(self) -> Array:

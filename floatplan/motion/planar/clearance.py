@@ -88,14 +88,17 @@ class LinkShapes:
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
         self._start = tree.point_weights(bodies, np.array([shape.start for shape in shapes], dtype=np.complex128))
         self._end = tree.point_weights(bodies, np.array([shape.end for shape in shapes], dtype=np.complex128))
+        self._ends = np.concatenate((self._start, self._end)).T.copy()
         self._radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
 
     def place(self, com: ComplexArray, angles: Array) -> Segments:
         """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""
         rotations = self._tree.rotations(angles)
+        ends = rotations @ self._ends
+        ends += com[:, None]
         return Segments(
-            com[:, None] + rotations @ self._start.T,
-            com[:, None] + rotations @ self._end.T,
+            ends[:, : len(self._start)],
+            ends[:, len(self._start) :],
             self._start,
             self._end,
             self._radius,

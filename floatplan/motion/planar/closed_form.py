@@ -151,11 +151,12 @@ class Dynamics:
         body_rates = velocities @ self._turns.T + base_rate[:, None]
         relative = accelerations @ self._turns.T
         centripetal = (1j * self._turn) * body_rates**2
-        gathered = rotations.conj() * ((rotations * (relative + centripetal)) @ self._coupling.T)
-        inertia = ((rotations.conj() @ self._coupling) * rotations).real + self._inertia
-        locked_inertia = inertia.sum(axis=1)
+        back = rotations.conj()
+        gathered = back * ((rotations * (relative + centripetal)) @ self._coupling.T)
+        by_base = back * (rotations @ self._coupling.T)
+        locked_inertia = (by_base.real + self._inertia).sum(axis=1)
         base_acceleration = -(gathered.real + self._inertia * relative).sum(axis=1) / locked_inertia
-        gathered = gathered + base_acceleration[:, None] * (rotations.conj() * (rotations @ self._coupling.T))
+        gathered += base_acceleration[:, None] * by_base
         body_accelerations = relative + base_acceleration[:, None]
         moments = gathered.real + self._inertia * body_accelerations
         return moments, gathered, body_rates, body_accelerations, locked_inertia
