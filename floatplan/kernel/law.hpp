@@ -154,14 +154,15 @@ class Correcting {
         for (std::int64_t e = begin; e < end; ++e) near += violation[e] > 0;
         if (near > f.most_rows) floor = at_rank(violation + begin, end - begin, near - f.most_rows);
         std::int64_t left = f.most_rows;
-        for (std::int64_t e = begin; e < end && left; ++e) {
-            if (!(violation[e] > floor)) continue;
-            --left;
-            double *row = jacobian + rows * size;
-            rest.row_by_y(*present, e / K, e % K, row);
-            for (std::int64_t a = 0; a < size; ++a) row[a] /= f.softness[block];
-            residual[rows++] = -violation[e];
-        }
+        for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
+            for (std::int64_t e = begin; e < end && left; ++e) {
+                if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
+                --left;
+                double *row = jacobian + rows * size;
+                rest.row_by_y(*present, e / K, e % K, row);
+                for (std::int64_t a = 0; a < size; ++a) row[a] /= f.softness[block];
+                residual[rows++] = -violation[e];
+            }
     }
 
     // The value that so many positive ones are not above.

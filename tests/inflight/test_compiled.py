@@ -54,7 +54,7 @@ def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
 
 def assert_same(plan: fp.Plan, both: list[fp.Replanner], seed: int) -> int:
     """Fly perturbed robots from several instants on, whose measurements both take in; how often they corrected."""
-    return sum(flown_alike(plan, both, begin, seed) for begin in (0.0, 0.4 * plan.duration, 0.8 * plan.duration))
+    return sum(flown_alike(plan, both, begin, seed) for begin in (0.0, 0.6 * plan.duration))
 
 
 def flown_alike(plan: fp.Plan, both: list[fp.Replanner], begin: float, seed: int) -> int:
@@ -94,7 +94,7 @@ def flown_alike(plan: fp.Plan, both: list[fp.Replanner], begin: float, seed: int
 def test_chains_and_trees(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Mirrored planes and coupled joints among them."""
     plan = forward_plan(plain_problems(96)[number], seed=number)
-    assert assert_same(plan, pair(plan, monkeypatch), number) >= 12
+    assert assert_same(plan, pair(plan, monkeypatch), number) >= 10
 
 
 @pytest.mark.parametrize("number", CHAINS)
@@ -103,7 +103,7 @@ def test_limits_that_are_met(number: int, monkeypatch: pytest.MonkeyPatch) -> No
     plan = forward_plan(problem, seed=number)
     both = pair(plan, monkeypatch)
     assert len(both[0].views.rows) >= 4
-    assert assert_same(plan, both, number) >= 12
+    assert assert_same(plan, both, number) >= 10
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
@@ -112,4 +112,18 @@ def test_every_problem(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.skip("example-robot-data is not installed")
     plan = forward_plan(fp.load_problem(file), size=0.1)
     both = pair(plan, monkeypatch)
-    assert assert_same(plan, both, 1) >= 12
+    assert assert_same(plan, both, 1) >= 10
+
+
+@pytest.mark.parametrize("name", ["go2", "g1", "human"])
+def test_limits_of_robots_with_coupled_and_locked_joints(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without their obstacles, so that the kernel's law keeps the limits."""
+    if robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    problem = fp.load_problem(PROBLEMS / "gallery" / f"{name}.toml")
+    problem = limited(replace(problem, obstacles=(), self_clearances=(), ground=False), np.random.default_rng(4))
+    plan = forward_plan(problem, size=0.3)
+    both = pair(plan, monkeypatch)
+    assert both[0].views.rows
+    assert not both[0].views.has_distances
+    assert assert_same(plan, both, 3) >= 10
