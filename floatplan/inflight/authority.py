@@ -137,7 +137,7 @@ def _lands(replanner: Replanner, robot: Dynamics, momentum: float, begin: float)
             positions, velocities, _ = replanner.motion.at(time)
             rate = float(robot.base_rate(positions, velocities, momentum)[0])
             replanner.update(time, orientation, rate, positions[0], velocities[0])
-        if not _within(replanner, Present(time, orientation, momentum, _path(plan, time), robot), following):
+        if not _within(replanner, Present(time, orientation, momentum, _path(plan, time), lambda: robot), following):
             return False
         times = time + (following - time) * quadrature.nodes
         positions, velocities, _ = replanner.motion.at(times)

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 from floatplan.arrays import Array
 from floatplan.inflight.motion import RemainingMotion
-from floatplan.inflight.outlook import Outlook
+from floatplan.inflight.reckoning import Foreseen
 
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 
@@ -31,24 +31,24 @@ class Correction:
 
     status: Status
     reason: str
-    outlook: Outlook
+    foreseen: Foreseen
     landing: float
     angular_momentum: float
 
     @property
     def motion(self) -> RemainingMotion:
         """The joints' motion from now on."""
-        return self.outlook.motion
+        return self.foreseen.motion
 
     @property
     def predicted_miss(self) -> float:
         """Orientation at landing less the goal, under that motion, rad."""
-        return self.outlook.miss
+        return self.foreseen.miss
 
     @property
     def torque_peak(self) -> Array:
         """Largest magnitude (m,) N m of each motor's torque for the rest of the flight, in ``robot.motors``' order."""
-        return self.outlook.torque_peak
+        return self.foreseen.outlook.torque_peak
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,9 @@ PLACE_TIME = 0.02  # [s] time constant of the low-pass filter
 
 @dataclass
 class Estimate:
-    """At ``time``: orientation with the joints on their reference, h and masses; place and velocity of the CM.
+    """At ``time``: orientation with the joints on their reference, h and masses.
 
-    ``placed`` counts measurements of the centre of mass.
+    Place and velocity of the centre of mass are those at ``com_time``; ``placed`` counts its measurements.
     """
 
     time: float
@@ -32,11 +32,12 @@ class Estimate:
     com_position: Array
     com_velocity: Array
     gravity: float
+    com_time: float = 0.0
     placed: int = 0
 
     def place(self, time: float) -> tuple[Array, Array]:
         """Place and velocity (2,) of the centre of mass at a time."""
-        dt = time - self.time
+        dt = time - self.com_time
         fall = np.array([0.0, self.gravity * dt])
         return self.com_position + dt * (self.com_velocity - fall / 2), self.com_velocity - fall
 
@@ -54,30 +55,18 @@ class Estimate:
         """About the centre of mass, kg m^2/s."""
         return self.inertial.angular_momentum
 
-    def learn(
-        self, measured: Measurement, turn: float, aside: float, rate: float, positions: Array, velocities: Array
-    ) -> None:
-        """Take in a measurement, until which the base has turned by ``turn``, rad.
-
-        Then its rate is ``rate``, rad/s, with the joints (n,) on their reference, from where it would stand ``aside``,
-        rad, with the joints as they are measured.
-        """
-        dt = measured.time - self.time
-        self.com_position, self.com_velocity = self.place(measured.time)
+    def take_in(self, measured: Measurement) -> None:
+        """Take in when was measured, and where the centre of mass is."""
         self.time = measured.time
-        self.inertial.state[0] += turn
-        self.inertial.learn(
-            measured.orientation - aside,
-            np.array([rate, measured.orientation_rate]),
-            np.stack((positions, measured.positions)),
-            np.stack((velocities, measured.velocities)),
-            dt,
-        )
-        if measured.com_position is not None and measured.com_velocity is not None:
-            self.placed += 1
-            weight = max(1 / self.placed, 1 - math.exp(-dt / PLACE_TIME))  # their mean at first
-            self.com_position = self.com_position + weight * (measured.com_position - self.com_position)
-            self.com_velocity = self.com_velocity + weight * (measured.com_velocity - self.com_velocity)
+        if measured.com_position is None or measured.com_velocity is None:
+            return
+        dt = measured.time - self.com_time
+        position, velocity = self.place(measured.time)
+        self.com_time = measured.time
+        self.placed += 1
+        weight = max(1 / self.placed, 1 - math.exp(-dt / PLACE_TIME))  # their mean at first
+        self.com_position = position + weight * (measured.com_position - position)
+        self.com_velocity = velocity + weight * (measured.com_velocity - velocity)
 
     def landing(self, height: float) -> float | None:
         """Time at which the centre of mass comes down to a height, m; None where it does not."""
@@ -85,4 +74,4 @@ class Estimate:
         reach = speed * speed - 2 * self.gravity * climb
         if self.gravity <= 0 or reach < 0:
             return None
-        return self.time + float((speed + math.sqrt(reach)) / self.gravity)
+        return self.com_time + float((speed + math.sqrt(reach)) / self.gravity)

@@ -11,6 +11,8 @@ stretches: a filter of h alone would lag behind it. The angles, too, tell of h: 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -33,7 +35,10 @@ SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a ki
 
 
 class Identification:
-    """The filter's ``state``: orientation, rad, h, kg m^2/s, and relative errors of masses and inertias (m,) each."""
+    """The filter's ``state``: orientation, rad, h, kg m^2/s, and relative errors of masses and inertias (m,) each.
+
+    Its arrays, with ``covariance`` and how many ``surprises`` came one after the other, are changed in place.
+    """
 
     def __init__(
         self, tree: PlanarTree, dynamics: Dynamics, orientation: float, angular_momentum: float, inertia: float
@@ -45,14 +50,15 @@ class Identification:
         self._weights_transposed, self._weights_adjoint = self._weights.T.copy(), self._weights.conj().T.copy()
         self._coupling, self._inertia, self._mass = centroidal_coupling(tree), np.array(tree.inertia), tree.mass
         scale = MOMENTUM_ERROR * max(abs(angular_momentum), SLOWEST_TURN * inertia)
-        self._deviations = np.concatenate(([ORIENTATION_ERROR, scale], np.full(2 * bodies, MASS_ERROR)))
-        self._covariance = np.diag(self._deviations**2)
-        self._wander = np.diag((WANDER * self._deviations) ** 2)
-        self._wander[0, 0] = ORIENTATION_WANDER**2
+        self.deviations = np.concatenate(([ORIENTATION_ERROR, scale], np.full(2 * bodies, MASS_ERROR)))
+        self.covariance = np.diag(self.deviations**2)
+        self.wander = (WANDER * self.deviations) ** 2
+        self.wander[0] = ORIENTATION_WANDER**2
+        self._only_orientation = np.eye(1, 2 + 2 * bodies)[0]
         self.state = np.zeros(2 + 2 * bodies)
         self.state[:2] = orientation, angular_momentum
-        self.dynamics = dynamics
-        self._surprises = 0  # negative: to the other side
+        self._dynamics: Dynamics | None = dynamics
+        self.surprises = np.zeros(1, dtype=np.int64)  # negative: to the other side
 
     @property
     def orientation(self) -> float:
@@ -64,41 +70,58 @@ class Identification:
         """Estimate of h, kg m^2/s."""
         return float(self.state[1])
 
-    def learn(self, orientation: float, rates: Array, positions: Array, velocities: Array, dt: float) -> None:
+    @property
+    def dynamics(self) -> Dynamics:
+        """With the masses found."""
+        if self._dynamics is None:
+            self._dynamics = self._adapted(self.state[2:])
+        return self._dynamics
+
+    def has_changed(self) -> None:
+        """The state was changed by others: by the kernel."""
+        self._dynamics = None
+
+    def as_found(self) -> Callable[[], Dynamics]:
+        """Return what gives the dynamics with the masses found by now, also later."""
+        known = self._dynamics
+        return partial(self._adapted, self.state[2:].copy()) if known is None else lambda: known
+
+    def learn(
+        self, orientation: float, rates: Array, positions: Array, velocities: Array, inertia: Array, dt: float
+    ) -> None:
         """Take in angles and rates of base and joints, measured ``dt`` s after the last time.
 
         The base's angle, rad, is that with the joints on their reference. ``rates`` (2,) rad/s of the base, and the
         joints (2, n), are first the expected ones, then those measured: what the state does to the momentum is that of
-        the expected, since noise that is in both would make the masses drift. The state's own orientation has been
-        brought to now.
+        the expected, since noise that is in both would make the masses drift. D there is ``inertia`` (n+1,), kg m^2.
+        The state's own orientation has been brought to now.
         """
         momentum, rows = self._momentum(positions, velocities, rates)
-        inertia, row = self.dynamics.momentum_map(positions[:1])[0], rows[0]
+        row = rows[0]
         self._predict(row * (dt / inertia[0]), dt)
         noise = float(inertia @ inertia)
-        only = np.zeros(len(self.state))
-        only[0] = 1.0
-        self._correct(only, orientation - self.state[0], ANGLE_NOISE**2 * noise / inertia[0] ** 2)
+        self._correct(self._only_orientation, orientation - self.state[0], ANGLE_NOISE**2 * noise / inertia[0] ** 2)
         innovation, variance = float(momentum[1] - row @ self.state), RATE_NOISE**2 * noise
-        if self._believed(innovation, math.sqrt(float(row @ self._covariance @ row) + variance)):
+        if self._believed(innovation, math.sqrt(float(row @ self.covariance @ row) + variance)):
             self._correct(row, innovation, variance)
         np.minimum(np.maximum(self.state[2:], -LARGEST_ERROR), LARGEST_ERROR, out=self.state[2:])
-        self._adapt()
+        self._dynamics = None
 
     def forget(self) -> None:
         """Orientation and momentum are known no better than at takeoff: the robot was hit, or was long unseen."""
-        self._covariance[:2] = self._covariance[:, :2] = 0.0
-        self._covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self._deviations[:2] ** 2
-        self._surprises = 0
+        self.covariance[:2] = self.covariance[:, :2] = 0.0
+        self.covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self.deviations[:2] ** 2
+        self.surprises[0] = 0
 
     def _believed(self, innovation: float, deviation: float) -> bool:
         """Whether a momentum is to be learnt from: one that surprises is only as the last of several, a kick."""
         if abs(innovation) <= SURPRISING * deviation:
-            self._surprises = 0
+            self.surprises[0] = 0
             return True
         side = 1 if innovation > 0 else -1
-        self._surprises = self._surprises + side if self._surprises * side > 0 else side
-        if abs(self._surprises) < SURPRISES:
+        before = int(self.surprises[0])
+        self.surprises[0] = before + side if before * side > 0 else side
+        if abs(self.surprises[0]) < SURPRISES:
             return False
         self.forget()
         return True
@@ -117,22 +140,22 @@ class Identification:
 
     def _predict(self, turned: Array, dt: float) -> None:
         """Bring the covariance to now: the orientation has turned by ``turned`` (2+2m,) for each of the state."""
-        covariance = self._covariance + dt * self._wander
+        covariance = self.covariance
+        covariance.flat[:: len(covariance) + 1] += dt * self.wander
         change = covariance @ turned
         covariance[0] += change
         covariance[:, 0] += change
         covariance[0, 0] += turned @ change
-        self._covariance = covariance
 
     def _correct(self, row: Array, innovation: float, variance: float) -> None:
-        gain = self._covariance @ row
+        gain = self.covariance @ row
         along = gain / (row @ gain + variance)
-        self.state = self.state + along * innovation
-        self._covariance = self._covariance - along[:, None] * gain
+        self.state += along * innovation
+        self.covariance -= along[:, None] * gain
 
-    def _adapt(self) -> None:
-        """The dynamics of the masses found."""
+    def _adapted(self, errors: Array) -> Dynamics:
+        """The dynamics with relative errors (2m,) of masses and inertias."""
         bodies = len(self._mass)
-        masses = self.state[2 : 2 + bodies] * self._mass
+        masses = errors[:bodies] * self._mass
         coupling = self._coupling + self._weights_adjoint @ (masses[:, None] * self._weights)
-        self.dynamics = self._nominal.adapted(coupling, self._inertia * (1 + self.state[2 + bodies :]))
+        return self._nominal.adapted(coupling, self._inertia * (1 + errors[bodies:]))

@@ -14,7 +14,6 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.motion.planar.clearance import Distances, Segments, obstacle_distances, pair_distances
-from floatplan.motion.planar.closed_form import BaseRate
 from floatplan.motion.planar.flight import PlanarFlown
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
@@ -77,15 +76,20 @@ class Rows(Protocol):
         """Derivatives of the rows at some instants, each (S,) indices."""
 
 
+class Shares:
+    """One minus the share of a limit that is used: what corrections aim at, and how softly."""
+
+    aim: float = 0.02
+    softness: float = 0.01
+
+
 @dataclass(frozen=True, eq=False)
-class JointRows:
+class JointRows(Shares):
     """``1 - |rate| / limit`` of velocities, accelerations or the base's rate; ``limited`` (r,) are indices."""
 
     quantity: str
     limited: IntArray
     limit: Array
-    aim: float = 0.02
-    softness: float = 0.01
 
     def values(self, ahead: Ahead) -> Array:
         """Values (K, r)."""
@@ -111,7 +115,7 @@ class JointRows:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueRows:
+class TorqueRows(Shares):
     """``1 - (|torque| + slope |rate|) / limit`` of torques that turn the bodies by ``turns`` (m, r).
 
     ``ratios`` (r, n) are the derivatives of the motors' positions by the planned ones.
@@ -121,8 +125,6 @@ class TorqueRows:
     ratios: Array
     limit: Array
     slope: Array
-    aim: float = 0.02
-    softness: float = 0.01
 
     def values(self, ahead: Ahead) -> Array:
         """Values (K, r)."""
@@ -133,22 +135,19 @@ class TorqueRows:
     def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
         """Derivatives of the rows."""
         flown = ahead.flown
-        joints, rate = flown.joints, flown.base_rate
-        where, of_instant = np.unique(instants, return_inverse=True)
-        some = BaseRate(
-            rate.rate[where], rate.by_velocity[where], rate.by_momentum[where], lambda: rate.by_position[where]
+        joints, turns, ratios = flown.joints, self.turns.T[rows], self.ratios[rows]
+        velocities = joints.velocities[instants]
+        torque, speed = (flown.moments[instants] * turns).sum(axis=1), (velocities * ratios).sum(axis=1)
+        per_limit = -1 / self.limit[rows]
+        by_position, by_velocity, by_acceleration = flown.flight.equations.weighted_moment_derivatives(
+            (np.sign(torque) * per_limit)[:, None] * turns,
+            joints.positions[instants],
+            velocities,
+            joints.accelerations[instants],
+            flown.base_rate[instants],
         )
-        moments = flown.flight.equations.moment_derivatives(
-            joints.positions[where], joints.velocities[where], joints.accelerations[where], some
-        )
-        turns = self.turns.T[rows]
-        torque = (moments.values[of_instant] * turns).sum(axis=1)
-        speed = (joints.velocities[instants] * self.ratios[rows]).sum(axis=1)
-        factor = (-np.sign(torque) / self.limit[rows])[:, None]
-        total = factor * np.einsum("sm,smd->sd", turns, moments.derivatives[of_instant])
-        n = joints.positions.shape[1]
-        drag = (np.sign(speed) * self.slope[rows] / self.limit[rows])[:, None] * self.ratios[rows]
-        return RowPartials(total[:, :n], total[:, n : 2 * n] - drag, total[:, 2 * n : 3 * n])
+        by_velocity += (np.sign(speed) * self.slope[rows] * per_limit)[:, None] * ratios
+        return RowPartials(by_position, by_velocity, by_acceleration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +166,8 @@ class DistanceRows:
         distances = ahead.measured[self] = self.measure(ahead.shapes, times)
         values = (distances.values - self.margin) / LENGTH_SCALE
         low, high = self.window
-        values[(times < low) | (times > high)] = np.inf
+        if low > times[0] or high < times[-1]:
+            values[(times < low) | (times > high)] = np.inf
         return values
 
     def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:

@@ -30,7 +30,7 @@ class RemainingMotion:
     coefficients : (6+m, n)
         Of p in ``basis``: p and two derivatives by u = (t - begin) / (end - begin) at both ends, then those of the m
         free polynomials.
-    table : (k+1, 3 (6+m))
+    table : (3, k+1, 6+m)
         Of their values and two derivatives by u, in Chebyshev polynomials of 2 u - 1.
     """
 
@@ -62,19 +62,17 @@ class RemainingMotion:
         """Return p, p', p'' (N, n) by time at times (N,); at the nearer end outside of its time."""
         u = np.minimum(np.maximum((times - self.begin) / self.remaining, 0.0), 1.0)
         angles = np.arccos(2 * u - 1)[:, None]
-        values = np.cos(angles * np.arange(len(self.table))) @ self._polynomials
-        n = len(self.amplitude)
-        return values[:, :n], values[:, n : 2 * n], values[:, 2 * n :]
+        p, rate, curvature = np.cos(angles * np.arange(self.table.shape[1])) @ self._polynomials
+        return p, rate, curvature
 
     @cached_property
     def _polynomials(self) -> Array:
-        """p, p', p'' (k+1, 3n) by time in Chebyshev polynomials of 2 u - 1."""
-        size = len(self.coefficients)
-        orders = [
-            self.table[:, size * order : size * (order + 1)] @ self.coefficients / self.remaining**order
-            for order in range(3)
-        ]
-        return np.concatenate(orders, axis=1)
+        """p, p', p'' (3, k+1, n) by time in Chebyshev polynomials of 2 u - 1."""
+        per_second = 1 / self.remaining
+        polynomials: Array = self.table @ self.coefficients
+        polynomials[1] *= per_second
+        polynomials[2] *= per_second**2
+        return polynomials
 
 
 class Rewriting:
@@ -88,29 +86,29 @@ class Rewriting:
         self.form = Form(size - CONDITIONS)
         functions = basis(self.form)
         derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
-        self._table = read_only(np.concatenate([_padded(part, size) for part in derivatives], axis=1))
-        self._points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
-        self._of_values = np.linalg.inv(functions.values(self._points)[0])
+        self._table = read_only(np.stack([_padded(part, size) for part in derivatives]))
+        self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
+        self.of_values = np.linalg.inv(functions.values(self.points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
         self._plan = plan
         p, rate, curvature = written.chebyshev
-        polynomials = chebyshev_values(2 * self._points - 1, len(p) - 1)
+        polynomials = chebyshev_values(2 * self.points - 1, len(p) - 1)
         ends = chebyshev_values(np.array([-1.0, 1.0]), len(p) - 1)
-        coefficients = self._of_values @ (polynomials @ p)
+        coefficients = self.of_values @ (polynomials @ p)
         boundary = [ends[:, : len(part)] @ part for part in (p, rate, curvature)]
         self._set_boundary(coefficients, [part[0] for part in boundary], [part[1] for part in boundary], plan.duration)
-        self._landing = [part[1] for part in boundary]
+        self.landing = [part[1] for part in boundary]
         self.first = RemainingMotion(
             np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
         )
 
     def from_now(self, motion: RemainingMotion, now: float, end: float) -> RemainingMotion:
         """Return the motion from ``now``, s, to a landing at ``end``: positions to accelerations go on at ``now``."""
-        points = now + self._points * (motion.end - now)
+        points = now + self.points * (motion.end - now)
         instants = np.append(points, now)
         p, rate, curvature = motion.p(instants)
-        coefficients = self._of_values @ p[:-1]
-        self._set_boundary(coefficients, [p[-1], rate[-1], curvature[-1]], self._landing, end - now)
+        coefficients = self.of_values @ p[:-1]
+        self._set_boundary(coefficients, [p[-1], rate[-1], curvature[-1]], self.landing, end - now)
         return RemainingMotion(motion.centre, motion.amplitude, now, end, coefficients, self._table)
 
     @staticmethod

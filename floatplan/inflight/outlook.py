@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,18 +23,27 @@ from floatplan.robot.robot import LinkCapsule, PlanarTree
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants at which distances are watched
 LIMITED = 8  # [-] instants besides the nodes at which limits are, where nothing is watched
+TURNING = ("flown", "watched", "miss", "_rate_by_y")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 
 @dataclass(frozen=True, eq=False)
 class Present:
-    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on, masses."""
+    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on.
+
+    ``adapted`` gives the dynamics of its masses when they are asked for.
+    """
 
     time: float
     orientation: float
     angular_momentum: float
     com: Ballistics
-    dynamics: Dynamics
+    adapted: Callable[[], Dynamics]
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """With the masses that the robot is believed to have."""
+        return self.adapted()
 
 
 class Views:
@@ -116,11 +126,16 @@ class Outlook:
 
         So that a base far from its goal, whose feet would be in the ground, is not kept from turning through there.
         """
-        return Outlook(self._views, self.motion, self._present, landed=True)
+        return self._seen(landed=True)
 
     def as_it_is(self) -> Outlook:
         """Return the same, its distances those of the base as it turns."""
-        return Outlook(self._views, self.motion, self._present)
+        return self._seen(landed=False)
+
+    def _seen(self, landed: bool) -> Outlook:
+        other = Outlook(self._views, self.motion, self._present, landed)
+        other.__dict__.update((name, self.__dict__[name]) for name in TURNING if name in self.__dict__)
+        return other
 
     @cached_property
     def watched(self) -> Array:

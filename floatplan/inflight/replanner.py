@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.inflight.compiled import CompiledReckoning
 from floatplan.inflight.correction import Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import EVALUATIONS, KEPT, Law
 from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.outlook import Outlook, Present, Views
+from floatplan.inflight.outlook import Outlook, Views
+from floatplan.inflight.reckoning import Foreseen, Reckoning
+from floatplan.kernel.library import kernel
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
-MEMORY = 64  # [-] motions that are remembered, for measurements that come late
-GAP_NODES = 5  # [-] of the quadrature between measurements
 MISSED = 30.0  # [-] sigmas of a landing that is not the planned one
 FIRST = 8  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
@@ -70,10 +70,10 @@ class Replanner:
         self.views = Views(plan, self.rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
         self._law = Law(float(sigma), scale, self.views.rows)
+        self._reckoning = _reckoning(plan, self.views, self.rewriting, self._law)
         self._plausible = Plausibility(plan)
         tree = plan.robot.tree
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
-        self._gap = gauss_legendre(GAP_NODES)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
@@ -82,7 +82,6 @@ class Replanner:
     def reset(self) -> None:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
-        self._motions: deque[RemainingMotion] = deque([self.rewriting.first], maxlen=MEMORY)
         path = plan.ballistics
         nominal = self.views.flight.equations
         start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
@@ -94,8 +93,10 @@ class Replanner:
         self._now = 0.0
         self._corrected = -math.inf
         self._landing = plan.duration
-        outlook = Outlook(self.views, self.motion, self._present(0.0, orientation))
-        self._last = Correction("applied", "", outlook, plan.duration, momentum)
+        self._reckoning.begin(self._estimate)
+        outlook = Outlook(self.views, self.motion, self._reckoning.present(0.0, orientation))
+        foreseen = Foreseen(self.motion, outlook.miss, outlook.worst, 1.0, lambda: outlook)
+        self._last = Correction("applied", "", foreseen, plan.duration, momentum)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -104,7 +105,7 @@ class Replanner:
     @property
     def motion(self) -> RemainingMotion:
         """The joints' motion from the last correction on."""
-        return self._motions[-1]
+        return self._reckoning.motions[-1]
 
     @property
     def landing(self) -> float:
@@ -154,81 +155,43 @@ class Replanner:
             return self._unchanged("invalid", "not later than the last measurement")
         if not max(measured.time, self._now) <= present < self._landing:
             return self._unchanged("invalid", "not between the last call and the landing")
-        if not measured.time >= max(self._motions[0].begin, present - LONGEST_DELAY, 0.0):
+        if not measured.time >= max(self._reckoning.motions[0].begin, present - LONGEST_DELAY, 0.0):
             return self._unchanged("invalid", "measured too long ago")
-        times = self._times_between(self._estimate.time, measured.time, present)
-        joints = self._joints(times)
-        if not self._learned(measured, *(values[: GAP_NODES + 1] for values in joints)):
+        if not self._learned(measured, present):
             return self._unchanged("invalid", "too far from what is expected")
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
-        turned = self._turned(present - measured.time, *(values[GAP_NODES + 1 :] for values in joints))
-        return self._correct(self._present(present, self._estimate.orientation + turned))
+        return self._correct(present, self._estimate.orientation + self._reckoning.turned(present - measured.time))
 
-    def _times_between(self, began: float, measured: float, now: float) -> Array:
-        """Nodes from the last measurement to this, this, and nodes from there to now."""
-        nodes = self._gap.nodes
-        return np.concatenate((began + (measured - began) * nodes, (measured,), measured + (now - measured) * nodes))
-
-    def _joints(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities (N, n) at ascending times, each of the motion that held then."""
-        parts, last = [], len(times)
-        for motion in reversed(self._motions):
-            first = int(times[:last].searchsorted(motion.begin)) if motion is not self._motions[0] else 0
-            if first < last:
-                parts.append(motion.at(times[first:last]))
-            last = first
-            if not last:
-                break
-        if len(parts) == 1:
-            return parts[0][:2]
-        positions, velocities, _ = zip(*reversed(parts), strict=True)
-        return np.concatenate(positions), np.concatenate(velocities)
-
-    def _turned(self, dt: float, positions: Array, velocities: Array) -> float:
-        """By how much the base turns in ``dt`` s with the joints (N, n) at the nodes, rad."""
-        return dt * float(self._gap.weights @ self._base_rate(positions, velocities)) if dt else 0.0
-
-    def _learned(self, measured: Measurement, positions: Array, velocities: Array) -> bool:
-        """Take in a measurement; False where it cannot be one.
-
-        The joints (N, n) are the reference at the nodes since the last, and at its time.
-        """
-        estimate = self._estimate
-        turn = self._turned(measured.time - estimate.time, positions[:-1], velocities[:-1])
-        inertia = self._dynamics.momentum_map(positions[-1:])[0]
-        by_joints = inertia[1:] / inertia[0]
-        rate = float(estimate.angular_momentum / inertia[0] - by_joints @ velocities[-1])
-        aside = -float(by_joints @ (measured.positions - positions[-1]))  # by which joints off their reference turn it
-        expected = estimate.orientation + turn + aside
-        unseen = measured.time - max(self._measured, 0.0)
-        plausible = self._plausible
-        if not plausible.com(measured, *estimate.place(measured.time)):
+    def _learned(self, measured: Measurement, now: float) -> bool:
+        """Take in a measurement; False where it cannot be one."""
+        estimate, plausible = self._estimate, self._plausible
+        if measured.com_position is not None and not plausible.com(measured, *estimate.place(measured.time)):
             return False
-        base = plausible.base(measured, expected, rate, unseen)
-        if base and plausible.joints(measured, positions[-1], velocities[-1]):
+        expected = self._reckoning.expected(measured, now)
+        unseen = measured.time - max(self._measured, 0.0)
+        base = plausible.base(measured, expected.orientation + expected.aside, expected.rate, unseen)
+        if base and plausible.joints(measured, expected.positions, expected.velocities):
             self._recovery.clear()
-        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+        elif not (plausible.may_be(measured, expected.orientation + expected.aside) and self._recovery.again(measured)):
             return False
         elif not base:
             estimate.inertial.forget()
-        estimate.learn(measured, turn, aside, rate, positions[-1], velocities[-1])
+        self._reckoning.learn(measured, expected)
+        estimate.take_in(measured)
         self._measured = measured.time
         return True
 
-    def _correct(self, present: Present) -> Correction:
-        now = present.time
+    def _correct(self, now: float, orientation: float) -> Correction:
         first, self._corrected = self._corrected < 0.0, now
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
-        motion = self.rewriting.from_now(self.motion, now, landing)
-        outlook, share = self._law.corrected(Outlook(self.views, motion, present), FIRST if first else EVALUATIONS)
+        foreseen = self._reckoning.corrected(now, orientation, landing, FIRST if first else EVALUATIONS)
         self._landing = landing
-        self._motions.append(outlook.motion)
-        status, reason = _judged(outlook, share, MISSED * self._law.sigma)
-        self._last = Correction(status, reason, outlook, landing, self._estimate.angular_momentum)
+        status, reason = _judged(foreseen, MISSED * self._law.sigma)
+        self._last = Correction(status, reason, foreseen, landing, self._estimate.angular_momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
@@ -240,17 +203,12 @@ class Replanner:
         reach = LARGEST_STRETCH * (self._landing - now)
         return min(max(found, self._landing - reach), self._landing + reach)
 
-    def _present(self, now: float, orientation: float) -> Present:
-        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
-        estimate = self._estimate
-        return Present(now, orientation, estimate.angular_momentum, estimate.path(now), self._dynamics)
-
     def _motion_at(self, time: float) -> RemainingMotion:
         """The motion that holds at a time."""
-        for motion in reversed(self._motions):
+        for motion in reversed(self._reckoning.motions):
             if motion.begin <= time:
                 return motion
-        return self._motions[-1 if math.isnan(time) else 0]
+        return self._reckoning.motions[-1 if math.isnan(time) else 0]
 
     @property
     def _dynamics(self) -> Dynamics:
@@ -262,7 +220,7 @@ class Replanner:
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
         last = self._last
-        return Correction(status, reason, last.outlook, last.landing, last.angular_momentum)
+        return Correction(status, reason, last.foreseen, last.landing, last.angular_momentum)
 
 
 def _time(value: object) -> float:
@@ -272,14 +230,22 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _judged(outlook: Outlook, share: float, miss: float) -> tuple[Status, str]:
-    if share == 0.0:
+def _reckoning(plan: Plan, views: Views, rewriting: Rewriting, law: Law) -> Reckoning:
+    """Compiled where there is a kernel."""
+    compiled = kernel()
+    if compiled is None:
+        return Reckoning(views, rewriting, law)
+    return CompiledReckoning(compiled, plan.robot.tree, views, rewriting, law)
+
+
+def _judged(foreseen: Foreseen, miss: float) -> tuple[Status, str]:
+    if foreseen.share == 0.0:
         return "refused", "any correction breaks a limit"
-    if share < 1.0:
+    if foreseen.share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if (outlook.worst < -KEPT).any():
+    if (foreseen.worst < -KEPT).any():
         return "limited", "a limit will be broken, as without the correction"
-    if abs(outlook.miss) > miss:
+    if abs(foreseen.miss) > miss:
         return "limited", "the goal is out of reach"
     return "applied", ""
 

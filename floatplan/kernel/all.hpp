@@ -8,3 +8,5 @@
 #include "starts.hpp"
 #include "batch.hpp"
 #include "rest.hpp"
+#include "law.hpp"
+#include "flight.hpp"

@@ -35,29 +35,19 @@ static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Se
     arena.take(m.candidate, settings.candidates);
 }
 
-// Memory for one call.
-struct Room {
-    void *memory = nullptr;
-
-    bool make(Memory &m, const Robot &robot, const Settings &settings, std::int64_t nodes, std::int64_t size) {
-        Arena measure;
-        lay_out(measure, m, robot, settings, nodes, size);
-        if (posix_memalign(&memory, 64, measure.used) != 0) return false;
-        Arena arena{static_cast<char *>(memory)};
-        lay_out(arena, m, robot, settings, nodes, size);
-        return true;
-    }
-    ~Room() { std::free(memory); }
-};
-
 static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, const std::int64_t *nodes,
                                       const Powers &powers, const Settings &settings, Batch &batch) {
     const std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
     std::int64_t size = 0, most_nodes = nodes[settings.levels + settings.finer - 1];
     for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
     Memory m;
-    Room room;
-    if (!room.make(m, robot, settings, most_nodes, size)) return 1;
+    Arena measure;
+    lay_out(measure, m, robot, settings, most_nodes, size);
+    void *memory = nullptr;
+    if (posix_memalign(&memory, 64, measure.used) != 0) return 1;
+    Arena arena{static_cast<char *>(memory)};
+    lay_out(arena, m, robot, settings, most_nodes, size);
+
     Planner planner(robot, grids, settings, m);
     planner.node_counts = nodes;
     Starts starts(planner, robot, settings, m);
@@ -133,5 +123,6 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
         batch.evaluations[row] = planner.evaluations;
         batch.instants[row] = planner.instants;
     }
+    std::free(memory);
     return 0;
 }

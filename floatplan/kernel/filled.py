@@ -30,6 +30,13 @@ class Filled:
                 value = array.ctypes.data_as(kinds[name])
             setattr(self.structure, name, value)
 
+    def point_to(self, **arrays: np.ndarray[Any, Any]) -> None:
+        """Point to other arrays, as they are: contiguous, of the right numbers."""
+        kinds: dict[str, Any] = dict(field[:2] for field in self.structure._fields_)
+        self._pointed = arrays
+        for name, array in arrays.items():
+            setattr(self.structure, name, array.ctypes.data_as(kinds[name]))
+
 
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""

@@ -194,13 +194,12 @@ EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const 
     return baseline::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
 }
 
-// Corrects the rest of a flight; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_rest(const Robot *robot, const Grid *grid, const Settings *settings, Rest *rest,
-                                   std::int64_t instructions) {
+// One step of an update of a flight's corrections.
+EXPORT void floatplan_flight(Flight *flight, std::int64_t step, std::int64_t instructions) {
 #ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::correct_rest(*robot, *grid, *settings, *rest);
-    if (instructions == 1) return avx2::correct_rest(*robot, *grid, *settings, *rest);
+    if (instructions == 2) return avx512::reckon(*flight, step);
+    if (instructions == 1) return avx2::reckon(*flight, step);
 #endif
     (void)instructions;
-    return baseline::correct_rest(*robot, *grid, *settings, *rest);
+    baseline::reckon(*flight, step);
 }

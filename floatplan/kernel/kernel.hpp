@@ -56,14 +56,65 @@ struct Batch {
     double *objective, *residual, *z, *coefficients;
 };
 
-// The rest of a flight; z, y (joints, width), boundary (joints, 6), whitening (width, width).
-struct Rest {
-    double duration, momentum, change, sigma, stiffness, settled, shorter;
-    std::int64_t evaluations;
-    const double *boundary, *z, *whitening, *amplitude;
-    double *y;
-    double miss;
+// What a law of corrections foresees of the motion that it chose.
+struct Foreseen {
+    double miss, share;
     std::int64_t evaluated;
+};
+
+// A flight that is corrected, see inflight/compiled.py; what is of the plan first, then what changes from call to call.
+// n joints, g groups of the m bodies: those that turn alike; K instants; 6 + width columns of the basis of p.
+struct Flight {
+    std::int64_t joints, groups, bodies, width, instants, gap_nodes, memory, blocks, torque_rows, most_rows, most_rows_of_all;
+    double turn, goal;
+    const double *centre, *amplitude;                // (n)
+    const double *turns;                             // (g, n)
+    const std::int64_t *group;                       // (m)
+    const double *weights;                           // (K), 0 but at the nodes
+    const double *value, *first, *second;            // (columns, K)
+    const double *free_value, *free_first, *free_second;  // (K, width), of changes y
+    const double *whitening;                         // (width, width)
+    const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
+    const double *at_landing;                        // (3, n)
+    const double *gap, *gap_weights;                 // (gap_nodes)
+    // Rows of limits, block by block.
+    const std::int64_t *block_first;                 // (blocks + 1)
+    const double *aim, *softness;                    // (blocks)
+    const std::int64_t *row_kind, *row_joint;        // (rows)
+    const double *row_limit, *row_slope;             // (rows)
+    const double *row_turns, *row_ratios;            // (rows, m), (rows, n)
+    // The law's constants.
+    double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
+    std::int64_t evaluations_far;
+    // The filter's.
+    const double *mass, *nominal_inertia;            // (m)
+    const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the bodies' rotations
+    const double *weights_real, *weights_imaginary;  // (m, g): the same by the groups'
+    const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
+    const double *wander, *deviations;               // (2 + 2 m)
+    double angle_variance, rate_variance, largest_error, surprising;
+    std::int64_t most_surprises;
+    // What changes.
+    double *state, *covariance;                      // (2 + 2 m), square
+    std::int64_t *surprises;
+    double *rows_real, *rows_imaginary;              // (m, g): C of the masses found
+    double *merged_real, *merged_imaginary;          // (g, g): the same, moments of inertia on the diagonal
+    double *inertia;                                 // (m)
+    double *motions;                                 // (memory, 2 + 3 columns n): begin, end, p and two derivatives
+    std::int64_t newest, known;
+    // Of one call: what is measured and when, s, and what comes of it.
+    double began, measured, now, landing, measured_orientation, measured_rate;
+    double *measured_positions, *measured_velocities;  // (n)
+    double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double turn_before, turn_after, expected_rate, aside;
+    std::int64_t evaluations;
+    double *coefficients, *worst;                    // (columns, n), (blocks)
+    Foreseen foreseen;
+    double *scratch, *law_memory, *ahead_memory, *filter_memory, *gap_memory;
+};
+
+enum Step : std::int64_t {
+    remember_motion = 0, expect_state = 1, learn_state = 2, adapt_masses = 3, rewrite_motion = 4, correct_motion = 5
 };
 
 enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };

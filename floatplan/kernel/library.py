@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from ctypes import POINTER, Structure, c_double, c_int64, c_uint64
+from enum import IntEnum
 from functools import cache
 
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
@@ -94,16 +95,78 @@ class Batch(Structure):
     )
 
 
-class Rest(Structure):
-    """The rest of a flight and its correction."""
+class Foreseen(Structure):
+    """What a law of corrections foresees of the motion that it chose."""
+
+    _fields_ = (("miss", c_double), ("share", c_double), ("evaluated", c_int64))
+
+
+class Flight(Structure):
+    """A flight that is corrected; of :mod:`floatplan.inflight.compiled`."""
 
     _fields_ = (
-        *((name, c_double) for name in ("duration", "momentum", "change", "sigma", "stiffness", "settled", "shorter")),
+        *(
+            (name, c_int64)
+            for name in (
+                *("joints", "groups", "bodies", "width", "instants", "gap_nodes", "memory", "blocks"),
+                *("torque_rows", "most_rows", "most_rows_of_all"),
+            )
+        ),
+        *((name, c_double) for name in ("turn", "goal")),
+        *((name, Doubles) for name in ("centre", "amplitude", "turns")),
+        ("group", Integers),
+        *(
+            (name, Doubles)
+            for name in (
+                *("weights", "value", "first", "second", "free_value", "free_first", "free_second", "whitening"),
+                *("table", "points", "of_values", "at_landing", "gap", "gap_weights"),
+            )
+        ),
+        ("block_first", Integers),
+        *((name, Doubles) for name in ("aim", "softness")),
+        *((name, Integers) for name in ("row_kind", "row_joint")),
+        *((name, Doubles) for name in ("row_limit", "row_slope", "row_turns", "row_ratios")),
+        *((name, c_double) for name in ("sigma", "acceleration", "far", "weighed", "settled", "shorter", "kept")),
+        ("scales", c_double * 2),
+        ("evaluations_far", c_int64),
+        *(
+            (name, Doubles)
+            for name in (
+                *("mass", "nominal_inertia", "own_real", "own_imaginary", "weights_real", "weights_imaginary"),
+                *("nominal_real", "nominal_imaginary", "wander", "deviations"),
+            )
+        ),
+        *((name, c_double) for name in ("angle_variance", "rate_variance", "largest_error", "surprising")),
+        ("most_surprises", c_int64),
+        *((name, Doubles) for name in ("state", "covariance")),
+        ("surprises", Integers),
+        *(
+            (name, Doubles)
+            for name in ("rows_real", "rows_imaginary", "merged_real", "merged_imaginary", "inertia", "motions")
+        ),
+        *((name, c_int64) for name in ("newest", "known")),
+        *(
+            (name, c_double)
+            for name in ("began", "measured", "now", "landing", "measured_orientation", "measured_rate")
+        ),
+        *((name, Doubles) for name in ("measured_positions", "measured_velocities", "positions", "velocities", "map")),
+        *((name, c_double) for name in ("turn_before", "turn_after", "expected_rate", "aside")),
         ("evaluations", c_int64),
-        *((name, Doubles) for name in ("boundary", "z", "whitening", "amplitude", "y")),
-        ("miss", c_double),
-        ("evaluated", c_int64),
+        *((name, Doubles) for name in ("coefficients", "worst")),
+        ("foreseen", Foreseen),
+        *((name, Doubles) for name in ("scratch", "law_memory", "ahead_memory", "filter_memory", "gap_memory")),
     )
+
+
+class FlightStep(IntEnum):
+    """What :attr:`Kernel.flight` does."""
+
+    REMEMBER = 0
+    EXPECT = 1
+    LEARN = 2
+    ADAPT = 3
+    REWRITE = 4
+    CORRECT = 5
 
 
 class Kernel:
@@ -116,9 +179,9 @@ class Kernel:
             c_int64,
         ]
         self.plan.restype = c_int64
-        self.rest = library.floatplan_rest
-        self.rest.argtypes = [POINTER(Robot), POINTER(Grid), POINTER(Settings), POINTER(Rest), c_int64]
-        self.rest.restype = c_int64
+        self.flight = library.floatplan_flight
+        self.flight.argtypes = [POINTER(Flight), c_int64, c_int64]
+        self.flight.restype = None
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

@@ -77,8 +77,8 @@ template <bool is_real> double Planner::fly() {
     return sum(total);
 }
 
-// Adjoint of fly(): derivatives by z, times the duration.
-template <bool is_real> void Planner::backward(double *gradient) {
+// Adjoint of fly(): z_gradient, times the duration.
+template <bool is_real> void Planner::backward() {
     const Grid &grid = grids[level];
     const std::int64_t nodes = grid.nodes;
     const Vector per_second = all(1 / T);
@@ -119,5 +119,5 @@ template <bool is_real> void Planner::backward(double *gradient) {
                     multiply_add(by_p, load(value), multiply_add(rate, load(slope), by_z[i * width + f]));
         }
     }
-    for (std::int64_t e = 0; e < n * width; ++e) gradient[e] = sum(by_z[e]);
+    for (std::int64_t e = 0; e < n * width; ++e) m.z_gradient[e] = sum(by_z[e]);
 }

@@ -79,37 +79,19 @@ class Planner {
 
     Point evaluate(const double *x) {
         free_coefficients(x);
-        Point point = evaluate_z();
+        Point point;
         for (std::int64_t k = 0; k < size; ++k) point.objective += x[k] * x[k];
         point.objective /= 2;
-        return point;
-    }
-
-    // The motion of m.z, without the objective.
-    Point evaluate_z() {
-        Point point;
         point.equality = T * (robot.is_real ? fly<true>() : fly<false>()) - change;
         point.number = ++evaluations;
         instants += grids[level].nodes;
         return point;
     }
 
-    // Takes the first grid and a boundary (joints, 6), for motions of m.z alone.
-    void begin(double duration, const double *boundary) {
-        T = duration;
-        std::memcpy(m.boundary, boundary, 6 * n * sizeof(double));
-        at_level(0);
-    }
-
-    // Derivatives (joints, width) of the equality by z, of the point evaluated last.
-    void differentiate_z(double *by_z) {
-        if (robot.is_real) backward<true>(by_z);
-        else backward<false>(by_z);
-    }
-
     // Derivatives of the equality by x, of the point evaluated last.
     void differentiate(Point &point, double *row) {
-        differentiate_z(m.z_gradient);
+        if (robot.is_real) backward<true>();
+        else backward<false>();
         const double *z = m.z_gradient;
         for (std::int64_t i = 0; i < n; ++i, z += width) {
             std::int64_t f = robot.free[i];
@@ -164,7 +146,7 @@ class Planner {
 
     // momentum.hpp
     template <bool is_real> double fly();
-    template <bool is_real> void backward(double *gradient);
+    template <bool is_real> void backward();
     template <bool is_real, typename Weighted>
     void couple(std::int64_t a, std::int64_t k, Weighted weighted, Vector &x, Vector &y) const;
     void factor(std::int64_t f, const Powers &powers);

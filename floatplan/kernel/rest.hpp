@@ -1,78 +1,313 @@
-// The rest of a flight: from where the joints are to the landing, changed as little as the miss of (14) is worth.
+// The rest of a flight under a motion: how the base turns, rows of limits, and their derivatives, at K instants.
+//
+// Arrays over instants are (..., K). Bodies that turn alike are one of g groups, E = exp(i turn phi) its rotation; the
+// moments on the m bodies themselves need the rows of C of each, but columns of groups alone.
 
-// Gauss-Newton steps on miss^2 / sigma^2 + stiffness |y|^2, z moved by the whitening's y: the law of
-// floatplan/inflight/law.py where no limit is near.
-static inline std::int64_t correct_rest(const Robot &robot, const Grid &grid, const Settings &settings, Rest &rest) {
-    const std::int64_t n = robot.joints, width = robot.width, size = n * width;
-    Memory m;
-    Room room;
-    if (!room.make(m, robot, settings, grid.nodes, size)) return 1;
-    Planner planner(robot, &grid, settings, m);
-    planner.h0 = rest.momentum;
-    planner.change = rest.change;
-    planner.begin(rest.duration, rest.boundary);
+enum RowKind : std::int64_t { velocity_row = 0, acceleration_row = 1, base_rate_row = 2, torque_row = 3 };
 
-    double *best = m.x, *y = m.trial, *row = m.row, *step = m.direction, *by_z = m.lagrangian;
-    double miss = 0, least = HUGE_VAL, expected = 0;
-    auto missed = [&](const double *y) {
-        for (std::int64_t i = 0; i < n; ++i)
-            for (std::int64_t r = 0; r < width; ++r) {
-                double part = 0;
-                for (std::int64_t c = 0; c < width; ++c) part += rest.whitening[r * width + c] * y[i * width + c];
-                m.z[i * width + r] = rest.z[i * width + r] + part / rest.amplitude[i];
-            }
-        return planner.evaluate_z().equality;
-    };
-    auto next_step = [&] {  // of the motion evaluated last
-        planner.differentiate_z(by_z);
-        double square = 0, along = 0, moved = 0;
-        for (std::int64_t i = 0; i < n; ++i)
-            for (std::int64_t c = 0; c < width; ++c) {
-                double part = 0;
-                for (std::int64_t r = 0; r < width; ++r) part += by_z[i * width + r] * rest.whitening[r * width + c];
-                row[i * width + c] = part / rest.amplitude[i];
-            }
-        for (std::int64_t k = 0; k < size; ++k) {
-            square += row[k] * row[k];
-            along += row[k] * best[k];
-        }
-        double scale = rest.sigma * rest.sigma * rest.stiffness, part = (along - miss) / (square + scale);
-        for (std::int64_t k = 0; k < size; ++k) {
-            step[k] = part * row[k] - best[k];
-            moved += part * row[k] * part * row[k];
-        }
-        double left = (miss - along + part * square) / rest.sigma;
-        expected = left * left + rest.stiffness * moved;
-    };
+// Of one motion; what is only needed for torques is there where some row limits one.
+struct Ahead {
+    double *coefficients;                                          // (6 + width, n)
+    double *sine, *cosine, *p_rate, *p_curvature, *speed, *acceleration;  // (n, K), the first two times the amplitude
+    double *c, *s, *swing, *inertia, *turned;                      // (g, K): E, phi' less theta0', Re, Im conj(E) C E
+    double *relative, *x, *y;                                      // (g, K): phi'' less theta0'', E (phi'' + i turn phi'^2)
+    double *moment, *locked_part;                                  // (m, K)
+    double *rate, *inverse, *base_acceleration;                    // (K): theta0', 1 / D_0
+    double *value, *violation;                                     // (rows, K)
+    double *by_position, *by_speed;                                // (n, K): of theta0'
+    double *worst;                                                 // (blocks)
+    double miss, square;                                           // square: of all violations
+};
 
-    for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
-    miss = missed(best);
-    least = miss * miss / (rest.sigma * rest.sigma);
-    next_step();
-    for (std::int64_t tried = 0; tried < rest.evaluations; ++tried) {
-        if (least - expected < rest.settled * rest.settled) break;
-        double length = 0, moved = 0;
-        for (std::int64_t k = 0; k < size; ++k) {
-            y[k] = best[k] + step[k];
-            length += y[k] * y[k];
-            moved += step[k] * step[k];
-        }
-        double now = missed(y), cost = now * now / (rest.sigma * rest.sigma) + rest.stiffness * length;
-        if (!(cost < least)) {
-            for (std::int64_t k = 0; k < size; ++k) step[k] *= rest.shorter;
-            moved *= rest.shorter * rest.shorter;
-            if (!std::isfinite(cost) || rest.stiffness * moved < rest.settled * rest.settled) break;
-            continue;
-        }
-        bool settled = cost - expected <= rest.settled * cost + rest.settled * rest.settled;
-        std::memcpy(best, y, size * sizeof(double));
-        miss = now;
-        least = cost;
-        if (settled) break;
-        next_step();
+class RestOfFlight {
+  public:
+    RestOfFlight(const Flight &flight) : f(flight), n(f.joints), g(f.groups), m(f.bodies), K(f.instants),
+                                         width(f.width), columns(6 + f.width), size(f.joints * f.width) {}
+
+    double T = 0, h = 0, change = 0;
+
+    void evaluate(Ahead &a) const {
+        turn_base(a);
+        if (f.torque_rows) move_bodies(a);
+        a.miss = -change;
+        for (std::int64_t k = 0; k < K; ++k) a.miss += T * f.weights[k] * a.rate[k];
+        look_at_rows(a);
     }
-    std::memcpy(rest.y, best, size * sizeof(double));
-    rest.miss = miss;
-    rest.evaluated = planner.evaluations;
-    return 0;
-}
+
+    // Derivatives (n, K) of theta0' by positions and velocities.
+    void differentiate(Ahead &a) const {
+        std::memset(a.by_position, 0, n * K * sizeof(double));
+        std::memset(a.by_speed, 0, n * K * sizeof(double));
+        for (std::int64_t b = 0; b < g; ++b)
+            for (std::int64_t k = 0; k < K; ++k) {
+                double x = 0, y = 0;
+                for (std::int64_t o = 0; o < g; ++o) {
+                    double re = f.merged_real[b * g + o], im = f.merged_imaginary[b * g + o];
+                    double rate = a.swing[o * K + k] + a.rate[k];
+                    x += rate * (re * a.c[o * K + k] - im * a.s[o * K + k]);
+                    y += rate * (re * a.s[o * K + k] + im * a.c[o * K + k]);
+                }
+                double moving = a.c[b * K + k] * y - a.s[b * K + k] * x;
+                double by_angle = f.turn * (moving + (a.swing[b * K + k] + a.rate[k]) * a.turned[b * K + k]);
+                for (std::int64_t i = 0; i < n; ++i) {
+                    double turns = f.turns[b * n + i];
+                    a.by_position[i * K + k] -= turns * by_angle * a.inverse[k];
+                    a.by_speed[i * K + k] -= turns * a.inertia[b * K + k] * a.inverse[k];
+                }
+            }
+    }
+
+    // Derivative (n width) of the miss, of a motion that is differentiated.
+    void miss_by_y(const Ahead &a, double *row) const {
+        std::memset(row, 0, size * sizeof(double));
+        for (std::int64_t i = 0; i < n; ++i)
+            for (std::int64_t k = 0; k < K; ++k) {
+                if (f.weights[k] == 0) continue;
+                double weight = T * f.weights[k];
+                chain(a, i, k, weight * a.by_position[i * K + k], weight * a.by_speed[i * K + k], 0, row);
+            }
+    }
+
+    // Derivative (n width) of a row at an instant, of a motion that is differentiated.
+    void row_by_y(const Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
+        std::memset(row, 0, size * sizeof(double));
+        std::int64_t joint = f.row_joint[r];
+        double per_limit = -1 / f.row_limit[r];
+        switch (f.row_kind[r]) {
+        case velocity_row:
+            return chain(a, joint, k, 0, per_limit * sign(a.speed[joint * K + k]), 0, row);
+        case acceleration_row:
+            return chain(a, joint, k, 0, 0, per_limit * sign(a.acceleration[joint * K + k]), row);
+        case base_rate_row: {
+            double factor = per_limit * sign(a.rate[k]);
+            for (std::int64_t i = 0; i < n; ++i)
+                chain(a, i, k, factor * a.by_position[i * K + k], factor * a.by_speed[i * K + k], 0, row);
+            return;
+        }
+        default:
+            torque_by_y(a, r, k, row);
+        }
+    }
+
+  private:
+    const Flight &f;
+    const std::int64_t n, g, m, K, width, columns, size;
+
+    static double sign(double value) { return value > 0 ? 1 : value < 0 ? -1 : 0; }
+
+    void turn_base(Ahead &a) const {
+        const double per_second = 1 / T;
+        for (std::int64_t i = 0; i < n; ++i) {
+            double *p = a.sine + i * K, *rate = a.p_rate + i * K, *curvature = a.p_curvature + i * K;
+            for (double *each : {p, rate, curvature}) std::memset(each, 0, K * sizeof(double));
+            for (std::int64_t c = 0; c < columns; ++c) {
+                const double z = a.coefficients[c * n + i];
+                const double *b0 = f.value + c * K, *b1 = f.first + c * K, *b2 = f.second + c * K;
+                for (std::int64_t k = 0; k < K; ++k) {
+                    p[k] += z * b0[k];
+                    rate[k] += z * b1[k];
+                    curvature[k] += z * b2[k];
+                }
+            }
+            for (std::int64_t k = 0; k < K; k += LANES) {
+                Vector s, c, amplitude = all(f.amplitude[i]);
+                sine_cosine(load(p + k), s, c);
+                store(a.sine + i * K + k, amplitude * s);
+                store(a.cosine + i * K + k, amplitude * c);
+            }
+            double *sine = a.sine + i * K, *cosine = a.cosine + i * K;
+            for (std::int64_t k = 0; k < K; ++k) {
+                a.speed[i * K + k] = per_second * cosine[k] * rate[k];
+                a.acceleration[i * K + k] =
+                    per_second * per_second * (cosine[k] * curvature[k] - sine[k] * rate[k] * rate[k]);
+            }
+        }
+        for (std::int64_t b = 0; b < g; ++b) {
+            double constant = 0;
+            for (std::int64_t i = 0; i < n; ++i) constant += f.turns[b * n + i] * f.centre[i];
+            double *angle = a.c + b * K, *swing = a.swing + b * K, *relative = a.relative + b * K;
+            for (std::int64_t k = 0; k < K; ++k) angle[k] = constant, swing[k] = relative[k] = 0;
+            for (std::int64_t i = 0; i < n; ++i) {
+                const double turns = f.turns[b * n + i];
+                if (turns == 0) continue;
+                for (std::int64_t k = 0; k < K; ++k) {
+                    angle[k] += turns * a.sine[i * K + k];
+                    swing[k] += turns * a.speed[i * K + k];
+                    relative[k] += turns * a.acceleration[i * K + k];
+                }
+            }
+            for (std::int64_t k = 0; k < K; k += LANES) {
+                Vector s, c;
+                sine_cosine(load(angle + k), s, c);
+                store(a.s + b * K + k, all(f.turn) * s);
+                store(a.c + b * K + k, c);
+            }
+        }
+        for (std::int64_t k = 0; k < K; ++k) a.inverse[k] = 0, a.rate[k] = h;
+        for (std::int64_t b = 0; b < g; ++b) {
+            double *inertia = a.inertia + b * K, *turned = a.turned + b * K;
+            for (std::int64_t k = 0; k < K; ++k) inertia[k] = turned[k] = 0;
+            for (std::int64_t o = 0; o < g; ++o) {
+                const double re = f.merged_real[b * g + o], im = f.merged_imaginary[b * g + o];
+                const double *c = a.c + o * K, *s = a.s + o * K, *own_c = a.c + b * K, *own_s = a.s + b * K;
+                for (std::int64_t k = 0; k < K; ++k) {
+                    double x = re * c[k] - im * s[k], y = re * s[k] + im * c[k];
+                    inertia[k] += own_c[k] * x + own_s[k] * y;
+                    turned[k] += own_c[k] * y - own_s[k] * x;
+                }
+            }
+            for (std::int64_t k = 0; k < K; ++k) {
+                a.inverse[k] += inertia[k];
+                a.rate[k] -= inertia[k] * a.swing[b * K + k];
+            }
+        }
+        for (std::int64_t k = 0; k < K; ++k) {
+            a.inverse[k] = 1 / a.inverse[k];
+            a.rate[k] *= a.inverse[k];
+        }
+    }
+
+    // Moments that turn the bodies, and what they would be for a base acceleration of 1.
+    void move_bodies(Ahead &a) const {
+        for (std::int64_t b = 0; b < g; ++b)
+            for (std::int64_t k = 0; k < K; ++k) {
+                double c = a.c[b * K + k], s = a.s[b * K + k], relative = a.relative[b * K + k];
+                double rate = a.swing[b * K + k] + a.rate[k], centripetal = f.turn * rate * rate;
+                a.x[b * K + k] = c * relative - s * centripetal;
+                a.y[b * K + k] = s * relative + c * centripetal;
+            }
+        for (std::int64_t k = 0; k < K; ++k) a.base_acceleration[k] = 0;
+        for (std::int64_t b = 0; b < m; ++b) {
+            const std::int64_t own = f.group[b];
+            double *moment = a.moment + b * K, *locked = a.locked_part + b * K;
+            for (std::int64_t k = 0; k < K; ++k) {
+                moment[k] = f.inertia[b] * a.relative[own * K + k];
+                locked[k] = f.inertia[b];
+            }
+            for (std::int64_t o = 0; o < g; ++o) {
+                const double re = f.rows_real[b * g + o], im = f.rows_imaginary[b * g + o];
+                const double *c = a.c + own * K, *s = a.s + own * K;
+                const double *x = a.x + o * K, *y = a.y + o * K, *oc = a.c + o * K, *os = a.s + o * K;
+                for (std::int64_t k = 0; k < K; ++k) {
+                    moment[k] += c[k] * (re * x[k] - im * y[k]) + s[k] * (re * y[k] + im * x[k]);
+                    locked[k] += c[k] * (re * oc[k] - im * os[k]) + s[k] * (re * os[k] + im * oc[k]);
+                }
+            }
+            for (std::int64_t k = 0; k < K; ++k) a.base_acceleration[k] -= moment[k] * a.inverse[k];
+        }
+        for (std::int64_t b = 0; b < m; ++b)
+            for (std::int64_t k = 0; k < K; ++k)
+                a.moment[b * K + k] += a.base_acceleration[k] * a.locked_part[b * K + k];
+    }
+
+    double torque(const Ahead &a, std::int64_t r, std::int64_t k) const {
+        double total = 0;
+        for (std::int64_t b = 0; b < m; ++b) total += f.row_turns[r * m + b] * a.moment[b * K + k];
+        return total;
+    }
+
+    double motor_speed(const Ahead &a, std::int64_t r, std::int64_t k) const {
+        double total = 0;
+        for (std::int64_t i = 0; i < n; ++i) total += f.row_ratios[r * n + i] * a.speed[i * K + k];
+        return total;
+    }
+
+    double used(const Ahead &a, std::int64_t r, std::int64_t k) const {
+        switch (f.row_kind[r]) {
+        case velocity_row: return std::fabs(a.speed[f.row_joint[r] * K + k]);
+        case acceleration_row: return std::fabs(a.acceleration[f.row_joint[r] * K + k]);
+        case base_rate_row: return std::fabs(a.rate[k]);
+        default: return std::fabs(torque(a, r, k)) + f.row_slope[r] * std::fabs(motor_speed(a, r, k));
+        }
+    }
+
+    void look_at_rows(Ahead &a) const {
+        a.square = 0;
+        for (std::int64_t block = 0; block < f.blocks; ++block) {
+            a.worst[block] = HUGE_VAL;
+            for (std::int64_t r = f.block_first[block]; r < f.block_first[block + 1]; ++r)
+                for (std::int64_t k = 0; k < K; ++k) {
+                    double value = 1 - used(a, r, k) / f.row_limit[r];
+                    double below = larger(f.aim[block] - value, 0) / f.softness[block];
+                    a.value[r * K + k] = value;
+                    a.violation[r * K + k] = std::isnan(value) ? value : below;
+                    a.square += a.violation[r * K + k] * a.violation[r * K + k];
+                    if (!(value >= a.worst[block])) a.worst[block] = value;
+                }
+        }
+    }
+
+    // Adds what derivatives by position, velocity and acceleration of a joint at an instant are by y.
+    void chain(const Ahead &a, std::int64_t i, std::int64_t k, double by_position, double by_speed,
+               double by_acceleration, double *row) const {
+        const double per_second = 1 / T, sine = a.sine[i * K + k], cosine = a.cosine[i * K + k];
+        const double rate = a.p_rate[i * K + k], speed_by_p = -per_second * sine * rate;
+        double by_value = by_position * cosine + by_speed * speed_by_p;
+        by_value -= by_acceleration * per_second * per_second * (sine * a.p_curvature[i * K + k] + cosine * rate * rate);
+        double by_rate = by_speed * per_second * cosine + by_acceleration * 2 * per_second * speed_by_p;
+        double by_curvature = by_acceleration * per_second * per_second * cosine;
+        const double scale = 1 / f.amplitude[i];
+        const double *f0 = f.free_value + k * width, *f1 = f.free_first + k * width, *f2 = f.free_second + k * width;
+        for (std::int64_t c = 0; c < width; ++c)
+            row[i * width + c] += scale * (by_value * f0[c] + by_rate * f1[c] + by_curvature * f2[c]);
+    }
+
+    // See weighted_moment_derivatives() of motion/planar/closed_form.py.
+    void torque_by_y(const Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
+        const double per_limit = -1 / f.row_limit[r], factor = per_limit * sign(torque(a, r, k));
+        const double drag = per_limit * f.row_slope[r] * sign(motor_speed(a, r, k));
+        double *weight = f.scratch, *gathered = weight + m;  // (m), (m)
+        double along = 0;
+        for (std::int64_t b = 0; b < m; ++b) {
+            weight[b] = factor * f.row_turns[r * m + b];
+            along += weight[b] * a.locked_part[b * K + k];
+        }
+        for (std::int64_t b = 0; b < m; ++b) weight[b] -= along * a.inverse[k];
+        for (std::int64_t b = 0; b < m; ++b) {
+            const std::int64_t own = f.group[b];
+            double x = 0, y = 0;
+            for (std::int64_t o = 0; o < g; ++o) {
+                double re = f.rows_real[b * g + o], im = f.rows_imaginary[b * g + o];
+                double px = a.x[o * K + k] + a.base_acceleration[k] * a.c[o * K + k];
+                double py = a.y[o * K + k] + a.base_acceleration[k] * a.s[o * K + k];
+                x += re * px - im * py;
+                y += re * py + im * px;
+            }
+            gathered[b] = a.c[own * K + k] * y - a.s[own * K + k] * x;
+        }
+        double by_base_rate = 0;
+        double *by_angle = gathered + m, *by_rate = by_angle + g, *by_acceleration = by_rate + g;  // (g) each
+        for (std::int64_t o = 0; o < g; ++o) {
+            double x = 0, y = 0;  // sum_b w_b conj(E_b) C_bo
+            by_angle[o] = by_acceleration[o] = 0;
+            for (std::int64_t b = 0; b < m; ++b) {
+                const std::int64_t own = f.group[b];
+                double re = f.rows_real[b * g + o], im = f.rows_imaginary[b * g + o];
+                double c = weight[b] * a.c[own * K + k], s = -weight[b] * a.s[own * K + k];
+                x += c * re - s * im;
+                y += c * im + s * re;
+                if (own != o) continue;
+                by_angle[o] += f.turn * weight[b] * gathered[b];
+                by_acceleration[o] += weight[b] * f.inertia[b];
+            }
+            double real = x * a.c[o * K + k] - y * a.s[o * K + k], imaginary = x * a.s[o * K + k] + y * a.c[o * K + k];
+            double rate = a.swing[o * K + k] + a.rate[k];
+            by_rate[o] = -2 * f.turn * imaginary * rate;
+            by_angle[o] -= real * rate * rate;
+            by_angle[o] -= f.turn * imaginary * (a.relative[o * K + k] + a.base_acceleration[k]);
+            by_acceleration[o] += real;
+            by_base_rate += by_rate[o];
+        }
+        for (std::int64_t i = 0; i < n; ++i) {
+            double position = by_base_rate * a.by_position[i * K + k];
+            double speed = by_base_rate * a.by_speed[i * K + k] + drag * f.row_ratios[r * n + i], acceleration = 0;
+            for (std::int64_t o = 0; o < g; ++o) {
+                double turns = f.turns[o * n + i];
+                position += turns * by_angle[o];
+                speed += turns * by_rate[o];
+                acceleration += turns * by_acceleration[o];
+            }
+            chain(a, i, k, position, speed, acceleration, row);
+        }
+    }
+};

@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flown_plans import Drifting
+from flown_plans import Drifting, forward_plan
+from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.kernel import library
+from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 NAMES = ("t", "orientation", "orientation_rate", "positions", "velocities", "now", "com_position", "com_velocity")
@@ -149,3 +152,50 @@ def test_memory_does_not_grow(plan: fp.Plan, replanner: fp.Replanner) -> None:
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert max(sizes[105:]) < 1.1 * max(sizes[70:90])
+
+
+FAMILIES = ["somersault", "obstacle", "torque_limited", "somersault_motors", "handstand_ground", "moving_hoop"]
+FAMILIES += ["gallery/go2", "gallery/g1"]  # coupled joints, locked ones
+
+
+@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
+@pytest.mark.parametrize("way", ["on", "off"])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_hostile_calls_of_every_family(name: str, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From any instant: none raises, an invalid one changes nothing, and good ones after them are taken in."""
+    if name.startswith("gallery") and robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    if way == "on" and library.kernel() is None:
+        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
+    monkeypatch.setenv(library.SWITCH, way)
+    plan = forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.1)
+    replanner, rng, path = fp.Replanner(plan), np.random.default_rng(9), plan.ballistics
+    low, high = plan.problem.position_limits.T
+    for begin in (0.0, 0.6):
+        replanner.reset()
+        robot = Drifting(plan, 1.03 * plan.angular_momentum)
+        if begin:
+            robot.fly(replanner, begin * plan.duration, 60)
+        taken = 0
+        for following in (plan.duration * (begin + (1 - begin) * np.arange(1, 7) / 8)).tolist():
+            now = np.array([robot.time])
+            com = path.positions(now)[0], path.velocities(now)[0]
+            good = dict(zip(NAMES, (*robot.state(replanner), robot.time, *com), strict=True))
+            hostile = [{key: spoilt(value, rng) if rng.random() < 0.3 else value for key, value in good.items()}]
+            hostile += [{**good, "t": 0.9 * robot.time - 1e-6}, {**good, "orientation": math.nan}]
+            hostile += [{**good, "positions": good["positions"][:-1]}, {**good, "velocities": good["velocities"] + 1e3}]
+            for bad in hostile:
+                before = replanner.motion
+                correction = replanner.update(**bad)
+                assert correction.status != "invalid" or replanner.motion is before
+                taken += correction.status != "invalid"
+                assert math.isfinite(correction.predicted_miss)
+                assert np.isfinite(replanner.reference(robot.time).feedforward).all()
+            assert all(replanner.update(**bad).status == "invalid" for bad in hostile[1:])
+            taken += replanner.update(**good).status != "invalid"
+            assert replanner.update(**good).status == "invalid", "repeated"
+            positions = replanner.motion.at(np.linspace(robot.time, replanner.landing, 20))[0]
+            assert (positions >= low - 1e-9).all()
+            assert (positions <= high + 1e-9).all()
+            robot.fly(replanner, following, 2)
+        assert taken >= 3

@@ -12,7 +12,7 @@ from flown_plans import Drifting, forward_plan
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.inflight.replanner import MEMORY
+from floatplan.inflight.reckoning import MEMORY
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -135,7 +135,7 @@ def test_nothing_is_imported_or_gathered(plan: fp.Plan, replanner: fp.Replanner)
         replanner.update(*robot.state(replanner))
         replanner.reference(following)
     assert set(sys.modules) == modules
-    assert len(replanner._motions) <= MEMORY
+    assert len(replanner._reckoning.motions) <= MEMORY
 
 
 def test_calls_between_corrections_only_measure(plan: fp.Plan) -> None:

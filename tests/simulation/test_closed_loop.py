@@ -22,6 +22,7 @@ from floatplan.simulation import closed_loop as closed_loop_module
 from floatplan.simulation.perturbation import Perturbation, parse_perturbation
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.stepping import mujoco_stepper, pinocchio_stepper
+from floatplan.view.figures.inflight_pictures import closed_loop_picture
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
@@ -220,3 +221,10 @@ def test_authority_says_what_flies(plan: fp.Plan, found: fp.Authority, factor: f
         replanner.update(*robot.state(replanner))
         robot.fly(replanner, following)
     assert (abs(robot.orientation - plan.problem.final.orientation) < 1.5 * found.reached) == reached
+
+
+def test_labels_of_logarithmic_axes_are_numbers(plan: fp.Plan) -> None:
+    figure = closed_loop_picture(plan, fp.closed_loop(plan, 100, flights=1))
+    figure.canvas.draw()
+    for ticks in (figure.axes[2].get_yticklabels(), figure.axes[3].get_xticklabels()):
+        assert len([float(label.get_text()) for label in ticks if label.get_text()]) >= 2

@@ -50,6 +50,18 @@ class Segments:
             self.turn,
         )
 
+    def twice(self) -> Segments:
+        """Return all capsules, and all of them again."""
+        return Segments(
+            np.concatenate((self.start, self.start), axis=1),
+            np.concatenate((self.end, self.end), axis=1),
+            np.concatenate((self.start_weights, self.start_weights)),
+            np.concatenate((self.end_weights, self.end_weights)),
+            np.concatenate((self.radius, self.radius)),
+            self.rotations,
+            self.turn,
+        )
+
     def gradient(self, direction: ComplexArray, fraction: Array) -> Array:
         """Derivative (K, S, m) by the bodies' angles of the points at ``fraction`` (K, S) along the segments.
 
@@ -76,14 +88,17 @@ class LinkShapes:
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
         self._start = tree.point_weights(bodies, np.array([shape.start for shape in shapes], dtype=np.complex128))
         self._end = tree.point_weights(bodies, np.array([shape.end for shape in shapes], dtype=np.complex128))
+        self._ends = np.concatenate((self._start, self._end)).T.copy()
         self._radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
 
     def place(self, com: ComplexArray, angles: Array) -> Segments:
         """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""
         rotations = self._tree.rotations(angles)
+        ends = rotations @ self._ends
+        ends += com[:, None]
         return Segments(
-            com[:, None] + rotations @ self._start.T,
-            com[:, None] + rotations @ self._end.T,
+            ends[:, : len(self._start)],
+            ends[:, len(self._start) :],
             self._start,
             self._end,
             self._radius,
@@ -146,9 +161,9 @@ def _circle_to_points(obstacle: Circle, points: ComplexArray) -> Array:
 def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Distances:
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
     origin = complex(*obstacle.point) + shift
-    count = segments.start.shape[1]
-    both = segments.of(np.tile(np.arange(count), 2))
-    fraction = np.broadcast_to(np.repeat([0.0, 1.0], count), both.start.shape)
+    both = segments.twice()
+    fraction = np.zeros(both.start.shape)
+    fraction[:, segments.start.shape[1] :] = 1.0
     ends = np.concatenate((segments.start, segments.end), axis=1)
     distance = (np.conj(normal) * (ends - origin[:, None])).real - both.radius
     return Distances(distance, both, np.full(both.start.shape, normal), fraction)

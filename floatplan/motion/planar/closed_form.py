@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.momentum import centroidal_coupling, momentum_mapping
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -39,7 +39,7 @@ class BaseRate:
         """Derivatives (N, n) by joint positions, 1/s."""
         return self.differentiate()
 
-    def __getitem__(self, instants: slice) -> BaseRate:
+    def __getitem__(self, instants: slice | IntArray) -> BaseRate:
         """The same at some of the instants."""
         return BaseRate(
             self.rate[instants],
@@ -151,14 +151,40 @@ class Dynamics:
         body_rates = velocities @ self._turns.T + base_rate[:, None]
         relative = accelerations @ self._turns.T
         centripetal = (1j * self._turn) * body_rates**2
-        gathered = rotations.conj() * ((rotations * (relative + centripetal)) @ self._coupling.T)
-        inertia = ((rotations.conj() @ self._coupling) * rotations).real + self._inertia
-        locked_inertia = inertia.sum(axis=1)
+        back = rotations.conj()
+        gathered = back * ((rotations * (relative + centripetal)) @ self._coupling.T)
+        by_base = back * (rotations @ self._coupling.T)
+        locked_inertia = (by_base.real + self._inertia).sum(axis=1)
         base_acceleration = -(gathered.real + self._inertia * relative).sum(axis=1) / locked_inertia
-        gathered = gathered + base_acceleration[:, None] * (rotations.conj() * (rotations @ self._coupling.T))
+        gathered += base_acceleration[:, None] * by_base
         body_accelerations = relative + base_acceleration[:, None]
         moments = gathered.real + self._inertia * body_accelerations
         return moments, gathered, body_rates, body_accelerations, locked_inertia
+
+    def weighted_moment_derivatives(
+        self, weights: Array, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives (N, n) of the sums ``weights . F``, weights (N, m), by positions, velocities, accelerations.
+
+        As :meth:`moment_derivatives`, backwards: what the base's acceleration does to a sum is taken off its weights.
+        """
+        rotations = self._rotations(positions)
+        _, gathered, body_rates, body_accelerations, locked_inertia = self._moments(
+            rotations, velocities, accelerations, base_rate.rate
+        )
+        back = rotations.conj()
+        inertia = (back * (rotations @ self._coupling.T)).real + self._inertia
+        weights = weights - ((weights * inertia).sum(axis=1) / locked_inertia)[:, None]
+        moving = ((weights * back) @ self._coupling) * rotations
+        by_rate = (-2 * self._turn) * moving.imag * body_rates
+        by_angle = -moving.real * body_rates**2
+        by_angle -= self._turn * (moving.imag * body_accelerations - weights * gathered.imag)
+        by_base_rate = by_rate.sum(axis=1)[:, None]
+        return (
+            by_angle @ self._turns + by_base_rate * base_rate.by_position,
+            by_rate @ self._turns + by_base_rate * base_rate.by_velocity,
+            (moving.real + self._inertia * weights) @ self._turns,
+        )
 
     def torque_derivatives(
         self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate

@@ -6,9 +6,11 @@ import io
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from floatplan.arrays import Array
 from floatplan.inflight.authority import Authority
@@ -51,7 +53,7 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
     times = np.linspace(0.0, plan.duration, 201)
     state = plan.at(times)
     orientation.plot(times, np.degrees(state.orientation), color=INK, linestyle="--", linewidth=1.0)
-    colours = palette(state.positions.shape[1] + 1)[1:]
+    colours = palette(state.positions.shape[1] + 2)[2:]  # not those of the flights
     for path in flights.paths:
         for column, hue in zip(path.positions.T, colours, strict=True):
             joints.plot(path.times, np.degrees(column), color=hue, alpha=FAINT, linewidth=0.6)
@@ -82,6 +84,7 @@ def _corrections(axes: Axes, flights: ClosedLoop) -> None:
         axes.plot(when, size, color=OKABE_ITO[0], alpha=FAINT, linewidth=0.5)
         axes.plot(when[changed == 0], size[changed == 0], ".", color=ALARM, markersize=2)
     axes.set_yscale("log")
+    _decades(axes.yaxis)
 
 
 def _histogram(axes: Axes, flights: ClosedLoop, colours: tuple[str, str]) -> None:
@@ -93,6 +96,14 @@ def _histogram(axes: Axes, flights: ClosedLoop, colours: tuple[str, str]) -> Non
     for values, colour in zip(errors, colours, strict=True):
         axes.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
     axes.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
+    _decades(axes.xaxis)
+
+
+def _decades(axis: Axis) -> None:
+    """Label a logarithmic axis by plain numbers, a few of its decades."""
+    axis.set_major_locator(LogLocator(numticks=5))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def authority_picture(found: Authority) -> Figure:

@@ -19,7 +19,9 @@ from floatplan.view.figures.inflight_pictures import authority_png, closed_loop_
 STYLE = """body { font: 15px/1.45 system-ui, sans-serif; color: #222;
   max-width: 46em; margin: 2em auto; padding: 0 1em }
 table { border-collapse: collapse; margin: 1em 0 } td, th { padding: .25em 1em .25em 0; text-align: left }
-th { font-weight: 600; border-bottom: 1px solid #ccc } img { max-width: 100%; width: 34em }"""
+th { font-weight: 600; border-bottom: 1px solid #ccc; vertical-align: bottom } td + td { white-space: nowrap }
+td[colspan] { white-space: normal } img { max-width: 100%; width: 34em }
+@media (max-width: 36em) { body { font-size: 13px; margin: 1em auto } td, th { padding-right: .6em } }"""
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 Row = Sequence[str]
@@ -79,7 +81,9 @@ def authority_rows(found: Authority) -> list[Row]:
 
 
 def _interval(low: float, high: float) -> str:
-    return "none" if math.isnan(low) else f"{100 * low:+.1f} % to {100 * high:+.1f} %"
+    if math.isnan(low):
+        return "none"
+    return " to ".join(f"{100 * end:+.1f} %" if abs(end) >= 5e-4 else "0 %" for end in (low, high))
 
 
 def _ratio(ends: Landings, planned: float) -> str:
@@ -92,8 +96,16 @@ def _degrees(angle: float) -> str:
 
 def _table(titles: Row, rows: Sequence[Row]) -> str:
     head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join(f"<tr>{_cells(row)}</tr>" for row in rows)
     return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _cells(row: Row) -> str:
+    """A row's cells; the last one that says something reaches to the end of the row."""
+    said = row[: max(column for column, cell in enumerate(row) if cell) + 1]
+    last = f'<td colspan="{len(row) - len(said) + 1}">' if len(said) < len(row) else "<td>"
+    starts = ["<td>"] * (len(said) - 1) + [last]
+    return "".join(f"{start}{html.escape(cell)}</td>" for start, cell in zip(starts, said, strict=True))
 
 
 def _picture(content: bytes, text: str) -> str:

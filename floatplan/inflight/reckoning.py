@@ -1,0 +1,148 @@
+"""What an update computes: the expected state, the filter, the rest of the flight written anew and corrected. In NumPy.
+
+:mod:`floatplan.inflight.compiled` computes the same in the compiled kernel.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.inflight.estimate import Estimate
+from floatplan.inflight.law import Law
+from floatplan.inflight.measurement import Measurement
+from floatplan.inflight.motion import RemainingMotion, Rewriting
+from floatplan.inflight.outlook import Outlook, Present, Views
+from floatplan.motion.quadrature import gauss_legendre
+
+MEMORY = 64  # [-] motions that are remembered, for measurements that come late
+GAP_NODES = 5  # [-] of the quadrature between measurements
+
+
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
+class Expected:
+    """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
+
+    ``orientation`` and ``rate`` are the base's; it would stand ``aside`` with the joints as they are measured.
+    """
+
+    positions: Array
+    velocities: Array
+    orientation: float
+    rate: float
+    aside: float
+
+
+@dataclass(frozen=True, eq=False)
+class Foreseen:
+    """A motion that was chosen, its miss, rad, the worst of each block of rows, and the share of the correction taken.
+
+    ``look`` makes the whole outlook.
+    """
+
+    motion: RemainingMotion
+    miss: float
+    worst: Array
+    share: float
+    look: Callable[[], Outlook]
+
+    @cached_property
+    def outlook(self) -> Outlook:
+        """All that will come of the motion."""
+        return self.look()
+
+
+class Reckoning:
+    """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now."""
+
+    def __init__(self, views: Views, rewriting: Rewriting, law: Law) -> None:
+        self.views, self._rewriting, self._law = views, rewriting, law
+        self._gap = gauss_legendre(GAP_NODES)
+        self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
+
+    def begin(self, estimate: Estimate) -> None:
+        """Begin another flight, of which so much is known."""
+        self.estimate = estimate
+        self.motions.clear()
+        self._remember(self._rewriting.first)
+
+    def expected(self, measured: Measurement, now: float) -> Expected:
+        """Return what is expected to be measured; the motion may change from ``now`` on, s."""
+        inertial, began = self.estimate.inertial, self.estimate.time
+        nodes = self._gap.nodes
+        times = np.concatenate(
+            (began + (measured.time - began) * nodes, (measured.time,), measured.time + (now - measured.time) * nodes)
+        )
+        self._gap_joints = joints = self._joints(times)
+        positions, velocities = (values[GAP_NODES] for values in joints)
+        turn = self._turned(measured.time - began, *(values[:GAP_NODES] for values in joints))
+        self._inertia = inertial.dynamics.momentum_map(positions[None, :])[0]
+        by_joints = self._inertia[1:] / self._inertia[0]
+        rate = float(inertial.angular_momentum / self._inertia[0] - by_joints @ velocities)
+        aside = -float(by_joints @ (measured.positions - positions))
+        return Expected(positions, velocities, inertial.orientation + turn, rate, aside)
+
+    def learn(self, measured: Measurement, expected: Expected) -> None:
+        """Take in a measurement that is as it was expected."""
+        inertial = self.estimate.inertial
+        inertial.state[0] = expected.orientation
+        inertial.learn(
+            measured.orientation - expected.aside,
+            np.array([expected.rate, measured.orientation_rate]),
+            np.array([expected.positions, measured.positions]),
+            np.array([expected.velocities, measured.velocities]),
+            self._inertia,
+            measured.time - self.estimate.time,
+        )
+
+    def turned(self, dt: float) -> float:
+        """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
+        return self._turned(dt, *(values[GAP_NODES + 1 :] for values in self._gap_joints))
+
+    def corrected(self, now: float, orientation: float, landing: float, evaluations: int) -> Foreseen:
+        """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
+        motion = self._rewritten(now, landing)
+        outlook, share = self._law.corrected(Outlook(self.views, motion, self.present(now, orientation)), evaluations)
+        self._remember(outlook.motion)
+        return Foreseen(outlook.motion, outlook.miss, outlook.worst, share, lambda: outlook)
+
+    def present(self, now: float, orientation: float) -> Present:
+        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
+        estimate = self.estimate
+        inertial = estimate.inertial
+        return Present(now, orientation, inertial.angular_momentum, estimate.path(now), inertial.as_found())
+
+    def _rewritten(self, now: float, landing: float) -> RemainingMotion:
+        return self._rewriting.from_now(self.motions[-1], now, landing)
+
+    def _remember(self, motion: RemainingMotion) -> None:
+        self.motions.append(motion)
+
+    def _joints(self, times: Array) -> tuple[Array, Array]:
+        """Positions and velocities (N, n) at ascending times, each of the motion that held then."""
+        parts, last = [], len(times)
+        for motion in reversed(self.motions):
+            first = int(times[:last].searchsorted(motion.begin)) if motion is not self.motions[0] else 0
+            if first < last:
+                parts.append(motion.at(times[first:last]))
+            last = first
+            if not last:
+                break
+        if len(parts) == 1:
+            return parts[0][:2]
+        positions, velocities, _ = zip(*reversed(parts), strict=True)
+        return np.concatenate(positions), np.concatenate(velocities)
+
+    def _turned(self, dt: float, positions: Array, velocities: Array) -> float:
+        """By how much the base turns in ``dt`` s with the joints (N, n) at the nodes, rad."""
+        inertial = self.estimate.inertial
+        if not dt:
+            return 0.0
+        return dt * float(
+            self._gap.weights @ inertial.dynamics.base_rate(positions, velocities, inertial.angular_momentum)
+        )

@@ -1,0 +1,199 @@
+// The law of corrections, see floatplan/inflight/law.py: without distances, so that every row is of one instant.
+
+class Correcting {
+  public:
+    Correcting(const Flight &flight, RestOfFlight &rest, Ahead *two) : f(flight), rest(rest), present(two), tried(two + 1) {
+        n = f.joints, width = f.width, size = n * width;
+        double *memory = f.law_memory;
+        for (double **each : {&best, &y, &step, &gradient}) *each = memory, memory += size;
+        hessian = memory, memory += size * size;
+        jacobian = memory, memory += f.most_rows_of_all * size;
+        residual = memory, memory += f.most_rows_of_all;
+        first = memory, memory += (6 + width) * n;
+        worst = memory;
+    }
+
+    // Corrects the motion whose coefficients are given; leaves the new ones, and what comes of them, in `f`.
+    void correct(const double *coefficients, std::int64_t evaluations, Foreseen &found) {
+        std::memcpy(first, coefficients, (6 + width) * n * sizeof(double));
+        std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
+        rest.evaluate(*present);
+        const double missed = present->miss;
+        std::memcpy(worst, present->worst, f.blocks * sizeof(double));
+        if (f.blocks && std::fabs(missed) > f.far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
+        found.evaluated = 1;
+        solve(evaluations, found);
+        found.share = 1;
+        if (!keeps(*present)) {
+            std::memcpy(y, best, size * sizeof(double));
+            found.share = 0;
+            for (double scale : {f.scales[0], f.scales[1]}) {
+                for (std::int64_t k = 0; k < size; ++k) step[k] = scale * y[k];
+                change(*tried, step, found);
+                if (!keeps(*tried) || !(std::fabs(tried->miss) < std::fabs(missed))) continue;
+                found.share = scale;
+                std::memcpy(best, step, size * sizeof(double));
+                swap();
+                break;
+            }
+            if (found.share == 0) {
+                for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
+                change(*present, best, found);
+            }
+        }
+        found.miss = present->miss;
+        std::memcpy(f.coefficients, present->coefficients, (6 + width) * n * sizeof(double));
+        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
+    }
+
+  private:
+    const Flight &f;
+    RestOfFlight &rest;
+    Ahead *present, *tried;
+    std::int64_t n, width, size, rows = 0;
+    double stiffness = 0, expected = 0;
+    double *best, *y, *step, *gradient, *hessian, *jacobian, *residual, *first, *worst;
+
+    void swap() {
+        Ahead *other = present;
+        present = tried;
+        tried = other;
+    }
+
+    bool keeps(const Ahead &a) const {
+        for (std::int64_t b = 0; b < f.blocks; ++b)
+            if (!(a.worst[b] >= -f.kept || worst[b] < -f.kept)) return false;
+        return true;
+    }
+
+    void change(Ahead &a, const double *by, Foreseen &found) const {
+        for (std::int64_t c = 0; c < 6 + width; ++c)
+            for (std::int64_t i = 0; i < n; ++i) {
+                double part = 0;
+                if (c >= 6)
+                    for (std::int64_t k = 0; k < width; ++k) part += f.whitening[(c - 6) * width + k] * by[i * width + k];
+                a.coefficients[c * n + i] = first[c * n + i] + part / f.amplitude[i];
+            }
+        rest.evaluate(a);
+        ++found.evaluated;
+    }
+
+    double tolerance(double miss) const {
+        return f.blocks ? larger(f.sigma, std::fabs(miss) / f.weighed) : f.sigma;
+    }
+
+    double cost(const Ahead &a, const double *of, double sigma) const {
+        double length = 0, part = a.miss / sigma;
+        for (std::int64_t k = 0; k < size; ++k) length += of[k] * of[k];
+        return part * part + stiffness * length + a.square;
+    }
+
+    // Gauss-Newton steps from the present motion, which is left the best one, changed by `best`.
+    void solve(std::int64_t evaluations, Foreseen &found) {
+        const double enough = f.settled * f.settled, square = f.acceleration * rest.T * rest.T;
+        stiffness = 1 / (square * square);
+        for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
+        double sigma = tolerance(present->miss), least = cost(*present, best, sigma);
+        next_step(sigma);
+        for (std::int64_t number = 0; number < evaluations; ++number) {
+            if (least - expected < enough) break;
+            for (std::int64_t k = 0; k < size; ++k) y[k] = best[k] + step[k];
+            change(*tried, y, found);
+            double now = cost(*tried, y, sigma);
+            if (!(now < least)) {
+                double moved = 0;
+                for (std::int64_t k = 0; k < size; ++k) step[k] *= f.shorter, moved += step[k] * step[k];
+                if (!std::isfinite(now) || stiffness * moved < enough) break;
+                continue;
+            }
+            bool settled = now - expected <= f.settled * now + enough;
+            std::memcpy(best, y, size * sizeof(double));
+            swap();
+            double nearer = tolerance(present->miss);
+            if (settled && nearer > sigma / 2) break;
+            sigma = nearer;
+            least = cost(*present, best, sigma);
+            if (number + 1 < evaluations) next_step(sigma);
+        }
+    }
+
+    // The step, and the cost that it would have if everything were linear.
+    void next_step(double sigma) {
+        rest.differentiate(*present);
+        rest.miss_by_y(*present, jacobian);
+        for (std::int64_t k = 0; k < size; ++k) jacobian[k] /= sigma;
+        residual[0] = present->miss / sigma;
+        rows = 1;
+        for (std::int64_t block = 0; block < f.blocks; ++block) gather(block);
+        for (std::int64_t a = 0; a < size; ++a) {
+            for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] = a == b ? stiffness : 0;
+            gradient[a] = -stiffness * best[a];
+        }
+        for (std::int64_t r = 0; r < rows; ++r) {
+            const double *row = jacobian + r * size;
+            for (std::int64_t a = 0; a < size; ++a) {
+                gradient[a] -= row[a] * residual[r];
+                for (std::int64_t b = 0; b <= a; ++b) hessian[a * size + b] += row[a] * row[b];
+            }
+        }
+        solve_symmetric();
+        expected = 0;
+        for (std::int64_t r = 0; r < rows; ++r) {
+            double left = residual[r];
+            for (std::int64_t a = 0; a < size; ++a) left += jacobian[r * size + a] * step[a];
+            expected += left * left;
+        }
+        for (std::int64_t a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
+    }
+
+    // The rows of a block that are below their aim, at most so many, the worst.
+    void gather(std::int64_t block) {
+        const std::int64_t K = f.instants, begin = f.block_first[block] * K, end = f.block_first[block + 1] * K;
+        double *violation = present->violation, floor = 0;
+        std::int64_t near = 0;
+        for (std::int64_t e = begin; e < end; ++e) near += violation[e] > 0;
+        if (near > f.most_rows) floor = at_rank(violation + begin, end - begin, near - f.most_rows);
+        std::int64_t left = f.most_rows;
+        for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
+            for (std::int64_t e = begin; e < end && left; ++e) {
+                if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
+                --left;
+                double *row = jacobian + rows * size;
+                rest.row_by_y(*present, e / K, e % K, row);
+                for (std::int64_t a = 0; a < size; ++a) row[a] /= f.softness[block];
+                residual[rows++] = -violation[e];
+            }
+    }
+
+    // The value that so many positive ones are not above.
+    static double at_rank(const double *values, std::int64_t count, std::int64_t below) {
+        double floor = 0;
+        for (std::int64_t passed = 0; passed < below;) {
+            double next = HUGE_VAL;
+            for (std::int64_t e = 0; e < count; ++e)
+                if (values[e] > floor && values[e] < next) next = values[e];
+            floor = next;
+            for (std::int64_t e = 0; e < count; ++e) passed += values[e] == floor;
+        }
+        return floor;
+    }
+
+    void solve_symmetric() {  // Cholesky
+        for (std::int64_t a = 0; a < size; ++a)
+            for (std::int64_t b = 0; b <= a; ++b) {
+                double part = hessian[a * size + b];
+                for (std::int64_t k = 0; k < b; ++k) part -= hessian[a * size + k] * hessian[b * size + k];
+                hessian[a * size + b] = a == b ? std::sqrt(part) : part / hessian[b * size + b];
+            }
+        for (std::int64_t a = 0; a < size; ++a) {
+            double part = gradient[a];
+            for (std::int64_t k = 0; k < a; ++k) part -= hessian[a * size + k] * step[k];
+            step[a] = part / hessian[a * size + a];
+        }
+        for (std::int64_t a = size; a-- > 0;) {
+            double part = step[a];
+            for (std::int64_t k = a + 1; k < size; ++k) part -= hessian[k * size + a] * step[k];
+            step[a] = part / hessian[a * size + a];
+        }
+    }
+};
