@@ -39,12 +39,13 @@ static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Se
 struct Room {
     void *memory = nullptr;
 
-    bool make(Memory &m, const Robot &robot, const Settings &settings, std::int64_t nodes, std::int64_t size) {
+    // Room for what a function takes of an arena.
+    template <typename LayOut> bool make(LayOut lay_out) {
         Arena measure;
-        lay_out(measure, m, robot, settings, nodes, size);
+        lay_out(measure);
         if (posix_memalign(&memory, 64, measure.used) != 0) return false;
         Arena arena{static_cast<char *>(memory)};
-        lay_out(arena, m, robot, settings, nodes, size);
+        lay_out(arena);
         return true;
     }
     ~Room() { std::free(memory); }
@@ -57,7 +58,7 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
     for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
     Memory m;
     Room room;
-    if (!room.make(m, robot, settings, most_nodes, size)) return 1;
+    if (!room.make([&](Arena &arena) { lay_out(arena, m, robot, settings, most_nodes, size); })) return 1;
     Planner planner(robot, grids, settings, m);
     planner.node_counts = nodes;
     Starts starts(planner, robot, settings, m);

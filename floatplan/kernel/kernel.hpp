@@ -66,4 +66,29 @@ struct Rest {
     std::int64_t evaluated;
 };
 
+// How the bodies of a tree are turned by moments, and these by its motors. Body i turns as body group[i] of the robot.
+struct Moments {
+    std::int64_t bodies, motors;
+    const std::int64_t *group;
+    const double *real, *imaginary;  // (bodies, those of the robot), kg m^2: C, moments of inertia on the diagonal
+    const double *turns;             // (bodies, motors)
+    const double *amplitude;         // (joints), rad
+};
+
+// Chebyshev nodes on [0, 1], and a finer grid to look for the largest value on.
+struct Interpolation {
+    std::int64_t nodes, points;  // nodes: a multiple of 32; points: of the finer grid, some of them nodes
+    const double *curvature;     // (6 + width, nodes): second derivatives of the powers of s
+    const double *to_cosines;    // (nodes, nodes), by columns: from values at the nodes to factors of cos(j phi)
+    const double *to_fine;       // (points, nodes): from values at the nodes to those on the finer grid
+};
+
+// One row for each plan; coefficients (joints, 6 + width) in powers of seconds.
+struct Peaks {
+    std::int64_t count, levels, velocities;  // velocities: whether they are measured too
+    double resolved;
+    const double *duration, *momentum, *coefficients;
+    double *peaks;  // (motors), or (motors + joints)
+};
+
 enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };

@@ -106,6 +106,35 @@ class Rest(Structure):
     )
 
 
+class Moments(Structure):
+    """What a tree's motors need, of :mod:`floatplan.kernel.peaks`."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("bodies", "motors")),
+        ("group", Integers),
+        *((name, Doubles) for name in ("real", "imaginary", "turns", "amplitude")),
+    )
+
+
+class Interpolation(Structure):
+    """Chebyshev nodes and a finer grid."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("nodes", "points")),
+        *((name, Doubles) for name in ("curvature", "to_cosines", "to_fine")),
+    )
+
+
+class Peaks(Structure):
+    """Plans and their largest torques and rates."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("count", "levels", "velocities")),
+        ("resolved", c_double),
+        *((name, Doubles) for name in ("duration", "momentum", "coefficients", "peaks")),
+    )
+
+
 class Kernel:
     """The library, loaded."""
 
@@ -119,6 +148,12 @@ class Kernel:
         self.rest = library.floatplan_rest
         self.rest.argtypes = [POINTER(Robot), POINTER(Grid), POINTER(Settings), POINTER(Rest), c_int64]
         self.rest.restype = c_int64
+        self.peaks = library.floatplan_peaks
+        self.peaks.argtypes = [
+            *(POINTER(Robot), POINTER(Moments), POINTER(Grid), POINTER(Interpolation), POINTER(Settings)),
+            *(POINTER(Peaks), c_int64),
+        ]
+        self.peaks.restype = c_int64
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

@@ -94,11 +94,12 @@ class Planner {
         return point;
     }
 
-    // Takes the first grid and a boundary (joints, 6), for motions of m.z alone.
-    void begin(double duration, const double *boundary) {
+    // Takes a grid and a boundary (joints, 6), for motions of m.z alone.
+    void begin(double duration, const double *boundary, std::int64_t wanted) {
         T = duration;
         std::memcpy(m.boundary, boundary, 6 * n * sizeof(double));
-        at_level(0);
+        level = -1;
+        at_level(wanted);
     }
 
     // Derivatives (joints, width) of the equality by z, of the point evaluated last.

@@ -6,11 +6,11 @@ static inline std::int64_t correct_rest(const Robot &robot, const Grid &grid, co
     const std::int64_t n = robot.joints, width = robot.width, size = n * width;
     Memory m;
     Room room;
-    if (!room.make(m, robot, settings, grid.nodes, size)) return 1;
+    if (!room.make([&](Arena &arena) { lay_out(arena, m, robot, settings, grid.nodes, size); })) return 1;
     Planner planner(robot, &grid, settings, m);
     planner.h0 = rest.momentum;
     planner.change = rest.change;
-    planner.begin(rest.duration, rest.boundary);
+    planner.begin(rest.duration, rest.boundary, 0);
 
     double *best = m.x, *y = m.trial, *row = m.row, *step = m.direction, *by_z = m.lagrangian;
     double miss = 0, least = HUGE_VAL, expected = 0;
