@@ -54,7 +54,7 @@ struct Room {
 static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, const std::int64_t *nodes,
                                       const Powers &powers, const Settings &settings, Batch &batch) {
     const std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
-    std::int64_t size = 0, most_nodes = nodes[settings.levels + settings.finer - 1];
+    std::int64_t size = 0, most_nodes = nodes[settings.levels - 1];
     for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
     Memory m;
     Room room;
@@ -90,10 +90,11 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             }
             batch.iterations[row] += solution.iterations;
             batch.starts[row] += 1;
-            // Judged with twice the nodes.
+            // Judged with twice the nodes, or as many as there are.
             std::int64_t reached = planner.current_level();
             std::int64_t needed = planner.level_needed(settings.stages[2].quadrature_error);
-            if (!planner.at_level((needed > reached ? needed : reached) + settings.finer)) {
+            std::int64_t judging = (needed > reached ? needed : reached) + settings.finer;
+            if (!planner.at_level(judging < settings.levels ? judging : settings.levels - 1)) {
                 batch.status[row] = needs_grid;
                 break;
             }

@@ -23,7 +23,6 @@ from floatplan.robot.planar.tree import PlanarTree
 from floatplan.tables import ORIENTATION
 
 FINER = 2  # levels of grids, from one to the next with twice the nodes
-FINEST = (384, 512)  # nodes to judge by what needs the finest two grids
 USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
 LEVEL_OF_STARTS = 1  # of grids
@@ -120,8 +119,8 @@ class Solver:
         answers = self._plan(rows, search, self._most_nodes)
         again = np.flatnonzero(answers.status == NEEDS_GRID)
         if again.size:
-            self._most_nodes = max(FINEST)
-            better = self._plan(rows[again], search, max(FINEST))
+            self._most_nodes = NODE_COUNTS[-1]
+            better = self._plan(rows[again], search, NODE_COUNTS[-1])
             for name, values in vars(answers).items():
                 values[again] = getattr(better, name)
         return answers
@@ -158,7 +157,7 @@ COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
 class _Grids:
-    """Grids of all levels, and the finer ones to judge by; those of too many nodes left out."""
+    """Grids of all levels; those of too many nodes left out."""
 
     def __init__(self, width: int, counts: Sequence[int], most_nodes: int) -> None:
         self._kept = [filled_grid(width, count) if count <= most_nodes else None for count in counts]
@@ -170,8 +169,7 @@ class _Grids:
 
 @lru_cache(maxsize=32)
 def _grids(width: int, most_nodes: int) -> tuple[_Grids, IntArray]:
-    counts = (*NODE_COUNTS, *FINEST)
-    return _Grids(width, counts, most_nodes), np.array(counts, dtype=np.int64)
+    return _Grids(width, NODE_COUNTS, most_nodes), np.array(NODE_COUNTS, dtype=np.int64)
 
 
 @cache

@@ -39,7 +39,7 @@ struct Settings {
     double damping, slack_penalty, largest_curvature, polished;
     double hopeless_way, changed_branches, step_to_rank;
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
-    std::int64_t first_level, levels, finer;  // finer: levels up to twice the nodes
+    std::int64_t first_level, levels, finer;  // finer: levels to twice the nodes
     std::int64_t level_of_starts, candidates, followed, steps_to_rank;
     std::int64_t starts, most_starts, easy_iterations, wanted_after_failure;
     std::uint64_t seed;
