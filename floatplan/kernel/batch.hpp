@@ -76,6 +76,8 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
         planner.evaluations = planner.instants = 0;
         const double *boundary = batch.boundary + row * 6 * n;
         bool quick = false;
+        double nearest = HUGE_VAL;
+        std::int64_t as_near = 0;  // starts that ended as near to (14) as any
         batch.status[row] = infeasible;
         batch.residual[row] = batch.objective[row] = HUGE_VAL;
         batch.iterations[row] = batch.starts[row] = batch.solved[row] = 0;
@@ -128,6 +130,10 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
                 }
             }
             if (size == 0) break;  // degree 5: there is but one motion
+            if (residual < nearest * (1 - settings.agreement)) as_near = 0;
+            if (residual < nearest * (1 + settings.agreement)) ++as_near;
+            nearest = smaller(nearest, residual);
+            if (!batch.solved[row] && number >= settings.starts_to_agree && as_near >= settings.agreeing) break;
             if (batch.solved[row] >= settings.starts &&
                 (quick || batch.solved[row] >= settings.wanted_after_failure))
                 break;

@@ -37,11 +37,11 @@ struct Settings {
     double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
     double armijo, penalty_factor, penalty_kept, shortest_step, shortening_least, shortening_most, largest_multiplier;
     double damping, slack_penalty, largest_curvature, polished;
-    double hopeless_way, changed_branches, step_to_rank;
+    double hopeless_way, changed_branches, step_to_rank, agreement;
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
     std::int64_t first_level, levels, finer;  // finer: levels to twice the nodes
-    std::int64_t level_of_starts, candidates, followed, steps_to_rank;
-    std::int64_t starts, most_starts, easy_iterations, wanted_after_failure;
+    std::int64_t level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
+    std::int64_t starts, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
     std::uint64_t seed;
     double spreads[6];
 };

@@ -65,14 +65,17 @@ class Settings(Structure):
                 *("smallest_tail", "largest_tail", "armijo", "penalty_factor", "penalty_kept", "shortest_step"),
                 *("shortening_least", "shortening_most", "largest_multiplier", "damping", "slack_penalty"),
                 *("largest_curvature", "polished", "hopeless_way", "changed_branches", "step_to_rank"),
+                "agreement",
             )
         ),
         *(
             (name, c_int64)
             for name in (
                 *("slow_evaluations", "slow_steps", "polishing_steps", "most_rounds", "most_iterations"),
-                *("first_level", "levels", "finer", "level_of_starts", "candidates", "followed", "steps_to_rank"),
+                *("first_level", "levels", "finer", "level_of_starts", "candidates", "followed"),
+                *("ranked_rounds", "steps_to_rank"),
                 *("starts", "most_starts", "easy_iterations", "wanted_after_failure"),
+                *("starts_to_agree", "agreeing"),
             )
         ),
         ("seed", c_uint64),
