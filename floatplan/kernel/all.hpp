@@ -10,3 +10,4 @@
 #include "rest.hpp"
 #include "law.hpp"
 #include "flight.hpp"
+#include "peaks.hpp"

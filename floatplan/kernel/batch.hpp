@@ -35,19 +35,30 @@ static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Se
     arena.take(m.candidate, settings.candidates);
 }
 
+// Memory for one call.
+struct Room {
+    void *memory = nullptr;
+
+    // Room for what a function takes of an arena.
+    template <typename LayOut> bool make(LayOut lay_out) {
+        Arena measure;
+        lay_out(measure);
+        if (posix_memalign(&memory, 64, measure.used) != 0) return false;
+        Arena arena{static_cast<char *>(memory)};
+        lay_out(arena);
+        return true;
+    }
+    ~Room() { std::free(memory); }
+};
+
 static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, const std::int64_t *nodes,
                                       const Powers &powers, const Settings &settings, Batch &batch) {
     const std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
-    std::int64_t size = 0, most_nodes = nodes[settings.levels + settings.finer - 1];
+    std::int64_t size = 0, most_nodes = nodes[settings.levels - 1];
     for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
     Memory m;
-    Arena measure;
-    lay_out(measure, m, robot, settings, most_nodes, size);
-    void *memory = nullptr;
-    if (posix_memalign(&memory, 64, measure.used) != 0) return 1;
-    Arena arena{static_cast<char *>(memory)};
-    lay_out(arena, m, robot, settings, most_nodes, size);
-
+    Room room;
+    if (!room.make([&](Arena &arena) { lay_out(arena, m, robot, settings, most_nodes, size); })) return 1;
     Planner planner(robot, grids, settings, m);
     planner.node_counts = nodes;
     Starts starts(planner, robot, settings, m);
@@ -65,6 +76,8 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
         planner.evaluations = planner.instants = 0;
         const double *boundary = batch.boundary + row * 6 * n;
         bool quick = false;
+        double nearest = HUGE_VAL;
+        std::int64_t as_near = 0;  // starts that ended as near to (14) as any
         batch.status[row] = infeasible;
         batch.residual[row] = batch.objective[row] = HUGE_VAL;
         batch.iterations[row] = batch.starts[row] = batch.solved[row] = 0;
@@ -79,10 +92,11 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             }
             batch.iterations[row] += solution.iterations;
             batch.starts[row] += 1;
-            // Judged with twice the nodes.
+            // Judged with twice the nodes, or as many as there are.
             std::int64_t reached = planner.current_level();
             std::int64_t needed = planner.level_needed(settings.stages[2].quadrature_error);
-            if (!planner.at_level((needed > reached ? needed : reached) + settings.finer)) {
+            std::int64_t judging = (needed > reached ? needed : reached) + settings.finer;
+            if (!planner.at_level(judging < settings.levels ? judging : settings.levels - 1)) {
                 batch.status[row] = needs_grid;
                 break;
             }
@@ -116,6 +130,10 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
                 }
             }
             if (size == 0) break;  // degree 5: there is but one motion
+            if (residual < nearest * (1 - settings.agreement)) as_near = 0;
+            if (residual < nearest * (1 + settings.agreement)) ++as_near;
+            nearest = smaller(nearest, residual);
+            if (!batch.solved[row] && number >= settings.starts_to_agree && as_near >= settings.agreeing) break;
             if (batch.solved[row] >= settings.starts &&
                 (quick || batch.solved[row] >= settings.wanted_after_failure))
                 break;
@@ -123,6 +141,5 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
         batch.evaluations[row] = planner.evaluations;
         batch.instants[row] = planner.instants;
     }
-    std::free(memory);
     return 0;
 }

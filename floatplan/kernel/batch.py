@@ -23,17 +23,21 @@ from floatplan.robot.planar.tree import PlanarTree
 from floatplan.tables import ORIENTATION
 
 FINER = 2  # levels of grids, from one to the next with twice the nodes
-FINEST = (384, 512)  # nodes to judge by what needs the finest two grids
 USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
 LEVEL_OF_STARTS = 1  # of grids
-MOST_STARTS = 33  # [-] the plain one, and those that promise most of twice as many random ones
+MOST_STARTS = 65  # [-] the plain one, and random ones
 CANDIDATES = 12  # for starts, from which those are followed that promise most
 FOLLOWED = 6
+SPREADS_OF_STARTS = (0.2, 0.4, 0.8, 1.6, 0.8, 1.6)  # of random motions; beyond, few of them lead anywhere
+RANKED_ROUNDS = 2  # where all of these fail, what promises little is followed too
 STEP_TO_RANK = 1.0  # rad, root mean square of p
-STEPS_TO_RANK = 2
+STEPS_TO_RANK = 3
 CHANGED_BRANCHES = 0.8  # [-] of the joints of a candidate, where not all branches are candidates
-HOPELESS_WAY = 10.0  # rad, root mean square of p: a start from which (14), were it linear, is farther away is left
+HOPELESS_WAY = 30.0  # rad, root mean square of p: a start from which (14), were it linear, is farther away is left
+STARTS_TO_AGREE = 16  # [-] after so many a problem is given up, where
+AGREEING = 4  # [-] of them came equally near to (14), and none nearer:
+AGREEMENT = 0.003  # [-] relative difference of what is left of it
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = range(4)
 
@@ -120,8 +124,8 @@ class Solver:
         answers = self._plan(rows, search, self._most_nodes)
         again = np.flatnonzero(answers.status == NEEDS_GRID)
         if again.size:
-            self._most_nodes = max(FINEST)
-            better = self._plan(rows[again], search, max(FINEST))
+            self._most_nodes = NODE_COUNTS[-1]
+            better = self._plan(rows[again], search, NODE_COUNTS[-1])
             for name, values in vars(answers).items():
                 values[again] = getattr(better, name)
         return answers
@@ -158,7 +162,7 @@ COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
 class _Grids:
-    """Grids of all levels, and the finer ones to judge by; those of too many nodes left out."""
+    """Grids of all levels; those of too many nodes left out."""
 
     def __init__(self, width: int, counts: Sequence[int], most_nodes: int) -> None:
         self._kept = [filled_grid(width, count) if count <= most_nodes else None for count in counts]
@@ -170,8 +174,7 @@ class _Grids:
 
 @lru_cache(maxsize=32)
 def _grids(width: int, most_nodes: int) -> tuple[_Grids, IntArray]:
-    counts = (*NODE_COUNTS, *FINEST)
-    return _Grids(width, counts, most_nodes), np.array(counts, dtype=np.int64)
+    return _Grids(width, NODE_COUNTS, most_nodes), np.array(NODE_COUNTS, dtype=np.int64)
 
 
 @cache
@@ -235,11 +238,15 @@ def _settings(search: Search) -> library.Settings:
         hopeless_way=HOPELESS_WAY,
         changed_branches=CHANGED_BRANCHES,
         step_to_rank=STEP_TO_RANK,
+        ranked_rounds=RANKED_ROUNDS,
         steps_to_rank=STEPS_TO_RANK,
+        agreement=AGREEMENT,
+        starts_to_agree=STARTS_TO_AGREE,
+        agreeing=AGREEING,
         starts=search.starts,
         most_starts=search.most_starts,
         easy_iterations=stages.EASY_ITERATIONS,
         wanted_after_failure=stages.WANTED_AFTER_FAILURE,
         seed=search.seed,
-        spreads=(ctypes.c_double * library.SPREADS)(*stages.SPREADS),
+        spreads=(ctypes.c_double * library.SPREADS)(*SPREADS_OF_STARTS),
     )

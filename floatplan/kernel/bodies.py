@@ -8,11 +8,11 @@ are then one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -32,6 +32,9 @@ class Bodies:
     first : (m+1,) int
         Where the terms ``ratio[e] sin p`` of ``joint[e]`` of each body begin.
     joint, ratio : (E,) int, (E,) rad
+    rotations : (m, M) complex
+        What takes the tree's M bodies to these: ``rotations^* C rotations^T`` is theirs.
+    is_mirrored : whether angles count the other way
     """
 
     real: Array
@@ -40,33 +43,44 @@ class Bodies:
     first: IntArray
     joint: IntArray
     ratio: Array
+    rotations: ComplexArray
+    is_mirrored: bool
+
+    def coupling(self, coupling: ComplexArray, inertia: Array) -> ComplexArray:
+        """C (m, m) of these bodies, kg m^2, from that (M, M) and the inertias (M,) of the tree's, of any masses."""
+        merged = self.rotations.conj() @ (coupling + np.diag(inertia)) @ self.rotations.T
+        return np.asarray(merged.conj() if self.is_mirrored else merged)
 
     @property
     def is_real(self) -> bool:
         """Whether C has no imaginary part, but for rounding."""
-        return bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
+        return is_real(self.real, self.imaginary)
+
+
+def is_real(real: Array, imaginary: Array) -> bool:
+    """Whether a matrix has no imaginary part, but for rounding."""
+    return bool(np.abs(imaginary).max() <= NEGLIGIBLE * np.abs(real).max())
 
 
 def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     """Return a tree's bodies for joint ranges of the given centres and amplitudes (n,), rad."""
     constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
-    coupling = constant.conj()[:, None] * centroidal_coupling(tree) * constant + np.diag(tree.inertia)
-    if tree.turn < 0:
-        coupling = coupling.conj()
     turns, group = _distinct(tree.turns)
-    gather = np.eye(len(turns))[group].T
-    coupling = gather @ coupling @ gather.T
     from_, terms = _built_up(turns)
     first = np.cumsum([0, *map(len, terms)])
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
-    return Bodies(
-        np.ascontiguousarray(coupling.real),
-        np.ascontiguousarray(coupling.imag),
+    bodies = Bodies(
+        np.zeros((0, 0)),
+        np.zeros((0, 0)),
         np.array(from_, dtype=np.int64),
         first.astype(np.int64),
         np.array([joint for joint, _ in entries], dtype=np.int64),
         np.array([ratio for _, ratio in entries], dtype=np.float64),
+        np.eye(len(turns))[group].T * constant,
+        tree.turn < 0,
     )
+    coupling = bodies.coupling(centroidal_coupling(tree), np.array(tree.inertia))
+    return replace(bodies, real=np.ascontiguousarray(coupling.real), imaginary=np.ascontiguousarray(coupling.imag))
 
 
 def _distinct(turns: Array) -> tuple[Array, IntArray]:

@@ -203,3 +203,16 @@ EXPORT void floatplan_flight(Flight *flight, std::int64_t step, std::int64_t ins
     (void)instructions;
     baseline::reckon(*flight, step);
 }
+
+// Measures a batch of plans; returns 0, or 1 where there was no memory for it.
+EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Moments *moments, const Grid *grids,
+                                    const Interpolation *interpolations, const Settings *settings, Peaks *peaks,
+                                    std::int64_t instructions) {
+#ifdef FLOATPLAN_X86
+    if (instructions == 2)
+        return avx512::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
+    if (instructions == 1) return avx2::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
+#endif
+    (void)instructions;
+    return baseline::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
+}

@@ -37,11 +37,11 @@ struct Settings {
     double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
     double armijo, penalty_factor, penalty_kept, shortest_step, shortening_least, shortening_most, largest_multiplier;
     double damping, slack_penalty, largest_curvature, polished;
-    double hopeless_way, changed_branches, step_to_rank;
+    double hopeless_way, changed_branches, step_to_rank, agreement;
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
-    std::int64_t first_level, levels, finer;  // finer: levels up to twice the nodes
-    std::int64_t level_of_starts, candidates, followed, steps_to_rank;
-    std::int64_t starts, most_starts, easy_iterations, wanted_after_failure;
+    std::int64_t first_level, levels, finer;  // finer: levels to twice the nodes
+    std::int64_t level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
+    std::int64_t starts, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
     std::uint64_t seed;
     double spreads[6];
 };
@@ -115,6 +115,31 @@ struct Flight {
 
 enum Step : std::int64_t {
     remember_motion = 0, expect_state = 1, learn_state = 2, adapt_masses = 3, rewrite_motion = 4, correct_motion = 5
+};
+
+// How the bodies of a tree are turned by moments, and these by its motors. Body i turns as body group[i] of the robot.
+struct Moments {
+    std::int64_t bodies, motors;
+    const std::int64_t *group;
+    const double *real, *imaginary;  // (bodies, those of the robot), kg m^2: C, moments of inertia on the diagonal
+    const double *turns;             // (bodies, motors)
+    const double *amplitude;         // (joints), rad
+};
+
+// Chebyshev nodes on [0, 1], and a finer grid to look for the largest value on.
+struct Interpolation {
+    std::int64_t nodes, points;  // nodes: a multiple of 32; points: of the finer grid, some of them nodes
+    const double *curvature;     // (6 + width, nodes): second derivatives of the powers of s
+    const double *to_cosines;    // (nodes, nodes), by columns: from values at the nodes to factors of cos(j phi)
+    const double *to_fine;       // (points, nodes): from values at the nodes to those on the finer grid
+};
+
+// One row for each plan; coefficients (joints, 6 + width) in powers of seconds.
+struct Peaks {
+    std::int64_t count, levels, velocities;  // velocities: whether they are measured too
+    double resolved;
+    const double *duration, *momentum, *coefficients;
+    double *peaks;  // (motors), or (motors + joints)
 };
 
 enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };

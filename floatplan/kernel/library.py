@@ -66,14 +66,17 @@ class Settings(Structure):
                 *("smallest_tail", "largest_tail", "armijo", "penalty_factor", "penalty_kept", "shortest_step"),
                 *("shortening_least", "shortening_most", "largest_multiplier", "damping", "slack_penalty"),
                 *("largest_curvature", "polished", "hopeless_way", "changed_branches", "step_to_rank"),
+                "agreement",
             )
         ),
         *(
             (name, c_int64)
             for name in (
                 *("slow_evaluations", "slow_steps", "polishing_steps", "most_rounds", "most_iterations"),
-                *("first_level", "levels", "finer", "level_of_starts", "candidates", "followed", "steps_to_rank"),
+                *("first_level", "levels", "finer", "level_of_starts", "candidates", "followed"),
+                *("ranked_rounds", "steps_to_rank"),
                 *("starts", "most_starts", "easy_iterations", "wanted_after_failure"),
+                *("starts_to_agree", "agreeing"),
             )
         ),
         ("seed", c_uint64),
@@ -169,6 +172,35 @@ class FlightStep(IntEnum):
     CORRECT = 5
 
 
+class Moments(Structure):
+    """What a tree's motors need, of :mod:`floatplan.kernel.peaks`."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("bodies", "motors")),
+        ("group", Integers),
+        *((name, Doubles) for name in ("real", "imaginary", "turns", "amplitude")),
+    )
+
+
+class Interpolation(Structure):
+    """Chebyshev nodes and a finer grid."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("nodes", "points")),
+        *((name, Doubles) for name in ("curvature", "to_cosines", "to_fine")),
+    )
+
+
+class Peaks(Structure):
+    """Plans and their largest torques and rates."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("count", "levels", "velocities")),
+        ("resolved", c_double),
+        *((name, Doubles) for name in ("duration", "momentum", "coefficients", "peaks")),
+    )
+
+
 class Kernel:
     """The library, loaded."""
 
@@ -182,6 +214,12 @@ class Kernel:
         self.flight = library.floatplan_flight
         self.flight.argtypes = [POINTER(Flight), c_int64, c_int64]
         self.flight.restype = None
+        self.peaks = library.floatplan_peaks
+        self.peaks.argtypes = [
+            *(POINTER(Robot), POINTER(Moments), POINTER(Grid), POINTER(Interpolation), POINTER(Settings)),
+            *(POINTER(Peaks), c_int64),
+        ]
+        self.peaks.restype = c_int64
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

@@ -30,10 +30,14 @@ class Starts {
         planner.variables(m.z, m.x);
     }
 
-    // Puts start number 1, 2, ... into m.x. Of each round of candidates those are followed whose objective, where (14)
-    // is linear, would be least.
+    // Puts start number 1, 2, ... into m.x. Of the first rounds of candidates those are followed that miss (14) least;
+    // where these fail, all are.
     void next(std::int64_t number) {
         std::int64_t round = (number - 1) / settings.followed, place = (number - 1) % settings.followed;
+        if (round >= settings.ranked_rounds) {
+            draw(number + settings.ranked_rounds * (settings.candidates - settings.followed));
+            return;
+        }
         if (place == 0) rank(round);
         draw(m.candidate[place]);
     }

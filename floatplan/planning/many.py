@@ -19,7 +19,7 @@ from floatplan.problem.problem import Problem
 
 CHUNK = 2048  # problems of a batch
 WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-NOT_FOUND = f"No plan was found from {MOST_STARTS} starts; search=True tries more."
+NOT_FOUND = "No plan was found from {} starts; search=True tries more."
 
 
 def plan_many(
@@ -34,9 +34,10 @@ def plan_many(
     """Plan many flights.
 
     Problems without inequalities, at a given angular momentum and with the objective "coefficients", are planned in
-    batches by the compiled kernel where it is built: from the plain motion, and from up to 32 random starts where that
-    fails or converges slowly. All others have the whole search of :func:`floatplan.plan`, each on its own. The answer
-    to a problem depends on that problem, ``starts``, ``search``, ``prove`` and ``seed`` alone.
+    batches by the compiled kernel where it is built: from the plain motion, and from up to 64 random starts where that
+    fails or converges slowly; fewer where several end equally far from the goal. All others have the whole search of
+    :func:`floatplan.plan`, each on its own. The answer to a problem depends on that problem, ``starts``, ``search``,
+    ``prove`` and ``seed`` alone.
 
     Parameters
     ----------
@@ -173,4 +174,5 @@ def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, found: Answer
     plans.coefficients[indices, :n, :columns] = found.coefficients
     for name in ("evaluations", "iterations", "starts", "solved"):
         getattr(plans, name)[indices] = getattr(found, name)
-    plans.messages.update(dict.fromkeys(indices[~solved].tolist(), NOT_FOUND))
+    failed = zip(indices[~solved].tolist(), found.starts[~solved].tolist(), strict=True)
+    plans.messages.update({index: NOT_FOUND.format(starts) for index, starts in failed})

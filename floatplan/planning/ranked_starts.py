@@ -1,7 +1,8 @@
 """Starts of plans without inequalities, in the kernel's order (``starts.hpp``): so the answers are the same without it.
 
 Candidates land on branches of the arcsine drawn at random, first with no free part, later with one drawn too. Of each
-round those are followed that miss (14) least after a few steps towards where it would hold, were it linear.
+of the first rounds those are followed that miss (14) least after a few steps towards where it would hold, were it
+linear. Where all of these fail, all that are drawn are followed.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ from floatplan.kernel.batch import (
     CHANGED_BRANCHES,
     FOLLOWED,
     LEVEL_OF_STARTS,
+    RANKED_ROUNDS,
+    SPREADS_OF_STARTS,
     STEP_TO_RANK,
     STEPS_TO_RANK,
     TOO_WILD,
 )
-from floatplan.kernel.stages import SPREADS
 from floatplan.planning.transcription.objectives import Objective
 from floatplan.planning.transcription.program import FlightProgram
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling
@@ -64,19 +66,23 @@ def ranked_starts(
 
     ``variables_on`` takes branches (2, n) of the arcsine at takeoff and landing.
     """
-    for round_ in count():
+
+    def drawn(candidate: int) -> tuple[DecisionVariables, Array]:
+        branches, draw = _drawn(candidate, seed, joints)
+        variables = variables_on(np.array([np.zeros(joints, np.int64), branches]))
+        z = draw((joints, variables.polynomials.width))
+        return variables, variables.variables(z, variables.momentum.centre)
+
+    for round_ in range(RANKED_ROUNDS):
         candidates = []
         for place in range(CANDIDATES):
-            branches, draw = _drawn(1 + round_ * CANDIDATES + place, seed, joints)
-            variables = variables_on(np.array([np.zeros(joints, np.int64), branches]))
-            polynomials = variables.polynomials
-            z = draw((joints, polynomials.width))
-            x = variables.variables(z, variables.momentum.centre)
-            sampling = model.nodes(LEVEL_OF_STARTS, polynomials.form)
+            variables, x = drawn(1 + round_ * CANDIDATES + place)
+            sampling = model.nodes(LEVEL_OF_STARTS, variables.polynomials.form)
             missed = _missed(FlightProgram(model, variables, sampling, make_objective(variables, sampling)), x)
             candidates.append((missed, place, variables, x))
         for _, _, variables, x in sorted(candidates, key=lambda each: each[:2])[:FOLLOWED]:
             yield variables, x
+    yield from (drawn(candidate) for candidate in count(1 + RANKED_ROUNDS * CANDIDATES))
 
 
 def _drawn(candidate: int, seed: int, joints: int) -> tuple[IntArray, Callable[[tuple[int, int]], Array]]:
@@ -89,7 +95,7 @@ def _drawn(candidate: int, seed: int, joints: int) -> tuple[IntArray, Callable[[
         for joint in range(joints):
             drawn = random.uniform() / CHANGED_BRANCHES
             branches[joint] = 1 if drawn < 0.5 else -1 if drawn < 1 else 0
-    spread = 0.0 if candidate <= CANDIDATES else SPREADS[candidate % len(SPREADS)]
+    spread = 0.0 if candidate <= CANDIDATES else SPREADS_OF_STARTS[candidate % len(SPREADS_OF_STARTS)]
     return branches, lambda shape: np.reshape([spread * random.normal() for _ in range(math.prod(shape))], shape)
 
 

@@ -19,7 +19,7 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
 BLOCK = 32  # plans
-NODES = (65, 129, 257)  # Chebyshev nodes, as many as the motion needs
+NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs; multiples of 32 for the kernel
 RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
 FINENESS = 4  # points of the search grid per node
 
@@ -42,9 +42,10 @@ def many_peaks(
     like : Problem
     duration : (N,) s
     angular_momentum : (N,) kg m^2/s
-    coefficients : (N, n, k+1) b of (12), powers of t in seconds
+    coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
     velocities : whether to measure them too
     """
+    coefficients = np.nan_to_num(coefficients, nan=0.0)
     count, n = len(duration), coefficients.shape[1]
     motors = len(like.robot.motors)
     ends = (motors, motors + n) if velocities else (motors,)
@@ -77,7 +78,7 @@ def _values(like: Problem, nodes: int, duration: Array, angular_momentum: Array,
     size = coefficients.shape[2]
     in_fractions = (coefficients * (duration[:, None] ** np.arange(size))[:, None, :]).transpose(0, 2, 1)
     p, rate, curvature = (
-        (part @ in_fractions[:, order:]).reshape(-1, len(low)) for order, part in enumerate(_powers(nodes, size))
+        (part @ in_fractions[:, order:]).reshape(-1, len(low)) for order, part in enumerate(powers(nodes, size))
     )
     per_second = np.repeat(1 / duration, nodes)[:, None]
     sine, cosine = (high - low) / 2 * np.sin(p), (high - low) / 2 * np.cos(p)
@@ -89,7 +90,7 @@ def _values(like: Problem, nodes: int, duration: Array, angular_momentum: Array,
 
 
 @lru_cache(maxsize=16)
-def _powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
+def powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
     """Powers of s, and their first and second derivatives, at the nodes: (nodes, size), one column less for each."""
     powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
     k = np.arange(size)
@@ -97,7 +98,7 @@ def _powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=8)
-def _cosine_maps(nodes: int) -> tuple[Array, Array]:
+def cosine_maps(nodes: int) -> tuple[Array, Array]:
     """From values at the nodes to the factors of cos(j phi), ``s = (1 - cos phi) / 2``; and on to a finer grid."""
     j = np.arange(nodes)
     coefficients = np.linalg.inv(np.cos(np.outer(np.pi * j / (nodes - 1), j)))
@@ -111,7 +112,7 @@ def _largest(values: Array, ends: Sequence[int]) -> tuple[Array, BoolArray]:
     ``ends`` divide the r columns into quantities, whose largest value counts for the resolution of all.
     """
     nodes, plans, r = values.shape
-    to_cosines, to_fine = _cosine_maps(nodes)
+    to_cosines, to_fine = cosine_maps(nodes)
     flat = values.reshape(nodes, -1)
     cosines = to_cosines @ flat
     fine = np.abs(to_fine @ flat)

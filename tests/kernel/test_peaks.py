@@ -1,0 +1,130 @@
+"""Peaks of many plans, by the compiled kernel and by NumPy: one table of tests over both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from needed import skip_or_fail
+from plain_problems import problem_of, random_robot
+
+import floatplan as fp
+from floatplan.kernel import library
+from floatplan.kernel.bodies import merged_bodies
+from floatplan.kernel.peaks import many_peaks
+from floatplan.plans import many_peaks as reference
+from floatplan.plans.plans import Answer
+
+DENSE = 4001  # instants
+SPREADS = (0.3, 0.3, 1.0, 1.0, 3.0, 6.0)  # of coefficients; the last motions need more nodes than there are
+SMOOTH = 2  # motions that need no more
+
+
+@pytest.fixture(params=["compiled", "python"])
+def implementation(request, monkeypatch):
+    """The way in which plans are measured."""
+    if request.param == "python":
+        monkeypatch.setenv(library.SWITCH, "off")
+    elif library.kernel() is None:
+        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def groups():
+    """Problems of one robot and degrees each, and motions of theirs, smooth and wild, that need not meet any goal."""
+    found = []
+    for number in range(24):
+        robot = random_robot(number, 1 + number % 12)
+        motion = fp.Motion(degree=[7 + joint % 2 for joint in range(len(robot.joints))])
+        like = replace(problem_of(robot, np.random.default_rng(number)), motion=motion)
+        rng = np.random.default_rng([6, number])
+        count, n, size = len(SPREADS), len(like.degrees), max(like.degrees) + 1
+        duration = rng.uniform(0.5, 2.0, count)
+        spread = np.array(SPREADS)[:, None, None]
+        per_power = duration[:, None, None] ** np.arange(size)
+        coefficients = spread * rng.normal(size=(count, n, size)) / per_power
+        found.append((like, duration, rng.uniform(-5, 5, count), coefficients))
+    return found
+
+
+def measured_densely(like, duration, momentum, coefficients):
+    """Largest torques and rates at many instants, by the plan's own states."""
+    flight = replace(like.flight, duration=duration, angular_momentum=momentum)
+    answer = Answer("optimal", objective=0.0, angular_momentum=momentum, residual=0.0, coefficients=coefficients)
+    plan = answer.plan(replace(like, flight=flight), seed=0)
+    state = plan.at(np.linspace(0, duration, DENSE))
+    return np.abs(state.motor_torques).max(axis=0), np.abs(state.velocities).max(axis=0)
+
+
+def test_peaks_are_those_of_the_plans_at_many_instants(implementation, groups):
+    """Whatever the tree, with coupled joints and mirrored planes."""
+    for like, duration, momentum, coefficients in groups:
+        found = many_peaks(like, duration, momentum, coefficients)
+        for row in range(SMOOTH):
+            torque, velocity = measured_densely(like, duration[row], float(momentum[row]), coefficients[row])
+            np.testing.assert_allclose(found.motor_torque[row], torque, rtol=5e-5, atol=1e-6 * torque.max())
+            np.testing.assert_allclose(found.velocity[row], velocity, rtol=5e-5, atol=1e-6 * velocity.max())
+            assert (found.motor_torque[row] >= torque * (1 - 1e-8)).all()
+
+
+@pytest.mark.parametrize("velocities", [True, False])
+def test_the_kernel_measures_what_numpy_does(groups, velocities, monkeypatch):
+    kernel = library.kernel()
+    if kernel is None:
+        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
+    for instructions in range(kernel.instructions + 1):
+        monkeypatch.setattr(kernel, "instructions", instructions)
+        for like, *plans in groups:
+            compiled = many_peaks(like, *plans, velocities=velocities)
+            python = reference.many_peaks(like, *plans, velocities=velocities)
+            np.testing.assert_allclose(compiled.motor_torque, python.motor_torque, rtol=1e-9)
+            if velocities:
+                np.testing.assert_allclose(compiled.velocity, python.velocity, rtol=1e-9)
+            else:
+                assert compiled.velocity is None
+                assert python.velocity is None
+
+
+def test_all_three_numbers_of_nodes_are_needed(groups, monkeypatch):
+    """Else the table above would not try them: with fewer of them peaks differ."""
+    like, *plans = groups[4]
+    full = reference.many_peaks(like, *plans).motor_torque
+    for fewer in (reference.NODES[:1], reference.NODES[:2]):
+        monkeypatch.setattr(reference, "NODES", fewer)
+        assert np.abs(reference.many_peaks(like, *plans).motor_torque / full - 1).max() > 1e-9
+
+
+def test_a_plan_s_peaks_do_not_depend_on_its_neighbours(implementation, groups):
+    like, duration, momentum, coefficients = groups[5]
+    together = many_peaks(like, duration, momentum, coefficients)
+    for row in range(len(duration)):
+        one = slice(row, row + 1)
+        alone = many_peaks(like, duration[one], momentum[one], coefficients[one])
+        np.testing.assert_array_equal(alone.motor_torque[0], together.motor_torque[row])
+        np.testing.assert_array_equal(alone.velocity[0], together.velocity[row])
+
+
+def test_joints_of_lower_degree_may_be_padded(implementation, groups):
+    """As :class:`floatplan.Plans` pads them."""
+    like, duration, momentum, coefficients = groups[6]
+    zero, missing = coefficients.copy(), coefficients.copy()
+    zero[:, 0, -1], missing[:, 0, -1] = 0.0, np.nan
+    np.testing.assert_array_equal(
+        many_peaks(like, duration, momentum, missing).motor_torque,
+        many_peaks(like, duration, momentum, zero).motor_torque,
+    )
+
+
+def test_nothing_to_measure(implementation, groups):
+    like, duration, momentum, coefficients = groups[0]
+    found = many_peaks(like, duration[:0], momentum[:0], coefficients[:0])
+    assert found.motor_torque.shape == (0, len(like.robot.motors))
+
+
+def test_coupled_joints_and_mirrored_planes_are_in_the_table(groups):
+    robots = [like.robot for like, *_ in groups]
+    assert any(len(robot.motors) > len(robot.joints) for robot in robots)
+    assert {robot.tree.turn for robot in robots} == {-1.0, 1.0}
+    assert any(not merged_bodies(robot.tree, *np.ones((2, len(robot.joints)))).is_real for robot in robots)
