@@ -68,7 +68,7 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     order = np.lexsort((sign * values, rank))[::-1]  # the best last: it stays
     shown[rows[order], columns[order]] = status[order]
     colour[rows[order], columns[order]] = np.where(solved, values, np.nan)[order]
-    units = {**asked.units, **units_of(table)}
+    units = units_of(table)
     others = [path for path in asked.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
     axes = [MapAxis(_label(key, units), each) for key, each in zip((x, y), edges, strict=True)]
@@ -83,8 +83,13 @@ def words(table: Any, column: str) -> tuple[list[str], IntArray]:
 
 
 def units_of(table: Any) -> dict[str, str]:
-    """Unit of each column; empty where it has none."""
-    return {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
+    """Unit of each column as it is shown; empty where it has none."""
+    return {field.name: shown_unit((field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema}
+
+
+def shown_unit(unit: str) -> str:
+    """A unit with its exponents raised; a sum of unlike quantities has none."""
+    return "" if unit == "mixed" else unit.replace("^2", "²").replace("^3", "³")
 
 
 def _label(key: str, units: dict[str, str]) -> str:

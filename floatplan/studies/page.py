@@ -41,7 +41,7 @@ def write_page(asked: StudyFile, table: Any, path: Path) -> Path:
 
 def page_data(asked: StudyFile, table: Any) -> dict[str, Any]:
     """Return all that the page shows."""
-    units = {**asked.units, **units_of(table)}
+    units = units_of(table)
     names = [*asked.paths, *coloured(asked.base)]
     explanations, explanation = words(table, "explanation")
     statuses, status = words(table, "status")

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
-from floatplan.view.style import ALARM, SEQUENCE, new_figure, styled
+from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, styled
 
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
@@ -86,9 +86,12 @@ def heatmap(shown: HeatMap) -> Figure:
         axes.set(xlabel=shown.x.label, ylabel=shown.y.label)
         if shown.title:
             axes.set_title(shown.title, fontsize=8)
-        if present:
-            patches = [Patch(color=STATUS_COLOURS[names[index]]) for index in present]
-            labels = [STATUS_NAMES[names[index]] for index in present]
+        patches = [Patch(color=STATUS_COLOURS[names[index]]) for index in present]
+        labels = [STATUS_NAMES[names[index]] for index in present]
+        if (shown.status < 0).any():
+            patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5))
+            labels.append("no row")
+        if patches:
             figure.legend(patches, labels, loc="outside lower left", ncols=1)
         return figure
 
