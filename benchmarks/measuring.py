@@ -39,6 +39,7 @@ class Counts:
     generated: int = 300
     compared: int = 50
     many: int = 2000
+    across: int = 400
     witnesses: int = 400
     starts: int = 12
     repeated: int = 100
@@ -58,6 +59,7 @@ QUICK = Counts(
     generated=30,
     compared=6,
     many=100,
+    across=8,
     witnesses=30,
     repeated=12,
     free=6,

@@ -1,7 +1,7 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many single; all of them where none is named. Needs the extra
+forward obstacle witness growth inflight startup many studies single; all of them where none is named. Needs the extra
 ``bench``.
 """
 
@@ -22,6 +22,7 @@ from search_sections import free_section, random_section, rest_section, starts_s
 from single_section import single
 from speed_sections import growth, quality, speed
 from startup_sections import startup
+from study_section import studies
 
 SECTIONS: dict[str, Callable[[Counts], None]] = {
     "speed": speed,
@@ -37,6 +38,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "inflight": inflight,
     "startup": startup,
     "many": many,
+    "studies": studies,
     "single": single,
 }
 

@@ -19,8 +19,8 @@ ROOT = Path(__file__).resolve().parents[1]
 STUDY = f"""
 problem = "{ROOT / "problems" / "somersault.toml"}"
 [vary]
-"flight.angular_momentum" = {{ from = 3.2, to = 4.0, count = 40 }}
-"flight.duration" = {{ from = 0.95, to = 1.15, count = 40 }}
+"flight.angular_momentum" = {{ from = 3.2, to = 4.0, count = 100 }}
+"flight.duration" = {{ from = 0.95, to = 1.15, count = 100 }}
 [plan]
 starts = 32
 """

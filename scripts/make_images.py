@@ -1,8 +1,12 @@
-"""Draws the pictures of README and docs/pictures.md into docs/images/. Run it from anywhere; it plans what it draws."""
+"""Draws the pictures of the documentation into docs/images/. Run it from anywhere; it plans what it draws.
+
+``scripts/make_images.py studies`` draws the maps of docs/studies.md instead: minutes, unless ``runs/`` has their rows.
+"""
 
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +45,24 @@ SHOWN = {"obstacle": "obstacle", "go2": "gallery/go2"}
 SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 
 
+STUDIES = ("somersault", "weak_motors", "pole", "go2_flip")
+
+
 def main() -> None:
+    if sys.argv[1:] == ["studies"]:
+        maps()
+    else:
+        pictures()
+
+
+def maps() -> None:
+    for name in STUDIES:
+        study = fp.study(ROOT / "problems" / "studies" / f"{name}.toml", folder=ROOT / "runs" / name)
+        print(f"{name}: {study.statuses}")
+        write_atomically(IMAGES / f"study_{name}.png", (study.folder / "map.png").read_bytes())
+
+
+def pictures() -> None:
     for name, problem in SHOWN.items():
         drawn = figures(plan_of(problem, prove=True))
         save(rendered(drawn["kinogram"]), IMAGES / f"kinogram_{name}.png")

@@ -47,6 +47,7 @@ def benchmark(root: Path) -> Iterator[ModuleType]:
         ("inflight", "B, obstacle"),
         ("startup", "processor s"),
         ("many", "plans/s"),
+        ("studies", "largest process MB"),
         ("single", "proof of A"),
     ],
 )
@@ -63,6 +64,7 @@ def test_section_runs(
         generated=1,
         compared=1,
         many=3,
+        across=1,
         witnesses=1,
         starts=2,
         repeated=1,

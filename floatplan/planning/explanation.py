@@ -38,7 +38,7 @@ def explain(problem: Problem, prepared: Attempts, found: SearchResult, reasons: 
     ]
     if found.interrupted:
         sentences.append("The search was interrupted.")
-    elif found.ran_out_of_time:
+    elif found.ran_out_of_time and not found.ran_out_of_patience:
         sentences.append("The search ran out of time; a larger budget may help.")
     if not reasons and found.best.variables.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)

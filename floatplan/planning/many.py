@@ -11,15 +11,17 @@ import numpy as np
 from floatplan.arrays import IntArray
 from floatplan.kernel import rows as plain
 from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, MOST_STARTS, OPTIMAL, Answers, Search
-from floatplan.planning.one_of_many import Effort, Task, answers
+from floatplan.planning.one_of_many import LONGER, Effort, Task, answers
 from floatplan.planning.search import SearchOptions
+from floatplan.planning.work import DEFAULT_WORK
 from floatplan.plans.plans import SOLVED, Plans
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
 
 CHUNK = 2048  # problems of a batch
 WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-NOT_FOUND = "No plan was found from {} starts; search=True tries more."
+NOT_FOUND = f"No plan was found from {{}} starts; {LONGER}."
+PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.4 s
 
 
 def plan_many(
@@ -35,20 +37,21 @@ def plan_many(
 
     Problems without inequalities, at a given angular momentum and with the objective "coefficients", are planned in
     batches by the compiled kernel where it is built: from the plain motion, and from up to 64 random starts where that
-    fails or converges slowly; fewer where several end equally far from the goal. All others have the whole search of
-    :func:`floatplan.plan`, each on its own. The answer to a problem depends on that problem, ``starts``, ``search``,
-    ``prove`` and ``seed`` alone.
+    fails or converges slowly; fewer where several end equally far from the goal. All others have the search of
+    :func:`floatplan.plan`, each on its own, given up after a twentieth of its work where no start is solved by then.
+    The answer to a problem depends on that problem, ``starts``, ``search``, ``prove`` and ``seed`` alone.
 
     Parameters
     ----------
     problems : sequence of Problem, or Family
-        Those of a family are not made, unless one needs the whole search.
+        Those of a family are not made, unless one needs the search.
     starts : int
         Solved starts to choose the best from, as of :func:`floatplan.plan`.
     jobs : int
         Threads of the kernel, processes of the search.
     search : bool
-        Whether what the batches do not solve goes to the whole search, which is bounded by its work, not by a clock.
+        Whether problems that are not solved so have the whole search, which takes up to 10 s each; its bound is work,
+        not a clock.
     prove : bool
         Whether to prove each plan found, and to correct it where little is missing.
     seed : int
@@ -67,8 +70,9 @@ def plan_many(
     options = SearchOptions(seed=seed, starts=starts, jobs=jobs)
     plans = Plans.of(problems, *_shape(problems), seed)
     whole, few = Effort(seed, starts), Effort(seed, starts, _most_starts(options))
+    brief = whole if search else Effort(seed, starts, patience=PATIENCE)
     batches, others = _sorted_out(problems)
-    tasks = [Task(index, whole) for index in others]
+    tasks = [Task(index, brief) for index in others]
     for batch in batches:
         if batch.can_be_compiled:
             doubtful = _plan_batch(plans, batch, options)

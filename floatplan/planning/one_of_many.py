@@ -18,15 +18,20 @@ from floatplan.plans.plans import Answer
 from floatplan.problem.problem import Problem
 
 AT_ONCE = 8  # problems that a process is given at a time
+LONGER = "search=True searches longer"
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard to try: seed and solved starts as of :func:`floatplan.plan`, and most starts; None for the usual."""
+    """How hard to try: seed and solved starts as of :func:`floatplan.plan`.
+
+    Most starts and patience are the usual where they are None.
+    """
 
     seed: int
     starts: int
     attempts: int | None = None
+    patience: float | None = None
 
 
 @dataclass(frozen=True)
@@ -44,11 +49,15 @@ def answered(problems: Sequence[Problem], task: Task) -> Answer:
         problem = problems[task.index]
         if task.found:
             return _proved(problem, task.found, task.effort)
-        found = planned(problem, SearchOptions(task.effort.seed, task.effort.starts), task.effort.attempts)
+        effort = task.effort
+        found = planned(problem, SearchOptions(effort.seed, effort.starts, patience=effort.patience), effort.attempts)
     except InputError as error:
         return Answer("error", message=str(error))
     plan = found.plan
-    return Answer.of_plan(plan, plan.status if plan.ok else "impossible" if found.is_impossible else "not_found")
+    answer = Answer.of_plan(plan, plan.status if plan.ok else "impossible" if found.is_impossible else "not_found")
+    if not found.gave_up or answer.status != "not_found":
+        return answer
+    return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
 
 
 def _proved(problem: Problem, found: Answer, effort: Effort) -> Answer:

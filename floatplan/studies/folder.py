@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import io
 import json
 import os
 import re
@@ -15,12 +14,11 @@ from typing import Any
 
 from floatplan.errors import InputError
 from floatplan.files import read_text, write_atomically
-from floatplan.studies.rows import arrow
+from floatplan.studies.rows import arrow, written
 
 FORMAT = "floatplan.study/1"
 STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"
 MAPS = ("map.png", "map.svg", "map.html")
-ROW_GROUP = 65_536  # rows
 LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
 
 Range = tuple[int, int]
@@ -127,12 +125,10 @@ class StudyFolder:
 
     def merge(self) -> Any:
         """Put all chunks into one table, write it, and return it."""
-        pa, pq = arrow()
-        table = pa.concat_tables([pq.read_table(path) for path, _ in self._chunks()])
-        stream = io.BytesIO()
-        pq.write_table(table, stream, row_group_size=ROW_GROUP, compression="zstd")
+        pa, _ = arrow()
+        table = pa.concat_tables([_read(path) for path, _ in self._chunks()])
         with naming_the_folder(self.path):
-            write_atomically(self.results, stream.getvalue())
+            write_atomically(self.results, written(table))
         return table
 
 
@@ -151,7 +147,14 @@ def naming_the_folder(path: Path) -> Iterator[None]:
 
 def _is_whole(path: Path, rows: int) -> bool:
     """Whether a chunk can be read, its pages have their checksums, and it has its rows."""
-    pa, pq = arrow()
+    pa, _ = arrow()
     with contextlib.suppress(OSError, pa.ArrowException):
-        return bool(pq.read_table(path, page_checksum_verification=True).num_rows == rows)
+        return bool(_read(path).num_rows == rows)
     return False
+
+
+def _read(path: Path) -> Any:
+    """A chunk as a table; its pages are checked."""
+    _, pq = arrow()
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        return file.read(use_threads=False)

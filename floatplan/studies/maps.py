@@ -57,8 +57,8 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     edges = [edges_of(asked, key) for key in (x, y)]
     columns, rows = (cells_of(each, table[key].to_numpy()) for each, key in zip(edges, (x, y), strict=True))
     shape = (len(edges[1]) - 1, len(edges[0]) - 1)
-    status = np.searchsorted(sorted(STATUSES), table["status"].to_numpy().astype(str))
-    status = np.array([STATUSES.index(name) for name in sorted(STATUSES)])[status]
+    names, status = words(table, "status")
+    status = np.array([STATUSES.index(name) for name in names])[status]
     values = np.zeros(len(table)) if z == "status" else table[z].to_numpy().astype(np.float64)
     solved = status < len(SOLVED)
     colour = np.full(shape, np.nan)
@@ -68,16 +68,28 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     order = np.lexsort((sign * values, rank))[::-1]  # the best last: it stays
     shown[rows[order], columns[order]] = status[order]
     colour[rows[order], columns[order]] = np.where(solved, values, np.nan)[order]
-    units = {**asked.units, **units_of(table)}
+    units = units_of(table)
     others = [path for path in asked.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
     axes = [MapAxis(_label(key, units), each) for key, each in zip((x, y), edges, strict=True)]
     return HeatMap(axes[0], axes[1], colour, shown, _label(z, units), title)
 
 
+def words(table: Any, column: str) -> tuple[list[str], IntArray]:
+    """Words of a column of a table, in the order in which they appear, and which (N,) each row has."""
+    numbers: dict[str, int] = {}
+    which = [numbers.setdefault(word, len(numbers)) for word in table[column].to_numpy()]
+    return list(numbers), np.array(which, dtype=np.int64)
+
+
 def units_of(table: Any) -> dict[str, str]:
-    """Unit of each column; empty where it has none."""
-    return {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
+    """Unit of each column as it is shown; empty where it has none."""
+    return {field.name: shown_unit((field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema}
+
+
+def shown_unit(unit: str) -> str:
+    """A unit with its exponents raised; a sum of unlike quantities has none."""
+    return "" if unit == "mixed" else unit.replace("^2", "²").replace("^3", "³")
 
 
 def _label(key: str, units: dict[str, str]) -> str:

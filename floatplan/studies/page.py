@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.files import write_atomically
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.plans.plan import Plan
 from floatplan.studies.file import StudyFile, coloured, versions
-from floatplan.studies.maps import draw, drawn_map, edges_of, units_of
+from floatplan.studies.maps import draw, drawn_map, edges_of, units_of, words
 from floatplan.studies.rows import STATUSES
-from floatplan.view.figures.figures import METADATA
+from floatplan.view.figures.figures import rendered
 from floatplan.view.map.page import colours, flight_data, map_page, packed
 from floatplan.view.style import styled
 
@@ -26,14 +25,10 @@ MOST_PAGE_ROWS = 200_000  # of a page
 def write_maps(asked: StudyFile, table: Any, folder: Path) -> list[Path]:
     """Write the map that the study asks for, PNG and SVG, and the page."""
     assert asked.map is not None, "asked for"
-    written = []
     with styled():
         figure = draw(drawn_map(asked, table, *asked.map))
-        for form in ("png", "svg"):
-            stream = io.BytesIO()
-            figure.savefig(stream, format=form, dpi=DPI_OF_MAPS, metadata=METADATA[form])
-            figure.set_layout_engine("none")  # laid out once
-            written.append(write_atomically(folder / f"map.{form}", stream.getvalue()))
+        forms = {folder / f"map.{form}": rendered(figure, form, DPI_OF_MAPS) for form in ("png", "svg")}
+    written = [write_atomically(path, content) for path, content in forms.items()]
     if len(asked) <= MOST_PAGE_ROWS:
         written.append(write_page(asked, table, folder / "map.html"))
     return written
@@ -46,10 +41,10 @@ def write_page(asked: StudyFile, table: Any, path: Path) -> Path:
 
 def page_data(asked: StudyFile, table: Any) -> dict[str, Any]:
     """Return all that the page shows."""
-    units = {**asked.units, **units_of(table)}
+    units = units_of(table)
     names = [*asked.paths, *coloured(asked.base)]
-    texts, index = np.unique(table["explanation"].to_numpy().astype(str), return_inverse=True)
-    statuses = table["status"].to_numpy().astype(str)
+    explanations, explanation = words(table, "explanation")
+    statuses, status = words(table, "status")
     coefficients = _in_fractions(asked, table)
     return {
         "name": asked.name,
@@ -61,8 +56,8 @@ def page_data(asked: StudyFile, table: Any) -> dict[str, Any]:
         "columns": {
             name: {"unit": units.get(name, ""), "values": packed(table[name].to_numpy(), "<f4")} for name in names
         },
-        "status": packed([STATUSES.index(status) for status in statuses], "<u1"),
-        "explanation": {"texts": texts.tolist(), "index": packed(index, "<u4")},
+        "status": packed(np.array([STATUSES.index(name) for name in statuses])[status], "<u1"),
+        "explanation": {"texts": explanations, "index": packed(explanation, "<u4")},
         "coefficients": {"size": coefficients.shape[1], "values": packed(coefficients, "<f4")},
         "colours": colours(),
         "flight": flight_data(_base_plan(asked)),
@@ -79,17 +74,24 @@ def _axis(asked: StudyFile, path: str) -> dict[str, Any]:
 def _in_fractions(asked: StudyFile, table: Any) -> Array:
     """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
     column = table["coefficients"].combine_chunks()
-    there = column.is_valid().to_numpy(zero_copy_only=False)
-    joints = column.flatten()
+    sizes, joints = _unfolded(column)
+    there = sizes > 0
     n = len(asked.base.robot.joints)
-    sizes = joints.value_lengths().to_numpy()
+    sizes, values = _unfolded(joints)
+    sizes = sizes.reshape(-1, n)
     size = int(sizes.max(initial=0))
     found = np.full((len(table), n, size), np.nan)
-    inside = np.arange(size) < sizes.reshape(-1, n)[..., None]
-    found[there] = _placed(inside, joints.flatten().to_numpy())
+    inside = np.arange(size) < sizes[..., None]
+    found[there] = _placed(inside, values.to_numpy())
     varied = "flight.duration" in asked.paths
     duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), asked.base.flight.duration)
     return np.asarray(found * duration[:, None, None] ** np.arange(size)).reshape(len(table), n * size)
+
+
+def _unfolded(lists: Any) -> tuple[IntArray, Any]:
+    """Lengths of the lists in an array, none where there is no list, and what they hold, one after the other."""
+    offsets = lists.offsets.to_numpy()
+    return np.diff(offsets), lists.values[offsets[0] : offsets[-1]]
 
 
 def _placed(inside: BoolArray, values: Array) -> Array:

@@ -29,6 +29,8 @@ from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 LONGEST_EXPLANATION = 400  # characters
+ROW_GROUP = 65_536  # rows
+WORDS = ("status", "explanation", "verdict")  # columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ def planned_rows(packed: bytes, first: int, values: Values) -> Planned:
     columns = _together(work, problems) if is_plain_family(problems) else None
     if columns is None:
         columns = _one_by_one(work, problems, first)
-    content = _written(_table(work, first, values, columns))
+    content = written(_table(work, first, values, columns))
     return Planned(content, time.perf_counter() - began)
 
 
@@ -253,7 +255,7 @@ def lost_row(work: bytes, index: int, values: Values, reason: str) -> Planned:
         coefficients=[None],
         verdict=[""],
     )
-    return Planned(_written(_table(unpacked, index, values, columns)), 0.0)
+    return Planned(written(_table(unpacked, index, values, columns)), 0.0)
 
 
 def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:
@@ -293,11 +295,14 @@ def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
-def _written(table: Any) -> bytes:
+def written(table: Any) -> bytes:
     """A table as a Parquet file, whose damage would be seen."""
     _, pq = arrow()
     stream = io.BytesIO()
-    pq.write_table(table, stream, compression="zstd", write_page_checksum=True)
+    words = [name for name in WORDS if name in table.column_names]  # numbers hardly ever repeat
+    pq.write_table(
+        table, stream, row_group_size=ROW_GROUP, compression="zstd", use_dictionary=words, write_page_checksum=True
+    )
     return stream.getvalue()
 
 

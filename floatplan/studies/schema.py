@@ -36,7 +36,7 @@ class PlanTable(Table):
     starts: Annotated[Whole, Field(ge=1)] = Field(default=1, description="solved starts to choose the best from")
     prove: Annotated[bool, Field(strict=True)] = Field(default=False, description="prove each plan")
     search: Annotated[bool, Field(strict=True)] = Field(
-        default=False, description="give rows that batches do not solve to the whole search"
+        default=False, description="search longer, up to 10 s, for rows that are not solved soon"
     )
 
 

@@ -21,8 +21,8 @@ from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started
 from floatplan.studies.file import StudyFile, load_study_file, versions
-from floatplan.studies.folder import StudyFolder
-from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map
+from floatplan.studies.folder import StudyFolder, naming_the_folder
+from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
 from floatplan.studies.page import write_maps
 from floatplan.studies.rows import arrow, row_seed
 
@@ -58,7 +58,8 @@ class Study:
     @cached_property
     def statuses(self) -> dict[str, int]:
         """Number of rows by status."""
-        return {pair["values"]: pair["counts"] for pair in self.table["status"].value_counts().to_pylist()}
+        names, status = words(self.table, "status")
+        return dict(zip(names, np.bincount(status).tolist(), strict=True))
 
     def heatmap(self, x: str, y: str, z: str = "torque_peak") -> Figure:
         """Draw a map.
@@ -182,7 +183,8 @@ def study(
                 fill(asked, place, gaps, chosen, progress)
         done = Study(asked, place, place.merge())
         if asked.map:
-            done.files += write_maps(asked, done.table, place.path)
+            with naming_the_folder(place.path):
+                done.files += write_maps(asked, done.table, place.path)
     return done
 
 

@@ -227,6 +227,18 @@ def test_constraints_have_the_whole_search_and_stay_in_their_place(implementatio
     np.testing.assert_allclose(family.objective, expected, rtol=1e-9)
 
 
+def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monkeypatch):
+    high_jump = fp.load_problem(root / "problems" / "high_jump.toml")
+    monkeypatch.setattr(many, "PATIENCE", 1e5)
+    brief = fp.plan_many([high_jump])
+    assert brief.status.tolist() == ["not_found"]
+    assert brief.messages[0].startswith(f"The search ended at {brief.evaluations[0]} evaluations; search=True")
+    assert not brief[0].ok
+    whole = fp.plan_many([high_jump], search=True)
+    assert whole.status.tolist() == ["optimal"]
+    assert whole.evaluations[0] > brief.evaluations[0]
+
+
 def test_what_is_not_found_is_searched_for(implementation, gymnast_problem):
     """With h far from (9) no motion turns the base so little; the search says so, and what came nearest."""
     family = fp.Family(gymnast_problem, {"flight.angular_momentum": [400.0, 4.0]})

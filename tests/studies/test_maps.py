@@ -8,13 +8,14 @@ import numpy as np
 import pyarrow
 import pytest
 from browser import started
+from matplotlib.colors import to_rgb
 
 import floatplan as fp
 from floatplan import InputError
 from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
-from floatplan.view.figures.heatmap import STATUS_COLOURS, heatmap
+from floatplan.view.figures.heatmap import STATUS_COLOURS, STATUS_NAMES, heatmap
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """
@@ -31,6 +32,10 @@ COLOUR_BY = """
     const select = document.getElementById("colour");
     select.value = arguments[0];
     select.dispatchEvent(new Event("change"));
+"""
+KEY = """
+    const entries = [...document.querySelectorAll("#key li")];
+    return entries.filter((one) => one.offsetParent).map((one) => one.textContent);
 """
 PRESS = """
     const event = new KeyboardEvent("keydown", { key: arguments[0], bubbles: true });
@@ -68,6 +73,12 @@ def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     figure = heatmap(shown)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert [label.split(":")[0] for label in labels] == ["not found", "impossible", "error"]
+    (image,) = figure.axes[0].images
+    drawn = np.asarray(image.get_array())[..., :3] / 255
+    for row, column in ((0, 1), (1, 0)):
+        np.testing.assert_allclose(
+            drawn[row, column], to_rgb(STATUS_COLOURS[STATUSES[shown.status[row, column]]]), atol=1 / 255
+        )
     assert np.array(STATUSES)[shown.status].tolist() == [["not_found", "error"], ["impossible", "optimal"]]
 
 
@@ -141,8 +152,10 @@ class TestPage:
 
     def test_shows_statuses_and_any_column(self, browser, study):
         browser.open(study.folder / "map.html")
-        counts = browser.run("return [...document.querySelectorAll('#key li')].map((one) => one.textContent)")
-        assert len(counts) == len(study.statuses)
+        assert browser.run(KEY) == [f"{STATUS_NAMES[name]} ({count})" for name, count in study.statuses.items()]
+        browser.run("floatplan.map.show = () => floatplan.map.row.fill(-1); floatplan.redraw()")
+        assert browser.run(KEY)[-1] == "no row"
+        browser.open(study.folder / "map.html")
         browser.run(COLOUR_BY, "objective")
         seen = browser.run("return floatplan.map.range")
         values = [value for value in study.table["objective"].to_pylist() if value is not None]

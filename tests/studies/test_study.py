@@ -225,11 +225,24 @@ def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(files.os, "fdopen", full)
-        with pytest.raises((InputError, OSError), match="No space left"):
+        with pytest.raises(InputError, match="No space left") as told:
             fp.study(path, folder=tmp_path / "out", jobs=1)
+    assert str(tmp_path / "out") in str(told.value)
     assert list((tmp_path / "out" / "chunks").glob("*.parquet"))
     assert not list((tmp_path / "out").rglob(".floatplan-*"))
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
+
+
+def test_a_disk_that_is_full_when_maps_are_drawn_is_told_too(done, monkeypatch):
+    path, study = done
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("floatplan.studies.study.write_maps", full)
+    with pytest.raises(InputError, match="No space left") as told:
+        fp.study(path, folder=study.folder, jobs=1)
+    assert str(study.folder) in str(told.value)
 
 
 def flipped(content):

@@ -78,7 +78,7 @@ def save_figures(
             raise InputError(f"must be among {', '.join(METADATA)}, not {name!r}", element="formats")
     with styled():
         return [
-            write_atomically(Path(directory) / f"{name}.{form}", _rendered(figure, form))
+            write_atomically(Path(directory) / f"{name}.{form}", rendered(figure, form))
             for name, figure in _drawn(plan, compare)
             for form in formats
         ]
@@ -104,7 +104,7 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         yield "comparison", comparison(plan, compare)
 
 
-def _rendered(figure: Figure, form: str) -> bytes:
+def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
     """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
     engine = figure.get_layout_engine()
     if engine is not None:
@@ -112,5 +112,5 @@ def _rendered(figure: Figure, form: str) -> bytes:
         figure.set_layout_engine(None)
     stream = io.BytesIO()
     options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
-    figure.savefig(stream, format=form, dpi=DPI, metadata=METADATA[form], **options)
+    figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
     return stream.getvalue()

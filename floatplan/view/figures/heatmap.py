@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize, to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
-from floatplan.view.style import ALARM, SEQUENCE, new_figure, styled
+from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, styled
 
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
@@ -72,47 +72,42 @@ def heatmap(shown: HeatMap) -> Figure:
         of_status = shown.label == "status"
         told = [index for index, name in enumerate(names) if of_status or name in WITHOUT]
         present = [index for index in told if (shown.status == index).any()]
-        _draw_statuses(axes, shown, present)
-        if not of_status:
-            _draw_colours(figure, axes, shown)
+        cells = np.zeros((*shown.status.shape, 4), dtype=np.uint8)  # RGBA
+        for index in present:
+            cells[shown.status == index] = to_rgba_array(STATUS_COLOURS[names[index]])[0] * 255
+        finite = np.isfinite(shown.colour)
+        if finite.any() and not of_status:
+            scale = _scale(shown.colour[finite])
+            cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
+            _draw_bar(figure, axes, scale, shown.label)
+        # one image: it is drawn many times faster than as many rectangles
+        image = axes.pcolorfast(shown.x.edges, shown.y.edges, cells)
+        image.set(interpolation="nearest")
         axes.set(xlabel=shown.x.label, ylabel=shown.y.label)
         if shown.title:
             axes.set_title(shown.title, fontsize=8)
-        if present:
-            patches = [Patch(color=STATUS_COLOURS[names[index]]) for index in present]
-            labels = [STATUS_NAMES[names[index]] for index in present]
+        patches = [Patch(color=STATUS_COLOURS[names[index]]) for index in present]
+        labels = [STATUS_NAMES[names[index]] for index in present]
+        if (shown.status < 0).any():
+            patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5))
+            labels.append("no row")
+        if patches:
             figure.legend(patches, labels, loc="outside lower left", ncols=1)
         return figure
 
 
-def _draw_statuses(axes: Axes, shown: HeatMap, present: list[int]) -> None:
-    colours = ListedColormap([STATUS_COLOURS[list(STATUS_COLOURS)[index]] for index in present] or ["white"])
-    places: npt.NDArray[np.float64] = np.full(shown.status.shape, np.nan)
-    for place, index in enumerate(present):
-        places[shown.status == index] = place
-    axes.pcolormesh(
-        shown.x.edges,
-        shown.y.edges,
-        np.ma.masked_invalid(places),
-        cmap=colours,
-        vmin=-0.5,
-        vmax=len(present) - 0.5,
-        rasterized=True,
-    )
-
-
-def _draw_colours(figure: Figure, axes: Axes, shown: HeatMap) -> None:
-    finite = shown.colour[np.isfinite(shown.colour)]
-    if not finite.size:
-        return
-    low, high = float(finite.min()), float(finite.max())
+def _scale(values: Array) -> ScalarMappable:
+    """From values to colours."""
+    low, high = float(values.min()), float(values.max())
     spreads = low > 0 and high > LOGARITHMIC * low
-    norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
-    mesh = axes.pcolormesh(
-        shown.x.edges, shown.y.edges, np.ma.masked_invalid(shown.colour), cmap=SEQUENCE, norm=norm, rasterized=True
-    )
-    bar = figure.colorbar(mesh, ax=axes, label=shown.label)
-    if spreads:
-        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+    return ScalarMappable(LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1), SEQUENCE)
+
+
+def _draw_bar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str) -> None:
+    bar = figure.colorbar(scale, ax=axes, label=label)
+    if isinstance(scale.norm, LogNorm):
+        low, high = scale.get_clim()
+        few = high < MANY_DECADES * low
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
         bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         bar.ax.yaxis.set_minor_locator(NullLocator())

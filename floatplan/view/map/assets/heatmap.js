@@ -171,7 +171,7 @@ class HeatMap {
     const { bar, ratio } = this;
     const width = bar.clientWidth;
     bar.width = Math.round(width * ratio);
-    bar.height = Math.round(46 * ratio);
+    bar.height = Math.round(50 * ratio);
     const pen = bar.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.font = "12px system-ui, sans-serif";
@@ -185,9 +185,9 @@ class HeatMap {
     });
     pen.fillStyle = tone("ink");
     pen.textAlign = "left";
-    pen.fillText(shortNumber(this.range[0]), left, 28);
+    pen.fillText(shortNumber(this.range[0], 4), left, 28);
     pen.textAlign = "right";
-    pen.fillText(`${this.isCut ? "≥ " : ""}${shortNumber(this.range[1])}`, right, 28);
+    pen.fillText(`${this.isCut ? "≥ " : ""}${shortNumber(this.range[1], 4)}`, right, 28);
     pen.textAlign = "center";
     const room = (right - left) / BETWEEN;
     let last = left + BETWEEN / 2;
@@ -269,8 +269,8 @@ function logarithmicTicks(low, high) {
   return found.filter((value) => value >= low && value <= high);
 }
 
-function shortNumber(value) {
+function shortNumber(value, digits = 6) {
   if (!Number.isFinite(value)) return "–";
-  const text = Number(value.toPrecision(6));
+  const text = Number(value.toPrecision(digits));
   return Math.abs(text) >= 1e6 || (text !== 0 && Math.abs(text) < 1e-4) ? text.toExponential() : String(text);
 }

@@ -79,6 +79,7 @@ class Page {
     this.map = new HeatMap(this.rows, this.holder, document.getElementById("bar"));
     this.stage = this.player = null;
     this.fixed = new Map();
+    this.ofPlans = []; // swatches of statuses with a plan: the map has their colours only where it shows the status
     this.fill();
     this.listen();
     this.redraw();
@@ -100,10 +101,20 @@ class Page {
     const counts = rows.statuses.map((_, index) => rows.status.reduce((sum, one) => sum + (one === index), 0));
     rows.statuses.forEach(({ colour, words }, index) => {
       if (!counts[index]) return;
-      const entry = key.appendChild(make("li"));
-      entry.appendChild(make("i", "swatch bar")).style.background = colour;
-      entry.appendChild(make("span", "", `${words} (${counts[index]})`));
+      const swatch = this.entry(key, colour, `${words} (${counts[index]})`);
+      if (index < SOLVED) this.ofPlans.push(swatch);
     });
+    const empty = this.entry(key, "var(--paper)", "no row");
+    empty.style.border = "1px solid var(--line)";
+    this.empty = empty.parentElement;
+  }
+
+  entry(key, colour, words) {
+    const entry = key.appendChild(make("li"));
+    const swatch = entry.appendChild(make("i", "swatch bar"));
+    swatch.style.background = colour;
+    entry.appendChild(make("span", "", words));
+    return swatch;
   }
 
   listen() {
@@ -140,6 +151,8 @@ class Page {
     const holder = document.getElementById("others");
     holder.replaceChildren(...others.map((axis) => this.slice(axis)));
     this.map.show(x, y, z, others.map((axis) => [axis.key, this.fixed.get(axis.key) ?? null]), this.cut.checked);
+    this.ofPlans.forEach((swatch) => (swatch.style.display = z === "status" ? "" : "none"));
+    this.empty.style.display = this.map.row.includes(-1) ? "" : "none";
     this.leave();
   }
 
