@@ -119,7 +119,7 @@ class Stage:
             """On a phone the panel is the lower half: the flight is drawn in the upper one."""
             if client.camera.aspect < 1.0:
                 lower = middle - 0.52 * size * plane.vertical
-                client.camera.position = lower + size * (1.5 * aside + 0.1 * plane.vertical)
+                client.camera.position = middle + size * (1.4 * aside + 0.1 * plane.vertical)
                 client.camera.look_at = lower
 
         on(self._server.on_client_connect, narrow)
