@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -123,16 +124,22 @@ class Page:
         for number in range(times):
             self.wait_for("proved", after=0)
             self.press(label, "ARROW_RIGHT" if number % 2 else "ARROW_LEFT")
-            self.wait(lambda number=number: self.browser.run("return window.floatplanWatch.lags.length") > number)
+            self.wait(partial(self._has_lags, number + 1))
         drawn, last = np.median(self.browser.run("return window.floatplanWatch.lags"), axis=0)
+        told = (
+            f"{self.studio.session.view.problem.name}: {drawn:.0f} ms from a key to the drawn plan,"
+            f" {last:.0f} of them the last frame"
+        )
+        if not self.studio.player.playing:
+            return told
         read = "return [performance.now(), window.floatplanWatch.frames]"
         begin, before = self.browser.run(read)
         time.sleep(1.0)
         end, after = self.browser.run(read)
-        return (
-            f"{self.studio.session.view.problem.name}: {drawn:.0f} ms from a key to the drawn plan,"
-            f" {last:.0f} of them the last frame; {1e3 * (after - before) / (end - begin):.0f} frames a second"
-        )
+        return f"{told}; {1e3 * (after - before) / (end - begin):.0f} frames a second"
+
+    def _has_lags(self, count: int) -> bool:
+        return int(self.browser.run("return window.floatplanWatch.lags.length")) >= count
 
     def slider(self, label: str) -> Any:
         """The handle of a slider that can be seen."""

@@ -73,11 +73,12 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         assert made[key] == again[key], key
 
 
-def test_a_robot_with_meshes_is_planned_while_it_flies(browser: Browser) -> None:
+def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     problem = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml")
     with opened(problem, port=0, with_map=False) as studio:
+        studio.player.play(False)  # software draws it slowly
         page = Page(browser, studio)
         print(page.figures("FL_calf_joint, °", 2))
         view = studio.session.view
