@@ -12,7 +12,7 @@ from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.explanation import explain, proven_impossible
-from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SAME, SearchOptions, search
+from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SAME, SearchOptions, SearchResult, search
 from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
 from floatplan.problem.checks import refuse
@@ -53,24 +53,28 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
     for reason in reasons:
         LOG.info("impossible: %s", reason)
     found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else attempts)
+    plan = plan_of(prepared, found, reasons, time.perf_counter() - began)
+    return Planned(plan, found.best, found.holding[1:], bool(reasons), found.ran_out_of_patience, found.work)
+
+
+def plan_of(prepared: Attempts, found: SearchResult, reasons: list[str], seconds: float) -> Plan:
+    """Return the plan that a search ended at; ``reasons`` say why there can be none."""
     best = found.best
-    seconds = time.perf_counter() - began
-    plan = Plan.of_motion(
-        problem,
+    return Plan.of_motion(
+        prepared.problem,
         *_motion(best),
         status=best.solution.status if best.holds else "infeasible",
         ok=best.holds,
-        explanation=explain(problem, prepared, found, reasons),
+        explanation=explain(prepared.problem, prepared, found, reasons),
         solver={
             "iterations": found.iterations,
             "evaluations": found.evaluations,
             "seconds": seconds,
-            "seed": options.seed,
+            "seed": prepared.seed,
             "starts": found.attempts,
             "solved": found.solved,
         },
     )
-    return Planned(plan, best, found.holding[1:], bool(reasons), found.ran_out_of_patience, found.work)
 
 
 def alternatives(found: Planned) -> Iterator[Planned]:

@@ -16,6 +16,7 @@ from floatplan.studio.scene.player import Player
 from floatplan.studio.scene.stage import Stage
 from floatplan.studio.session.hands import Hands
 from floatplan.studio.session.session import Session
+from floatplan.studio.visitors import own_page_alone
 
 HOST = "127.0.0.1"  # of this machine alone
 PATIENCE = 60.0  # [s] for the first answer
@@ -48,7 +49,7 @@ class Studio:
         first = self.session.view.flown
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
-        with redirect_stdout(io.StringIO()):
+        with redirect_stdout(io.StringIO()), own_page_alone():
             self.server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
@@ -90,6 +91,7 @@ class Studio:
         view = self.session.view
         self.stage.draw(view)
         self.player.show(self.stage.shows(view))
+        self.server.flush()
         if self.controls.draw(view) and not self._again.is_alive():
             self._again = threading.Timer(AGAIN, self._repaint)
             self._again.daemon = True

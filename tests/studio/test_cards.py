@@ -42,6 +42,18 @@ def test_a_verdict_for_each_stage(present: Flown) -> None:
         assert verdict in cards.status_card(replace(view, flown=judged)).lower()
 
 
+def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: Flown) -> None:
+    told = View(present.problem, number=1, answers=1, flown=present)
+    assert cards.is_news(None, told)
+    asked = replace(told, number=2)
+    assert not cards.is_news(told, asked)
+    assert cards.is_news(told, replace(asked, answers=2))
+    assert cards.is_news(told, replace(asked, flown=replace(present, settled=False)))
+    assert cards.is_news(told, replace(asked, fault="no"))
+    assert cards.is_news(told, replace(told, refusal="no"))
+    assert cards.is_news(replace(told, refusal="no"), asked), "the refusal is over"
+
+
 def test_names_are_text(present: Flown) -> None:
     row = replace(present.utilisation[0], joint=HOSTILE)
     plan = replace(present.plan, explanation=HOSTILE, ok=False)

@@ -18,6 +18,7 @@ from floatplan.studio.panel.obstacles_tab import NEW
 from floatplan.studio.scene.bodies import Bodies, in_plane, in_space
 from floatplan.studio.session import edits
 from floatplan.studio.session.hands import Hands
+from floatplan.studio.visitors import is_own_page
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
@@ -55,6 +56,41 @@ def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
     with pytest.raises(OSError, match=r"refused|assign|reach"):
         socket.create_connection(("127.0.0.2", port), timeout=5)  # as a server on all addresses would answer
     assert studio.server.get_host() == "127.0.0.1"
+
+
+def test_only_its_own_page_may_connect(studio: Studio) -> None:
+    """As a browser asks, which tells where a page comes from; and as a page does whose name was made to lead here."""
+    from viser import __version__ as version
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    port = studio.server.get_port()
+
+    def asked(host: str, origin: str | None) -> bytes | str:
+        with (
+            socket.create_connection(("127.0.0.1", port)) as line,
+            connect(f"ws://{host}:{port}", sock=line, origin=origin, subprotocols=[f"viser-v{version}"]) as page,
+        ):
+            return page.recv(timeout=PATIENCE)
+
+    for host in ("localhost", "127.0.0.1"):
+        assert asked(host, f"http://{host}:{port}")
+    for host, origin in (
+        ("localhost", "https://elsewhere.example"),
+        ("localhost", None),
+        ("localhost", "null"),
+        ("localhost", "http://localhost.elsewhere.example"),
+        ("localhost", f"http://localhost:{port + 1}"),
+        ("elsewhere.example", f"http://elsewhere.example:{port}"),
+    ):
+        with pytest.raises(InvalidStatus, match="403"):
+            asked(host, origin)
+
+
+@pytest.mark.parametrize("origin", ["http://[::1", "http://:80", "localhost:80", "", "http://localhost:80/", "\0"])
+def test_what_is_no_origin_is_not_the_own_page(origin: str) -> None:
+    assert not is_own_page(origin, "localhost:8080")
+    assert is_own_page("http://localhost:8080", "localhost:8080")
 
 
 @pytest.mark.parametrize("end", ["start", "goal"])

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, started
+from needed import skip_or_fail
 from studio_page import Page
 
 import floatplan as fp
+from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio.page import opened
 
 ROOT = Path(__file__).parents[2]
@@ -31,12 +33,14 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         page.wait_for("proved", after=0)
         assert studio.session.view.problem is problem, "showing a problem does not change it"
         first = studio.session.view.flown
-        sent = studio.player.frames
-        page.wait(lambda: studio.player.frames > sent + 5)
+        print(page.figures("q2, °", 4))
         studio.player.play(False)
+        before = studio.session.view.number
+        studio.session.edit(lambda _: problem)
+        number = page.wait_for("proved", after=before)
 
         page.drag_grip("goal", 2, 0.35)
-        number = page.wait_for("proved", after=1)
+        number = page.wait_for("proved", after=number)
         view = studio.session.view
         turned = view.problem.final.positions - problem.final.positions
         assert abs(turned[1]) > 0.05, "the dragged joint"
@@ -67,3 +71,19 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
     again = json.loads(Path("again/plan.json").read_text())
     for key in ("coefficients", "angular_momentum", "orientation", "centre", "amplitude", "status"):
         assert made[key] == again[key], key
+
+
+def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
+    if robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed: the extra robots")
+    problem = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml")
+    with opened(problem, port=0, with_map=False) as studio:
+        studio.player.play(False)  # software draws it slowly
+        page = Page(browser, studio)
+        print(page.figures("FL_calf_joint, °", 2))
+        view = studio.session.view
+        assert view.number == 3
+        assert view.flown is not None
+        assert view.flown.plan.ok
+        assert page.complaints() == []
+        assert studio.errors == []

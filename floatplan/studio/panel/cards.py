@@ -56,6 +56,13 @@ text-align:center;color:#fff}
 </style>"""
 
 
+def is_news(told: View | None, view: View) -> bool:
+    """Whether a view is to be told at once: that a search has begun matters only where it lasts."""
+    if told is None or view.is_current or view.fault or view.refusal != told.refusal:
+        return True
+    return view.flown is not told.flown
+
+
 def status_card(view: View) -> str:
     """The verdict in a colour, why, and the numbers that count."""
     colour, headline = HEADLINES[view.verdict]

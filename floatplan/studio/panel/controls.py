@@ -42,6 +42,8 @@ class Controls:
         self._saving = Saving()
         self.dials = Dials(self._gui, session, hands)
         self._choices = Choices(self._gui, session, hands)
+        self._told: View | None = None
+        self._begun = 0  # number of the newest question whose search was not told at once
         self._status = self._gui.add_html(cards.status_card(session.view))
         self._history()
         self._playing()
@@ -64,8 +66,16 @@ class Controls:
             self._save(folder)
 
     def draw(self, view: View) -> bool:
-        """Say and show what has changed; return whether a hand is on a slider, so that it has to be drawn again."""
-        cards.put(self._status, cards.status_card(view))
+        """Say and show what has changed; return whether it has to be drawn again soon.
+
+        So it is where a hand is on a slider, or a search may take long enough to be told.
+        """
+        begun = not cards.is_news(self._told, view) and view.number != self._begun
+        if begun:
+            self._begun = view.number
+        else:
+            self._told = view
+            cards.put(self._status, cards.status_card(view))
         cards.put(self._map_html, cards.map_card(view.map, self._points, self._map_wanted.value))
         cards.put(self._comparison, cards.comparison_card(view.flown, view.kept))
         self._limits.draw(view)
@@ -77,7 +87,7 @@ class Controls:
         longest = max(flown.plan.duration for flown in (view.flown, view.kept) if flown is not None)
         if self._time.max != longest:
             self._time.max = longest
-        return self.dials.follow(view.problem)
+        return self.dials.follow(view.problem) or begun
 
     def at(self, instant: float) -> None:
         """Show the flight's time, s."""

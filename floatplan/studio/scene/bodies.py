@@ -84,24 +84,32 @@ class Bodies:
             server.scene.add_frame(f"{name}/{body}", show_axes=False) for body in range(len(robot.tree.mass))
         ]
 
-    def add_capsules(self, shapes: Shapes, colour: Colour | None = None, opacity: float | None = None) -> list[Any]:
-        """Draw the links as capsules, in one colour or in those of all pictures; return the nodes, one per shape."""
+    def add_capsules(
+        self, shapes: Shapes, colour: Colour | None = None, opacity: float | None = None
+    ) -> list[tuple[int, Any]]:
+        """Draw the links as capsules, in one colour or in those of all pictures; return parts with their nodes.
+
+        What moves together is one mesh.
+        """
+        from trimesh.util import concatenate
+
         robot = self._robot
         colours = [tuple(int(255 * part) for part in each) for each in palette(len(robot.joints) + 1)]
-        nodes = []
-        for number, shape in enumerate(robot.shapes):
+        together: dict[tuple[int, int], list[Any]] = {}
+        for shape, radius, part in zip(robot.shapes, shapes.radius.tolist(), shapes.part.tolist(), strict=True):
             start, end = (point_in_space(robot.plane, place) for place in (shape.start, shape.end))
-            mesh = capsule(start, end, float(shapes.radius[number]))
+            together.setdefault((shape.body, part), []).append(capsule(start, end, radius))
+        nodes = []
+        for (body, part), meshes in together.items():
+            mesh = concatenate(meshes)
             node = self._server.scene.add_mesh_simple(
-                f"{self.name}/{shape.body}/{number}",
+                f"{self.name}/{body}/capsules{part}",
                 np.asarray(mesh.vertices),
                 np.asarray(mesh.faces),
-                color=colour or colours[int(shapes.part[number])],
+                color=colour or colours[part],
                 opacity=opacity,
-                cast_shadow=opacity is None,
-                receive_shadow=False,
             )
-            nodes.append(node)
+            nodes.append((part, node))
         return nodes
 
     def add_meshes(self) -> bool:
@@ -145,8 +153,6 @@ class Bodies:
                 radius=GRIP * reach,
                 color=colour,
                 position=point_in_space(robot.plane, end),
-                cast_shadow=False,
-                receive_shadow=False,
             )
             found[part] = Grip(node, body, end)
         return found

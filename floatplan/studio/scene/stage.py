@@ -65,7 +65,9 @@ class Stage:
         self.kept.root.visible = False
         self._grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
-        self._paths = [self._path(number) for number in range(len(PATHS))]
+        self._paths = server.scene.add_line_segments(
+            "/paths", np.zeros((1, 2, 3), dtype=np.float32), PATHS[0], thickness=2.0, thickness_units="screen"
+        )
         self._obstacles: list[Any] = []
         self._grabbed: dict[str, Grabbed] = {}
         self._carried: dict[int, tuple[complex, Obstacle]] = {}
@@ -108,6 +110,7 @@ class Stage:
         aside = np.cross(plane.horizontal, plane.vertical)
         scene.set_up_direction(tuple(plane.vertical))
         scene.configure_environment_map(None)
+        scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
         scene.add_light_ambient("/lights/ambient", intensity=1.6)
         self._server.initial_camera.position = tuple(middle + size * (0.85 * aside + 0.1 * plane.vertical))
         self._server.initial_camera.look_at = tuple(middle)
@@ -116,7 +119,7 @@ class Stage:
             """On a phone the panel is the lower half: the flight is drawn in the upper one."""
             if client.camera.aspect < 1.0:
                 lower = middle - 0.52 * size * plane.vertical
-                client.camera.position = lower + size * (1.5 * aside + 0.1 * plane.vertical)
+                client.camera.position = middle + size * (1.4 * aside + 0.1 * plane.vertical)
                 client.camera.look_at = lower
 
         on(self._server.on_client_connect, narrow)
@@ -132,7 +135,7 @@ class Stage:
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
         ghost = Bodies(self._server, f"/{end}", self._robot)
-        parts = list(zip(self._shapes.part.tolist(), ghost.add_capsules(self._shapes, colour, GHOST), strict=True))
+        parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
             self._make_grabbable(node, end, part)
@@ -227,7 +230,6 @@ class Stage:
             color=SAND if flat else STONE,
             opacity=0.85,
             flat_shading=True,
-            cast_shadow=not flat,
         )
 
         def drag(event: Any) -> None:
@@ -249,19 +251,14 @@ class Stage:
         first, obstacle = self._carried[index]
         self._session.edit(put_obstacle(index, moved(obstacle, place - first)), f"carry {index}")
 
-    def _path(self, number: int) -> Any:
-        points = np.zeros((1, 2, 3), dtype=np.float32)
-        return self._server.scene.add_line_segments(
-            f"/paths/{number}", points, PATHS[number], thickness=2.0, thickness_units="screen"
-        )
-
     def _draw_paths(self, flown: Flown) -> None:
-        for path, places, colour in zip(self._paths, (flown.com, flown.takeoff, flown.landing), PATHS, strict=True):
+        pairs, colours = [], []
+        for places, colour in zip((flown.com, flown.takeoff, flown.landing), PATHS, strict=True):
             points = in_space(self._plane, places)
-            pairs = np.stack((points[:-1], points[1:]), axis=1).astype(np.float32)
-            shade = np.array(colour if flown.plan.ok else ASTRAY, dtype=np.uint8)
-            path.points = pairs
-            path.colors = np.broadcast_to(shade, pairs.shape).copy()
+            pairs.append(np.stack((points[:-1], points[1:]), axis=1))
+            colours.append(np.broadcast_to(colour if flown.plan.ok else ASTRAY, pairs[-1].shape))
+        self._paths.points = np.concatenate(pairs).astype(np.float32)
+        self._paths.colors = np.concatenate(colours).astype(np.uint8)
 
     def free_place(self) -> tuple[complex, float]:
         """A place beside the flight for something new, and the robot's size, m."""

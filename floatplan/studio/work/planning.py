@@ -52,6 +52,7 @@ class Planning:
         self._quick, self._thorough = Worker(robot), Worker(robot)
         self._change = threading.Condition()
         self._newest: Question | None = None
+        self._near: fp.Plan | None = None  # the newest plan, from which the next quick one begins
         self._answered = 0  # number of the newest question that has a quick answer
         self._settled = 0  # number of the newest question that the other process was given
         self._settling = False  # whether it is at work
@@ -85,17 +86,22 @@ class Planning:
         """Of the processes that run."""
         return [number for worker in (self._quick, self._thorough) if (number := worker.process_id) is not None]
 
+    def _tell(self, question: Question, answer: Flown | Failure) -> None:
+        if isinstance(answer, Flown) and answer.plan.ok:
+            self._near = answer.plan
+        self._on_flown(question.number, answer)
+
     def _is_newest(self, question: Question) -> bool:
         return self._newest is question and not self._closed
 
     def _plan_all(self) -> None:
         while question := self._next(lambda newest: newest.number > self._answered):
             try:
-                answer: Flown | Failure = self._quick.ask(Quick(question.problem, QUICK))
+                answer: Flown | Failure = self._quick.ask(Quick(question.problem, QUICK, self._near))
             except StoppedError:
                 answer = Failure(LOST)
             if not self._closed:
-                self._on_flown(question.number, answer)
+                self._tell(question, answer)
             with self._change:
                 self._answered = question.number
                 self._change.notify_all()
@@ -109,7 +115,7 @@ class Planning:
             try:
                 answer: Flown | Failure = self._thorough.ask(Settle(question.problem))
                 if self._is_newest(question):
-                    self._on_flown(question.number, answer)
+                    self._tell(question, answer)
                     if question.with_map and isinstance(answer, Flown):
                         self._draw_map(question, answer)
             except StoppedError:

@@ -13,6 +13,7 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.errors import printable
 from floatplan.kernel.rows import is_plain_family
+from floatplan.planning.near import plan_near
 from floatplan.studio.work.flown import Flown, flown, largest_use
 
 
@@ -32,15 +33,18 @@ class Failure:
 
 @dataclass(frozen=True, eq=False)
 class Quick:
-    """Plan within a budget, s: the plan, or the nearest motion so far."""
+    """Plan within a budget, s, from a plan at hand where there is one: the plan, or the nearest motion so far."""
 
     problem: fp.Problem
     budget: float
+    near: fp.Plan | None = None
 
     def answer(self) -> Flown:
         """Plan."""
-        asked = time.perf_counter()
-        return flown(fp.plan(self.problem, budget=self.budget), False, asked)
+        asked, near = time.perf_counter(), self.near
+        if near is None:
+            return flown(fp.plan(self.problem, budget=self.budget), False, asked)
+        return flown(plan_near(self.problem, near, self.budget), False, asked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,81 @@
+"""Plans that begin with the motion of another one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.planning.near import plan_near
+from floatplan.robot.urdf.example_robots import robots_folder
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+PATIENCE = 60.0  # s of budget that no search here uses up
+NAMES = ("obstacle", "torque_limited", "handstand_ground", "moving_hoop", "new_configuration_moving", "gallery/go2")
+
+
+def problem_of(name: str) -> fp.Problem:
+    if name.startswith("gallery") and robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed: the extra robots")
+    return fp.load_problem(PROBLEMS / f"{name}.toml")
+
+
+def turned(problem: fp.Problem, angle: float) -> fp.Problem:
+    """The problem with another last joint at the goal."""
+    positions = np.array(problem.final.positions)
+    positions[-1] += angle
+    return replace(problem, goal=replace(problem.goal, positions=positions))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_plan_is_at_its_own_motion(name: str) -> None:
+    problem = problem_of(name)
+    plan = fp.plan(problem)
+    again = plan_near(problem, plan, PATIENCE)
+    assert again.ok
+    assert again.objective_value == pytest.approx(plan.objective_value, rel=1e-6)
+    times = np.linspace(0, plan.duration, 50)
+    assert np.allclose(again.at(times).positions, plan.at(times).positions, atol=1e-3)
+    assert again.angular_momentum == pytest.approx(plan.angular_momentum, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_small_change_is_planned_as_by_the_whole_search(name: str) -> None:
+    problem = problem_of(name)
+    changed = turned(problem, -0.03)
+    whole, near = fp.plan(changed), plan_near(changed, fp.plan(problem), PATIENCE)
+    assert whole.ok
+    assert near.ok
+    assert near.objective_value <= whole.objective_value * (1 + 1e-5)
+    if name == "gallery/go2":
+        assert near.solver["starts"] == 1
+        assert 4 * near.solver["evaluations"] < whole.solver["evaluations"]
+    assert np.allclose(near.at(near.duration).positions, changed.final.positions, atol=1e-9)
+
+
+def test_where_the_motion_at_hand_leads_to_none_another_is_searched() -> None:
+    """From one of another degree, and from none that holds; and it is said why there is none."""
+    problem = problem_of("handstand_ground")
+    lower, higher = (replace(problem, motion=replace(problem.motion, degree=degree)) for degree in (9, 13))
+    low, high = fp.plan(lower), fp.plan(higher)
+    assert low.ok
+    assert high.ok
+    assert plan_near(lower, high, PATIENCE).coefficients.shape == low.coefficients.shape
+    raised = plan_near(higher, low, PATIENCE)
+    assert raised.ok
+    assert raised.coefficients.shape == high.coefficients.shape
+    slow = replace(lower, limits=replace(problem.limits, velocity=0.1))
+    none = plan_near(slow, low, 0.5)
+    assert not none.ok
+    assert "velocity limit" in none.explanation
+    assert plan_near(lower, none, PATIENCE).ok
+
+
+def test_a_budget_is_positive() -> None:
+    problem = problem_of("obstacle")
+    with pytest.raises(fp.InputError, match="not positive"):
+        plan_near(problem, fp.plan(problem), 0.0)
