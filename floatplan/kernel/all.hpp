@@ -8,3 +8,4 @@
 #include "starts.hpp"
 #include "batch.hpp"
 #include "rest.hpp"
+#include "watch.hpp"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-from ctypes import POINTER, Structure, c_double, c_int64, c_uint64
+from ctypes import POINTER, Structure, c_double, c_int64, c_uint64, c_void_p
 from functools import cache
 
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
@@ -119,6 +119,9 @@ class Kernel:
         self.rest = library.floatplan_rest
         self.rest.argtypes = [POINTER(Robot), POINTER(Grid), POINTER(Settings), POINTER(Rest), c_int64]
         self.rest.restype = c_int64
+        self.watch = library.floatplan_watch  # see watch.py
+        self.watch.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p, c_int64]
+        self.watch.restype = None
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 
