@@ -227,3 +227,14 @@ EXPORT void floatplan_watch(const Watch *watch, Watched *at, std::int64_t asked,
     (void)instructions;
     WATCHED(baseline)
 }
+
+// Local minima of rows watched over a whole flight.
+EXPORT void floatplan_minima(const Watch *watch, Watched *at, const Course *course, Minima *minima,
+                             std::int64_t instructions) {
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) return avx512::watch_minima(*watch, *at, *course, *minima);
+    if (instructions == 1) return avx2::watch_minima(*watch, *at, *course, *minima);
+#endif
+    (void)instructions;
+    baseline::watch_minima(*watch, *at, *course, *minima);
+}

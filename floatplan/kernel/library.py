@@ -122,6 +122,9 @@ class Kernel:
         self.watch = library.floatplan_watch  # see watch.py
         self.watch.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p, c_int64]
         self.watch.restype = None
+        self.minima = library.floatplan_minima
+        self.minima.argtypes = [c_void_p, c_void_p, c_void_p, c_void_p, c_int64]
+        self.minima.restype = None
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

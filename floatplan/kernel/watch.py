@@ -164,7 +164,7 @@ class Watch:
             needs_accelerations=self.needs_accelerations,
             needs_places=self.needs_places,
             turn=tree.turn,
-            **{name: _address(values) for name, values in self._kept.items()},
+            **{name: address(values) for name, values in self._kept.items()},
         )
         self.reference = byref(self.structure)
 
@@ -222,7 +222,8 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
     return found
 
 
-def _address(values: Array | IntArray) -> int:
+def address(values: Array | IntArray) -> int:
+    """Where an array begins in memory."""
     return int(values.__array_interface__["data"][0])
 
 
@@ -247,8 +248,8 @@ class Instants:
         self._template = WatchedStructure(
             instants=len(s),
             back_off=back_off,
-            times=_address(self.times),
-            wanted=_address(wanted),
+            times=address(self.times),
+            wanted=address(wanted),
             per_second=1 / watch.flight.duration,
         )
         self.instants = len(s)
@@ -265,7 +266,7 @@ class Instants:
         """Return a structure for a motion, and the memory that it points to."""
         room = np.empty(self._room)
         structure = WatchedStructure.from_buffer_copy(self._template)
-        begin = _address(room)
+        begin = address(room)
         for name, offset in self._offsets:
             setattr(structure, name, begin + offset)
         return structure, room
@@ -314,7 +315,7 @@ class Motion:
         joints = flown.joints
         structure, self._memory = instants.fresh()
         structure.momentum = flown.angular_momentum[0, 0]
-        structure.positions, structure.velocities = _address(joints.positions), _address(joints.velocities)
+        structure.positions, structure.velocities = address(joints.positions), address(joints.velocities)
         self._structure, self._reference = structure, byref(structure)
         self._call(RATES)
         count, n = instants.instants, watch.joints
@@ -344,11 +345,11 @@ class Motion:
         """Values (count,) of the rows."""
         watch, structure, flown = self._watch, self._structure, self._flown
         if watch.needs_accelerations:
-            structure.accelerations = _address(flown.joints.accelerations)
+            structure.accelerations = address(flown.joints.accelerations)
         if watch.needs_places:
-            structure.attitude = _address(flown.attitude)
+            structure.attitude = address(flown.attitude)
         values = np.empty(self._instants.count)
-        self._call(VALUES, result=_address(values))
+        self._call(VALUES, result=address(values))
         if watch.needs_moments:
             count, m = self._instants.instants, watch.bodies
             begin = (len(PER_INSTANT) + 2 * watch.joints + 4 * m) * count
@@ -359,25 +360,25 @@ class Motion:
         """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
         structure, joints = self._structure, self._flown.joints
         structure.size = by_x.basis.shape[2]
-        structure.sine, structure.cosine = _address(joints.sine), _address(joints.position_by_p)
-        structure.p_rate = _address(joints.p_rate)
+        structure.sine, structure.cosine = address(joints.sine), address(joints.position_by_p)
+        structure.p_rate = address(joints.p_rate)
         if self._watch.needs_accelerations:
-            structure.curvature = _address(joints.p_curvature)
-        structure.basis, structure.columns = _address(by_x.basis), _address(by_x.columns)
-        structure.axes = _address(by_x.axes)
+            structure.curvature = address(joints.p_curvature)
+        structure.basis, structure.columns = address(by_x.basis), address(by_x.columns)
+        structure.axes = address(by_x.axes)
         drift = np.empty((instants, by_x.basis.shape[2]))
-        self._call(DRIFT, count=instants, result=_address(drift))
+        self._call(DRIFT, count=instants, result=address(drift))
         return drift
 
     def jacobian(self, attitude_slopes: Array) -> Array:
         """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
-        self._structure.attitude_slopes = _address(attitude_slopes)
+        self._structure.attitude_slopes = address(attitude_slopes)
         jacobian = np.empty((self._instants.count, self._structure.size))
-        self._call(JACOBIAN, result=_address(jacobian))
+        self._call(JACOBIAN, result=address(jacobian))
         return jacobian
 
     def gradient(self, weights: Array) -> Array:
         """Derivatives (size,) by x of the sum of quantities times ``weights`` (instants, terms); after :meth:`drift`."""
         gradient = np.empty(self._structure.size)
-        self._call(GRADIENT, _address(weights), len(weights), _address(gradient))
+        self._call(GRADIENT, address(weights), len(weights), address(gradient))
         return gradient

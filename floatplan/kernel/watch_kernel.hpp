@@ -39,3 +39,25 @@ struct Watched {
     double *nearest;                                                               // (wanted, 4)
     double *scratch;
 };
+
+// A whole motion, as sums of Chebyshev polynomials in 2 s - 1; of the orientation too.
+struct Course {
+    std::int64_t terms, turned_terms;
+    double duration;
+    const double *p, *p_rate, *p_curvature;  // (terms, joints)
+    const double *turned;                    // (turned_terms)
+    const double *centre, *amplitude;        // (joints)
+    double *positions, *velocities, *accelerations, *cosines;  // (instants, joints), which the motion's point to
+    double *times, *attitude;                                  // (instants), the same
+};
+
+// Local minima of rows: those of each row between low and high, from a look at the grid.
+struct Minima {
+    double near, span;
+    const double *grid, *low, *high;  // (instants), (rows), (rows)
+    double *values;                   // (instants, rows)
+    std::int64_t *single;             // (rows)
+    std::int64_t found;
+    std::int64_t *row;  // (found)
+    double *s, *least;  // (found)
+};

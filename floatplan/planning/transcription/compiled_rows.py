@@ -10,9 +10,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.course import Look, minima
 from floatplan.kernel.watch import Block, ByX, Instants, Motion, ObstacleRows, PairRows, SumRows, Watch, watch
 from floatplan.motion.dynamics import FlightDynamics
+from floatplan.motion.extrema import AT_ONCE, CLOSER_LOOKS, LOOKED_AT
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.transcription.constraints import (
     LENGTH_SCALE,
@@ -22,11 +24,13 @@ from floatplan.planning.transcription.constraints import (
     MagnitudeLimit,
     MotorLimit,
     ObstacleClearance,
+    window_ends,
 )
 from floatplan.planning.transcription.objectives import IntegralOfSquares, Objective
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.work import EVALUATION
 
 
 def block_of(constraint: Constraint) -> Block | None:
@@ -166,3 +170,38 @@ def compiled_rows(
     if found is None:
         return None
     return CompiledRows(found, variables, sampling, constraints, watched, objective, back_off)
+
+
+def first_instants(count: int, ends: tuple[float, ...]) -> Array:
+    """Instants of a first look: a grid, and the ends of windows."""
+    return np.union1d(np.linspace(0, 1, count), ends)
+
+
+@lru_cache(maxsize=16)
+def _look(constraints: tuple[Constraint, ...], count: int) -> tuple[IntArray, IntArray, Look]:
+    """Block and row (rows,) of each of the kernel's rows, and where to look."""
+    lengths = [len(block.labels) for block in constraints]
+    block = np.repeat(np.arange(len(lengths)), lengths)
+    low, high = np.array([each.window for each in constraints])[block].T
+    look = Look(first_instants(count, window_ends(constraints)), np.ascontiguousarray(low), np.ascontiguousarray(high))
+    return block, np.concatenate([np.arange(length) for length in lengths]), look
+
+
+def compiled_minima(
+    motion: Trajectory, constraints: tuple[Constraint, ...], count: int, near: float
+) -> tuple[IntArray, IntArray, Array, Array]:
+    """Find the local minima below ``near`` of the constraints' rows, from a first look at so many instants.
+
+    Returned are block, row, s and value (L,).
+    """
+    found = watch_of(motion.model.flight, constraints, "")
+    assert found is not None, "there is a kernel for them"
+    block, rows, look = _look(constraints, count)
+    row, s, value = minima(found, motion.flown, motion.variables.polynomials, look, near, 1 / (count - 1))
+    nodes, bodies, work = motion.sampling.nodes, motion.model.flight.bodies, motion.model.work
+    work.evaluated(nodes + len(look.grid), bodies)
+    for first in range(0, len(row), AT_ONCE):
+        instants = nodes + LOOKED_AT * min(AT_ONCE, len(row) - first)
+        work.evaluated(CLOSER_LOOKS * instants, bodies, 1)
+        work.done += (CLOSER_LOOKS - 1) * EVALUATION
+    return block[row], rows[row], s, value
