@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from ctypes import Structure, byref, c_double, c_int64, c_void_p
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 
 SUM, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = range(6)
 RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = range(5)
-MOST_KEPT = 1 << 20  # [-] indices of rows that are kept for looks between the nodes
 
 
 class WatchStructure(Structure):
@@ -194,11 +193,6 @@ class Watch:
         """Whether there are more motors than planned joints."""
         return self.flight.tree.motor_turns.shape[1] > self.joints
 
-    @cached_property
-    def all_wanted(self) -> IntArray:
-        """Indices of rows in their order, for looks at all of them."""
-        return np.arange(MOST_KEPT)
-
 
 def _written(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
     """Kinds of the rows of an obstacle, and its numbers: a place, the end or the normal, velocity, radius."""
@@ -259,8 +253,7 @@ class Instants:
     def everywhere(cls, watch: Watch, s: Array) -> Instants:
         """All rows at all instants, one after the other."""
         count = len(s) * watch.rows
-        wanted = watch.all_wanted if count <= MOST_KEPT else np.arange(count)
-        return cls(watch, s, wanted, count)
+        return cls(watch, s, np.arange(count), count)
 
     def fresh(self) -> tuple[WatchedStructure, Array]:
         """Return a structure for a motion, and the memory that it points to."""
