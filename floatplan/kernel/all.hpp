@@ -9,3 +9,4 @@
 #include "batch.hpp"
 #include "rest.hpp"
 #include "watch.hpp"
+#include "qp.hpp"

@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.watch import Instants, Watch, address
+from floatplan.kernel.library import address
+from floatplan.kernel.watch import Instants, Watch
 from floatplan.motion.dynamics import Flown
 from floatplan.motion.planar.flight import PlanarFlown
 from floatplan.motion.sine_polynomial import SinePolynomials, basis

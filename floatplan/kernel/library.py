@@ -7,6 +7,7 @@ import os
 from ctypes import POINTER, Structure, c_double, c_int64, c_uint64, c_void_p
 from functools import cache
 
+from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
 
 SWITCH = "FLOATPLAN_KERNEL"  # environment variable: "off" for the Python solver
@@ -106,6 +107,11 @@ class Rest(Structure):
     )
 
 
+def address(values: Array | IntArray) -> int:
+    """Where an array begins in memory."""
+    return int(values.__array_interface__["data"][0])
+
+
 class Kernel:
     """The library, loaded."""
 
@@ -125,6 +131,9 @@ class Kernel:
         self.minima = library.floatplan_minima
         self.minima.argtypes = [c_void_p, c_void_p, c_void_p, c_void_p, c_int64]
         self.minima.restype = None
+        self.quadratic = library.floatplan_quadratic  # see quadratic.py
+        self.quadratic.argtypes = [c_void_p, c_int64]
+        self.quadratic.restype = c_int64
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

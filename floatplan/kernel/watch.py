@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.library import Kernel, kernel
+from floatplan.kernel.library import Kernel, address, kernel
 from floatplan.motion.dynamics import FlightDynamics, Flown
 from floatplan.motion.planar.closed_form import BaseRate
 from floatplan.motion.planar.flight import PlanarFlight, PlanarFlown
@@ -214,11 +214,6 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
         found[row] = known.get((0.0 - weights).tobytes(), -1)
         known.setdefault((weights + 0.0).tobytes(), row)
     return found
-
-
-def address(values: Array | IntArray) -> int:
-    """Where an array begins in memory."""
-    return int(values.__array_interface__["data"][0])
 
 
 def watch(flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> Watch | None:
