@@ -10,7 +10,8 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.library import address
-from floatplan.kernel.watch import Instants, Watch
+from floatplan.kernel.watch import Watch
+from floatplan.kernel.watched import Instants
 from floatplan.motion.dynamics import Flown
 from floatplan.motion.planar.flight import PlanarFlown
 from floatplan.motion.sine_polynomial import SinePolynomials, basis

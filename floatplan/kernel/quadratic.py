@@ -12,6 +12,7 @@ from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.optimization.quadratic_program import QP_ACCURACY, Multipliers, Step, solve_qp
 
 MOST_ROUNDS = 100  # [-] looks at all rows, and rows added at each
+LARGEST_MULTIPLIER = 1e-3  # [-] of the slack penalty: beyond it rows nearly contradict each other
 
 
 class QuadraticStructure(Structure):
@@ -33,8 +34,8 @@ class QuadraticStructure(Structure):
 def quadratic_step(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
     """Solve the QP of a linearised program, see :func:`floatplan.optimization.quadratic_program.solve_qp`.
 
-    That one takes over where there is no kernel, or the dual method fails, or rows that nearly contradict each other
-    need multipliers beyond the slack penalty.
+    That one takes over where there is no kernel, or the dual method fails, or rows nearly contradict each other: it
+    then bends them, where an exact step would be of no use.
     """
     found, inequality = kernel(), current.inequality
     if found is None or not inequality.size:
@@ -55,6 +56,6 @@ def quadratic_step(current: AnyEvaluation, hessian: Array, active: IntArray, sla
         *(address(x), address(multipliers), address(room), integers_begin, integers_begin + 8 * size),
     )
     failed = found.quadratic(byref(structure), found.instructions)
-    if failed or not np.abs(multipliers).max() <= slack_penalty:
+    if failed or not np.abs(multipliers).max() <= LARGEST_MULTIPLIER * slack_penalty:
         return solve_qp(current, hessian, active, slack_penalty)
     return Step(x, Multipliers(multipliers[:equalities], multipliers[equalities:]))

@@ -1,4 +1,4 @@
-// What watch.hpp is given and gives back: the structures of watch.py, member by member.
+// What watch.hpp is given and gives back: the structures of watch.py, watched.py and course.py, member by member.
 #pragma once
 #include <cstdint>
 

@@ -16,7 +16,6 @@ from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.optimization.quadratic_program import Multipliers, Step, elastic_qp, solve_qp
 
-
 QPSolver: TypeAlias = Callable[[AnyEvaluation, Array, IntArray, float], Step]
 
 
@@ -112,9 +111,7 @@ class InverseHessian:
         return InverseHessian(self.inverse + cross + cross.T)
 
 
-def hessian_approximation(
-    hessian: Array, *, inequalities: bool, solve: QPSolver = solve_qp
-) -> HessianApproximation:
+def hessian_approximation(hessian: Array, *, inequalities: bool, solve: QPSolver = solve_qp) -> HessianApproximation:
     """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
     return DirectHessian(hessian, solve) if inequalities else InverseHessian(_inverse(hessian))
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.course import Look, minima
-from floatplan.kernel.watch import Block, ByX, Instants, Motion, ObstacleRows, PairRows, SumRows, Watch, watch
+from floatplan.kernel.watch import Block, ObstacleRows, PairRows, SumRows, Watch, watch
+from floatplan.kernel.watched import ByX, Instants, Motion
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.extrema import AT_ONCE, CLOSER_LOOKS, LOOKED_AT
 from floatplan.optimization.nonlinear_program import Derivatives
@@ -163,10 +164,10 @@ def compiled_rows(
     back_off: float,
 ) -> CompiledRows | None:
     """Return a program's rows by the kernel; None where it cannot, or there is nothing for it to do."""
-    integral = isinstance(objective, IntegralOfSquares)
-    if variables.following or not (constraints or integral):
+    also = _name(objective.quantity) if isinstance(objective, IntegralOfSquares) else ""
+    if variables.following or not (constraints or also):
         return None
-    found = watch_of(model.flight, constraints, _name(objective.quantity) if integral else "")
+    found = watch_of(model.flight, constraints, also)
     if found is None:
         return None
     return CompiledRows(found, variables, sampling, constraints, watched, objective, back_off)

@@ -118,7 +118,8 @@ class IntegralOfSquares:
     def gradient(self, trajectory: Trajectory, x: Array) -> Array:
         """Gradient (size,) by x."""
         nodes = trajectory.sampling.nodes
-        return np.einsum("kr,krx->x", self.weights(trajectory), self.quantity.jacobian(trajectory)[:nodes])
+        by_quantity = self.quantity.jacobian(trajectory)[:nodes]
+        return np.asarray(np.einsum("kr,krx->x", self.weights(trajectory), by_quantity))
 
     def weights(self, trajectory: Trajectory) -> Array:
         """Derivatives (N, r) by the quantity at the nodes."""
