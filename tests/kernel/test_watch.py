@@ -99,7 +99,8 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
     assert here.block.tolist() == there.block.tolist()
     assert here.row.tolist() == there.row.tolist()
     assert np.abs(here.s - there.s).max(initial=0) < 1e-4  # a flat minimum is anywhere
-    assert (here.value - there.value).max(initial=0) < 1e-9
+    through_the_middle = there.value < -1  # of a disc: there a distance falls and rises as a V
+    assert (here.value - there.value <= np.where(through_the_middle, 1e-4, 1e-9)).all()
 
 
 def linearised(rng, neighbours):

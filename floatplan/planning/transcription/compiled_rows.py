@@ -163,11 +163,9 @@ def compiled_rows(
     objective: Objective,
     back_off: float,
 ) -> CompiledRows | None:
-    """Return a program's rows by the kernel; None where it cannot, or there is nothing for it to do."""
+    """Return a program's rows by the kernel; None where it cannot."""
     also = _name(objective.quantity) if isinstance(objective, IntegralOfSquares) else ""
-    if variables.following or not (constraints or also):
-        return None
-    found = watch_of(model.flight, constraints, also)
+    found = None if variables.following else watch_of(model.flight, constraints, also)
     if found is None:
         return None
     return CompiledRows(found, variables, sampling, constraints, watched, objective, back_off)

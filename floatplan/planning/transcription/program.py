@@ -14,7 +14,7 @@ from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.boundary import Boundary, boundary, sine_polynomials
 from floatplan.planning.transcription.compiled_rows import CompiledRows, compiled_rows
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
-from floatplan.planning.transcription.objectives import Objective, objective_term, whitened_variables
+from floatplan.planning.transcription.objectives import IntegralOfSquares, Objective, objective_term, whitened_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
@@ -71,6 +71,8 @@ class FlightProgram:
     @cached_property
     def _compiled(self) -> CompiledRows | None:
         """The rows by the kernel, where it can."""
+        if not (self.constraints or isinstance(self.objective, IntegralOfSquares)):
+            return None
         return compiled_rows(
             self.model, self.variables, self.sampling, self.constraints, self._watched, self.objective, self.back_off
         )
