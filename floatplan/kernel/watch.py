@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from ctypes import Structure, byref, c_double, c_int64, c_void_p
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -127,9 +128,9 @@ class Watch:
             "per_scale": per_scale,
             "sums": of_sums,
         }
-        self._kept: dict[str, Array | IntArray] = {
-            name: np.ascontiguousarray(values, dtype=np.int64 if values.dtype == np.int64 else np.float64)
-            for name, values in kept.items()
+        numbers: dict[str, type] = {"kind": np.int64, "first": np.int64, "second": np.int64, "opposite": np.int64}
+        self._kept: dict[str, Any] = {
+            name: np.ascontiguousarray(values, dtype=numbers.get(name, np.float64)) for name, values in kept.items()
         }
         self.structure = WatchStructure(
             joints=self.joints,
