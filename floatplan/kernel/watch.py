@@ -128,9 +128,9 @@ class Watch:
             "per_scale": per_scale,
             "sums": of_sums,
         }
-        numbers: dict[str, type] = {"kind": np.int64, "first": np.int64, "second": np.int64, "opposite": np.int64}
+        dtypes: dict[str, type] = {"kind": np.int64, "first": np.int64, "second": np.int64, "opposite": np.int64}
         self._kept: dict[str, Any] = {
-            name: np.ascontiguousarray(values, dtype=numbers.get(name, np.float64)) for name, values in kept.items()
+            name: np.ascontiguousarray(values, dtype=dtypes.get(name, np.float64)) for name, values in kept.items()
         }
         self.structure = WatchStructure(
             joints=self.joints,
