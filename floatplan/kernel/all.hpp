@@ -9,4 +9,3 @@
 #include "batch.hpp"
 #include "rest.hpp"
 #include "watch.hpp"
-#include "qp.hpp"

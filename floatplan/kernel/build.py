@@ -17,7 +17,7 @@ from pathlib import Path
 FOLDER = Path(__file__).resolve().parent
 SOURCES = (
     *("kernel.hpp", "all.hpp", "lanes.hpp", "planner.hpp", "scaling.hpp", "momentum.hpp", "sqp.hpp", "starts.hpp"),
-    *("batch.hpp", "rest.hpp", "watch_kernel.hpp", "watch.hpp", "qp_kernel.hpp", "qp.hpp", "kernel.cpp"),
+    *("batch.hpp", "rest.hpp", "watch_kernel.hpp", "watch.hpp", "kernel.cpp"),
 )
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
 COMPILERS = ("c++", "g++", "clang++")

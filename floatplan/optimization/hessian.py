@@ -6,17 +6,14 @@ multipliers (Nocedal and Wright, Numerical Optimization, 2nd ed., section 16.2, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.optimization.quadratic_program import Multipliers, Step, elastic_qp, solve_qp
-
-QPSolver: TypeAlias = Callable[[AnyEvaluation, Array, IntArray, float], Step]
 
 
 class HessianApproximation(Protocol):
@@ -42,10 +39,9 @@ class HessianApproximation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class DirectHessian:
-    """H itself, for programs with inequalities; ``solve`` solves their QPs."""
+    """H itself, for programs with inequalities."""
 
     hessian: Array
-    solve: QPSolver = solve_qp
 
     @property
     def largest(self) -> float:
@@ -53,8 +49,8 @@ class DirectHessian:
         return float(self.hessian.diagonal().max(initial=1.0))
 
     def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
-        """By constraint generation, or as the solver does."""
-        return self.solve(current, self.hessian, active, slack_penalty)
+        """By constraint generation."""
+        return solve_qp(current, self.hessian, active, slack_penalty)
 
     def product(self, change: Array, step: Step, step_length: float) -> Array:
         """By multiplication."""
@@ -64,8 +60,7 @@ class DirectHessian:
         """Nocedal and Wright (6.19)."""
         correction = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
         return DirectHessian(
-            self.hessian + correction - (hessian_product / (hessian_product @ change))[:, None] * hessian_product,
-            self.solve,
+            self.hessian + correction - (hessian_product / (hessian_product @ change))[:, None] * hessian_product
         )
 
 
@@ -111,9 +106,9 @@ class InverseHessian:
         return InverseHessian(self.inverse + cross + cross.T)
 
 
-def hessian_approximation(hessian: Array, *, inequalities: bool, solve: QPSolver = solve_qp) -> HessianApproximation:
+def hessian_approximation(hessian: Array, *, inequalities: bool) -> HessianApproximation:
     """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
-    return DirectHessian(hessian, solve) if inequalities else InverseHessian(_inverse(hessian))
+    return DirectHessian(hessian) if inequalities else InverseHessian(_inverse(hessian))
 
 
 def _inverse(matrix: Array) -> Array:

@@ -10,9 +10,6 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.kernel import library
-from floatplan.kernel.quadratic import quadratic_step
-from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
-from floatplan.optimization.quadratic_program import solve_qp
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.exchange import local_minima
 from floatplan.planning.transcription.program import FlightProgram, objective, watching
@@ -101,35 +98,3 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
     assert np.abs(here.s - there.s).max(initial=0) < 1e-4  # a flat minimum is anywhere
     through_the_middle = there.value < -1  # of a disc: there a distance falls and rises as a V
     assert (here.value - there.value <= np.where(through_the_middle, 1e-4, 1e-9)).all()
-
-
-def linearised(rng, neighbours):
-    """A program with rows of random derivatives, or rows as of neighbouring instants, and a Hessian."""
-    n, e, count = (int(rng.integers(*between)) for between in ((2, 20), (0, 2), (1, 300)))
-    factor = rng.normal(size=(n, n))
-    rows = rng.normal(size=(count, n))
-    if neighbours:
-        rows = np.cos(np.linspace(0, 1, count)[:, None] * np.arange(n) + rng.normal(size=n))
-    derivatives = Derivatives(rng.normal(size=n), rng.normal(size=(e, n)), rows)
-    inequality = 0.3 * rng.normal(size=count) + rng.choice([0.2, 1.0])
-    current = Evaluation(0.0, 0.1 * rng.normal(size=e), inequality, lambda: derivatives, None)
-    return current, factor @ factor.T + 0.1 * np.eye(n)
-
-
-@pytest.mark.parametrize("seed", range(60))
-def test_steps_solve_their_qp(kernel, seed):
-    rng = np.random.default_rng(seed)
-    current, hessian = linearised(rng, seed % 2)
-    nothing, penalty = np.empty(0, dtype=np.int64), 1e6 * hessian.max()
-    step = quadratic_step(current, hessian, nothing, penalty)
-    assert step.elastic == solve_qp(current, hessian, nothing, penalty).elastic
-    if step.elastic:
-        return
-    direction, (y, z) = step.direction, step.multipliers
-    left = current.inequality + current.inequality_jacobian @ direction
-    assert z.min() >= 0
-    assert left.min() > -1e-8
-    assert np.abs(z * left).max() < 1e-6 * (1 + z.max())
-    assert np.abs(current.equality + current.equality_jacobian @ direction).max(initial=0) < 1e-8
-    lagrangian = hessian @ direction + current.gradient + y @ current.equality_jacobian
-    assert np.abs(lagrangian - z @ current.inequality_jacobian).max() < 1e-6 * (1 + z.max())

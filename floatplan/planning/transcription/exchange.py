@@ -12,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.quadratic import quadratic_step
 from floatplan.kernel.stages import (
     COARSE,
     COARSELY_RESOLVED,
@@ -175,7 +174,7 @@ def solve(
         start = program.evaluate(x)
         if _is_resolved(start):
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), solve=quadratic_step)
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints))
     stages = _stages(settings, start, level, bool(constraints))
     stage = next(stages)
     iterations = evaluations = 0
