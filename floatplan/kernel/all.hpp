@@ -11,3 +11,4 @@
 #include "law.hpp"
 #include "flight.hpp"
 #include "peaks.hpp"
+#include "watch.hpp"

@@ -3,6 +3,7 @@
 // What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called.
 // Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
+#include "watch_kernel.hpp"
 
 #include <cmath>
 #include <initializer_list>
@@ -215,4 +216,37 @@ EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Moments *moments, 
 #endif
     (void)instructions;
     return baseline::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
+}
+
+// Rows watched during a flight, see watch.hpp: what is asked of it as the enumeration says.
+enum Asked : std::int64_t { rates_asked, values_asked, drift_asked, jacobian_asked, gradient_asked };
+
+#define WATCHED(instruction_set)                                                                                  \
+    switch (asked) {                                                                                              \
+    case rates_asked: return instruction_set::watch_rates(*watch, *at);                                           \
+    case values_asked: return instruction_set::watch_values(*watch, *at, result);                                 \
+    case drift_asked: return instruction_set::watch_drift(*watch, *at, count, result);                            \
+    case jacobian_asked: return instruction_set::watch_jacobian(*watch, *at, result);                             \
+    default: return instruction_set::watch_gradient(*watch, *at, given, count, result);                           \
+    }
+
+EXPORT void floatplan_watch(const Watch *watch, Watched *at, std::int64_t asked, const double *given,
+                            std::int64_t count, double *result, std::int64_t instructions) {
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) { WATCHED(avx512) }
+    if (instructions == 1) { WATCHED(avx2) }
+#endif
+    (void)instructions;
+    WATCHED(baseline)
+}
+
+// Local minima of rows watched over a whole flight.
+EXPORT void floatplan_minima(const Watch *watch, Watched *at, const Course *course, Minima *minima,
+                             std::int64_t instructions) {
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) return avx512::watch_minima(*watch, *at, *course, *minima);
+    if (instructions == 1) return avx2::watch_minima(*watch, *at, *course, *minima);
+#endif
+    (void)instructions;
+    baseline::watch_minima(*watch, *at, *course, *minima);
 }

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import os
-from ctypes import POINTER, Structure, c_double, c_int64, c_uint64
+from ctypes import POINTER, Structure, c_double, c_int64, c_uint64, c_void_p
 from enum import IntEnum
 from functools import cache
 
+from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
 
 SWITCH = "FLOATPLAN_KERNEL"  # environment variable: "off" for the Python solver
@@ -201,6 +202,11 @@ class Peaks(Structure):
     )
 
 
+def address(values: Array | IntArray) -> int:
+    """Where an array begins in memory."""
+    return int(values.__array_interface__["data"][0])
+
+
 class Kernel:
     """The library, loaded."""
 
@@ -220,6 +226,12 @@ class Kernel:
             *(POINTER(Peaks), c_int64),
         ]
         self.peaks.restype = c_int64
+        self.watch = library.floatplan_watch  # see watch.py
+        self.watch.argtypes = [c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p, c_int64]
+        self.watch.restype = None
+        self.minima = library.floatplan_minima
+        self.minima.argtypes = [c_void_p, c_void_p, c_void_p, c_void_p, c_int64]
+        self.minima.restype = None
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

@@ -194,3 +194,6 @@ class FlightDynamics(Protocol):
 
         ``joints`` are at the instants of ``grid``, which comes from :meth:`grid`, of S motions one after the other.
         """
+
+    def __hash__(self) -> int:
+        """Of the object: what is computed for a flight is kept with it."""

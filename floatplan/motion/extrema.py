@@ -15,6 +15,7 @@ NEWTON_STEPS = 4
 GRID = 257  # instants of the first look for the least value of a function that is not smooth
 AT_ONCE = 32  # candidates: the function gives all its columns for each
 CLOSER_LOOKS = 4  # times that the look at each candidate narrows, 8-fold each
+LOOKED_AT = 17  # instants about a candidate at each of them
 LOWEST = 8  # candidates
 
 
@@ -128,8 +129,8 @@ def narrowed(
         return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
     chosen = np.arange(len(where))
     for _ in range(CLOSER_LOOKS if len(where) else 0):
-        around = np.clip(where[:, None] + span * np.linspace(-1, 1, 17), 0, last)
-        near = values(around.ravel()).reshape(len(where), 17, -1)[chosen, :, column]
+        around = np.clip(where[:, None] + span * np.linspace(-1, 1, LOOKED_AT), 0, last)
+        near = values(around.ravel()).reshape(len(where), LOOKED_AT, -1)[chosen, :, column]
         best = np.argmin(near, axis=1)
         better = near[chosen, best] < least
         where = np.where(better, around[chosen, best], where)

@@ -38,6 +38,10 @@ class GaussLegendre:
         """Matrix (len(instants), N): values at the nodes to integrals of their interpolant over [0, instant]."""
         return chebyshev_values(2 * instants - 1, len(self.nodes)) @ self._antiderivative
 
+    def integral(self, values: Array) -> Array:
+        """Integral over [0, s] of the interpolant of ``values`` (N,), in Chebyshev polynomials of 2 s - 1: (N+1,)."""
+        return self._antiderivative @ values
+
     @cached_property
     def _antiderivative(self) -> Array:
         """Matrix (N+1, N): values at the nodes to Chebyshev coefficients (in 2 s - 1) of their interpolant's integral.

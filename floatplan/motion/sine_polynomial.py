@@ -82,6 +82,12 @@ class Basis:
         return polynomials @ self.chebyshev, polynomials[:, :-1] @ first, polynomials[:, :-2] @ second
 
     @cached_property
+    def series(self) -> Array:
+        """Each column and its first two derivatives by s, in Chebyshev polynomials of 2 s - 1: (3, k+1, 6+m)."""
+        parts = (self.chebyshev, *self._derivatives)
+        return read_only([np.pad(part, ((0, len(self.chebyshev) - len(part)), (0, 0))) for part in parts])
+
+    @cached_property
     def _derivatives(self) -> tuple[Array, Array]:
         """First and second derivatives by s of the columns, in Chebyshev polynomials of 2 s - 1."""
         return (

@@ -245,7 +245,7 @@ class Attempts:
         missed = max(map(abs, motion.residual[0].tolist()))
         if motion.flown.unresolved > UNRESOLVED:
             missed = np.inf
-        worst = local_minima(self.model, variables, self.constraints, level, solution.x)
+        worst = local_minima(self.model, variables, self.constraints, level, solution.x, motion)
         violation = missed if missed > ORIENTATION else 0.0
         if self.constraints:
             kept = -np.array([block.tolerance for block in self.constraints])[worst.block]

@@ -91,6 +91,16 @@ class LinkShapes:
         self._ends = np.concatenate((self._start, self._end)).T.copy()
         self._radius = np.array([shape.radius for shape in shapes], dtype=np.float64)
 
+    @property
+    def weights(self) -> tuple[ComplexArray, ComplexArray]:
+        """Weights (S, m) of the capsules' starts and ends, see :meth:`PlanarTree.point_weights`."""
+        return self._start, self._end
+
+    @property
+    def radius(self) -> Array:
+        """Of the capsules (S,), m."""
+        return self._radius
+
     def place(self, com: ComplexArray, angles: Array) -> Segments:
         """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""
         rotations = self._tree.rotations(angles)

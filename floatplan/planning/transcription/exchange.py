@@ -29,6 +29,7 @@ from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, minimise
+from floatplan.planning.transcription.compiled_rows import compiled_minima, first_instants, watch_of
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective
 from floatplan.planning.transcription.program import (
@@ -78,14 +79,23 @@ NOTHING_NEAR = Worst(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), n
 
 
 def local_minima(
-    model: FlightModel, variables: DecisionVariables, constraints: tuple[Constraint, ...], level: int, x: Array
+    model: FlightModel,
+    variables: DecisionVariables,
+    constraints: tuple[Constraint, ...],
+    level: int,
+    x: Array,
+    known: Trajectory | None = None,
 ) -> Worst:
     """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
 
-    ``level`` is that of a grid that resolves the motion.
+    ``level`` is that of a grid that resolves the motion; ``known`` is the motion at some grid, which may be that one.
     """
     if not constraints:
         return NOTHING_NEAR
+    nodes = model.nodes(level, variables.polynomials.form)
+    if watch_of(model.flight, constraints, ""):
+        resolved = known if known and known.sampling.nodes == nodes.nodes else trajectory(model, variables, nodes, x)
+        return Worst(*compiled_minima(resolved, constraints, FIRST_LOOK, NEAR))
 
     def values(sampling: Sampling) -> list[Array]:
         motion = trajectory(model, variables, sampling, x)
@@ -96,15 +106,13 @@ def local_minima(
             result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
         return result
 
-    nodes = model.nodes(level, variables.polynomials.form)
     first_look = _first_look(nodes, window_ends(constraints))
     return _refined(values(first_look), first_look.s[nodes.nodes :], lambda s: values(sample_also(nodes, s)))
 
 
 @lru_cache(maxsize=64)
 def _first_look(nodes: Sampling, ends: tuple[float, ...]) -> Sampling:
-    instants = np.union1d(np.linspace(0, 1, FIRST_LOOK), ends)
-    return sample_also(nodes, instants)
+    return sample_also(nodes, first_instants(FIRST_LOOK, ends))
 
 
 def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
@@ -188,7 +196,7 @@ def solve(
                 break
             back_off, finished = 0.0, False
         if constraints:
-            worst = local_minima(model, variables, constraints, needed, x)
+            worst = local_minima(model, variables, constraints, needed, x, motion)
             inside = steerable(worst.s)
             if finished and not (inside & (worst.value < _kept(constraints, back_off)[worst.block])).any():
                 break

@@ -118,8 +118,13 @@ class IntegralOfSquares:
     def gradient(self, trajectory: Trajectory, x: Array) -> Array:
         """Gradient (size,) by x."""
         nodes = trajectory.sampling.nodes
-        weighted = (_time_weights(trajectory) / self.scale)[:, None] * self.quantity.values(trajectory)[:nodes]
-        return np.asarray(2 * np.einsum("kr,krx->x", weighted, self.quantity.jacobian(trajectory)[:nodes]))
+        by_quantity = self.quantity.jacobian(trajectory)[:nodes]
+        return np.asarray(np.einsum("kr,krx->x", self.weights(trajectory), by_quantity))
+
+    def weights(self, trajectory: Trajectory) -> Array:
+        """Derivatives (N, r) by the quantity at the nodes."""
+        values = self.quantity.values(trajectory)[: trajectory.sampling.nodes]
+        return np.asarray((2 / self.scale * _time_weights(trajectory))[:, None] * values)
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation, with the least curvature added."""

@@ -12,8 +12,9 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.boundary import Boundary, boundary, sine_polynomials
+from floatplan.planning.transcription.compiled_rows import CompiledRows, compiled_rows
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
-from floatplan.planning.transcription.objectives import Objective, objective_term, whitened_variables
+from floatplan.planning.transcription.objectives import IntegralOfSquares, Objective, objective_term, whitened_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
@@ -67,13 +68,31 @@ class FlightProgram:
             for block in self.constraints
         )
 
+    @cached_property
+    def _compiled(self) -> CompiledRows | None:
+        """The rows by the kernel, where it can."""
+        if not (self.constraints or isinstance(self.objective, IntegralOfSquares)):
+            return None
+        return compiled_rows(
+            self.model, self.variables, self.sampling, self.constraints, self._watched, self.objective, self.back_off
+        )
+
     def trajectory(self, x: Array) -> Trajectory:
         """Motion of x at the instants of the sampling."""
         return trajectory(self.model, self.variables, self.sampling, x)
 
     def evaluate(self, x: Array) -> Evaluation[Trajectory]:
         """Objective, (14) and constraints; their derivatives by x when asked for."""
-        motion = self.trajectory(x)
+        motion, rows = self.trajectory(x), self._compiled
+        if rows:
+            seen = rows.see(motion)
+            return Evaluation(
+                inequality=seen.values(),
+                objective=self.objective.value(motion, x),
+                equality=self._combined(motion.residual[0]),
+                differentiate=lambda: rows.derivatives(motion, seen, x),
+                detail=motion,
+            )
         return Evaluation(
             objective=self.objective.value(motion, x),
             equality=self._combined(motion.residual[0]),

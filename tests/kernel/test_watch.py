@@ -1,0 +1,100 @@
+"""Rows that the kernel watches, their derivatives, their minima and the QPs of a step: as without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.kernel import library
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.transcription.exchange import local_minima
+from floatplan.planning.transcription.program import FlightProgram, objective, watching
+
+PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
+LEVEL = 4  # of grids
+EXTRA = np.array([0.0, 0.123, 0.5, 0.77, 1.0])
+EVERYTHING = fp.Limits(torque=30.0, velocity=20.0, acceleration=300.0, orientation_rate=9.0)
+AROUND = (
+    fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2)),
+    fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01),
+    fp.Bar(start=(0.2, 0.5), end=(0.4, 1.4), radius=0.03, velocity=(0.1, 0.3), window=(0.2, 0.8)),
+)
+
+
+@pytest.fixture
+def kernel():
+    found = library.kernel()
+    if found is None:
+        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
+    return found
+
+
+@pytest.fixture(params=[*PROBLEMS, "everything", "free"])
+def problem(request, root):
+    if request.param in PROBLEMS:
+        return fp.load_problem(root / "problems" / f"{request.param}.toml")
+    plain = fp.load_problem(root / "problems" / "handstand.toml")
+    flight = replace(plain.flight, angular_momentum="free") if request.param == "free" else plain.flight
+    return replace(plain, limits=EVERYTHING, obstacles=AROUND, flight=flight)
+
+
+def program_and_point(problem, seed):
+    ready = Attempts(problem, 0)
+    variables = ready.plain_start.variables
+    x = ready.plain_start.x + 0.3 * np.random.default_rng(seed).normal(size=variables.size)
+    nodes = ready.model.nodes(LEVEL, variables.polynomials.form)
+    sampling = watching(nodes, ready.constraints, EXTRA)
+    aim = objective(problem, ready.model, variables, nodes)
+    return ready, FlightProgram(ready.model, variables, sampling, aim, ready.constraints), x
+
+
+def close(actual, expected):
+    assert actual.shape == expected.shape
+    assert np.abs(actual - expected).max(initial=0) <= 1e-11 * (1 + np.abs(expected).max(initial=0))
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("aim", ["coefficients", "torque", "acceleration"])
+def test_rows_and_derivatives_are_those_of_the_constraints(kernel, problem, aim, instructions, monkeypatch):
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    problem = replace(problem, motion=replace(problem.motion, objective=aim))
+    ready, program, x = program_and_point(problem, 0)
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    here = program.evaluate(x)
+    begun = ready.model.work.done
+    derivatives = here.gradient, here.equality_jacobian, here.inequality_jacobian
+    work = ready.model.work.done - begun
+    monkeypatch.setenv(library.SWITCH, "off")
+    ready, without, x = program_and_point(problem, 0)
+    there = without.evaluate(x)
+    begun = ready.model.work.done
+    close(here.inequality, there.inequality)
+    close(here.equality, there.equality)
+    assert here.objective == pytest.approx(there.objective, rel=1e-12)
+    for one, other in zip(
+        derivatives, (there.gradient, there.equality_jacobian, there.inequality_jacobian), strict=True
+    ):
+        close(one, other)
+    assert np.abs(there.inequality_jacobian).max() > 0
+    assert work == ready.model.work.done - begun
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, problem, seed, monkeypatch):
+    def found():
+        ready, _, x = program_and_point(problem, seed)
+        return local_minima(ready.model, ready.plain_start.variables, ready.constraints, LEVEL, x)
+
+    here = found()
+    monkeypatch.setenv(library.SWITCH, "off")
+    there = found()
+    assert here.block.tolist() == there.block.tolist()
+    assert here.row.tolist() == there.row.tolist()
+    assert np.abs(here.s - there.s).max(initial=0) < 1e-4  # a flat minimum is anywhere
+    through_the_middle = there.value < -1  # of a disc: there a distance falls and rises as a V
+    assert (here.value - there.value <= np.where(through_the_middle, 1e-4, 1e-9)).all()
