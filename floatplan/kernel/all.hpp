@@ -11,4 +11,7 @@
 #include "law.hpp"
 #include "flight.hpp"
 #include "peaks.hpp"
+#include "distances.hpp"
 #include "watch.hpp"
+#include "watch_slopes.hpp"
+#include "minima.hpp"

@@ -13,7 +13,7 @@ from fuzz_options import prepare_options
 from fuzz_sources import FORMATS, PROBLEMS, has_gallery, plan_of, robot_of
 from fuzz_studies import prepare_study
 
-WEIGHTS = {".toml": 4, ".urdf": 4, ".json": 4, "options": 2, "meshes": 2, "studies": 1}
+WEIGHTS = {".toml": 8, ".urdf": 8, ".json": 8, "options": 4, "meshes": 4, "studies": 1}
 
 
 @dataclass(frozen=True)
