@@ -23,8 +23,15 @@ HEADER = '<mujoco><compiler fusestatic="{}" balanceinertia="false" discardvisual
 
 
 def import_mujoco() -> ModuleType:
-    """Return the module; InputError where it is not installed."""
-    return import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
+    """Return the module, which then writes no log of its warnings; InputError where it is not installed."""
+    mujoco = import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
+    if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
+        mujoco.set_mju_user_warning(_unheard)
+    return mujoco
+
+
+def _unheard(_: str) -> None:
+    """Take a warning: whether the robot lands as planned is what counts."""
 
 
 def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: float) -> tuple[Any, list[int]]:

@@ -274,6 +274,13 @@ def sides(tmp_path_factory):
 class TestInSpace:
     """MuJoCo with a free joint and every joint of the URDF: what the plane leaves out shows, and nothing else."""
 
+    @pytest.fixture(autouse=True)
+    def nothing_is_left_behind(self, tmp_path, monkeypatch):
+        """MuJoCo writes its warnings to a file in the working directory."""
+        monkeypatch.chdir(tmp_path)
+        yield
+        assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
     def test_a_symmetric_robot_neither_rolls_nor_yaws(self, sides):
         landing = fp.replay(sides(0.6), engine="mujoco").spatial
         assert max(abs(landing.roll), abs(landing.yaw)) < 1e-10
