@@ -11,7 +11,8 @@ from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import plan_of, planned
-from floatplan.planning.search import SearchOptions, SearchResult, expiry
+from floatplan.planning.runner import expiry
+from floatplan.planning.search import SearchOptions, SearchResult
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.program import decision_variables
 from floatplan.plans.plan import Plan

@@ -17,7 +17,8 @@ import pytest
 import floatplan as fp
 from floatplan.planning import search as room
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.search import Allowance, SearchOptions, SearchResult, expiry, search
+from floatplan.planning.runner import expiry
+from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
 
 MANY = 10**6
 
