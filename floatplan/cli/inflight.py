@@ -69,14 +69,11 @@ def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | 
 
 
 def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
-    from floatplan.view.report.flights_page import authority_rows, landing_rows
+    from floatplan.view.report.flights_page import authority_rows, landing_rows, told
 
     parts: list[RenderableType] = []
     if flown is not None:
-        many = "1 flight" if flown.flights == 1 else f"{flown.flights} flights"
-        if flown.flights < flown.asked:
-            many += f" of {flown.asked} (--budget gives more time)"
-        parts.append(Text(f"{many} in {flown.seconds:.3g} s, {flown.engine}, corrected at {flown.rate:g} Hz", "bold"))
+        parts.append(Text(told(flown), "bold"))
         parts.append(_table(("", "with corrections", "without"), landing_rows(flown)))
     if found is not None:
         parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(found)))

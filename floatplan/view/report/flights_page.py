@@ -23,6 +23,10 @@ th { font-weight: 600; border-bottom: 1px solid #ccc; vertical-align: bottom } t
 td[colspan] { white-space: normal } img { max-width: 100%; width: 34em }
 @media (max-width: 36em) { body { font-size: 13px; margin: 1em auto } td, th { padding-right: .6em } }"""
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+HEAD = """<!doctype html><html lang="en"><head><meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title>
+<style>{style}</style></head>"""
 
 Row = Sequence[str]
 
@@ -31,20 +35,26 @@ def write_flights_page(
     plan: Plan, path: str | Path, flights: ClosedLoop | None = None, authority: Authority | None = None
 ) -> Path:
     """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
-    parts = [f"<h1>{html.escape(plan.problem.name)}: in flight</h1>"]
+    parts: list[str] = []
     if flights is not None:
+        parts.append(f"<p>{html.escape(told(flights))}</p>")
         parts.append(_table(("", "with corrections", "without"), landing_rows(flights)))
         parts.append(_picture(closed_loop_png(plan, flights), "planned and flown motion, corrections, landings"))
     if authority is not None:
         parts.append("<h2>How much can be corrected</h2>")
         parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(authority)))
         parts.append(_picture(authority_png(authority), "errors that are corrected"))
-    page = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" '
-        f'content="{POLICY}"><title>{html.escape(plan.problem.name)}: in flight</title><style>{STYLE}</style></head>'
-        f"<body>{''.join(parts)}</body></html>\n"
-    )
-    return write_atomically(path, page)
+    title = f"{html.escape(plan.problem.name)}: in flight"
+    head = HEAD.format(policy=POLICY, title=title, style=STYLE)
+    return write_atomically(path, f"{head}<body><h1>{title}</h1>{''.join(parts)}</body></html>\n")
+
+
+def told(flights: ClosedLoop) -> str:
+    """Say in a line what was flown."""
+    many = "1 flight" if flights.flights == 1 else f"{flights.flights} flights"
+    if flights.flights < flights.asked:
+        many += f" of {flights.asked} (--budget gives more time)"
+    return f"{many} in {flights.seconds:.3g} s, {flights.engine}, corrected at {flights.rate:g} Hz"
 
 
 def landing_rows(flights: ClosedLoop) -> list[Row]:
