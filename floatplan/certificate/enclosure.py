@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import flint
@@ -98,10 +99,15 @@ class Taylor:
         c[0] = balls.mid
         return cls(c, balls.rad)
 
-    @property
+    @cached_property
+    def magnitudes(self) -> Array:
+        """The coefficients' magnitudes (K, ...)."""
+        return np.abs(self.c)
+
+    @cached_property
     def size(self) -> Array:
         """Bound on ``|sum_k c_k u^k|``: the sum of the coefficients' magnitudes, not rounded up."""
-        return np.asarray(np.abs(self.c).sum(axis=0))
+        return np.asarray(np.add.reduce(self.magnitudes, axis=0))
 
     @property
     def order(self) -> int:
@@ -116,21 +122,18 @@ class Taylor:
 
     def __add__(self, other: Taylor) -> Taylor:
         c = self.c + other.c
-        return Taylor(c, up(self.e + other.e + ROUND * np.abs(c).sum(axis=0)))
+        return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __sub__(self, other: Taylor) -> Taylor:
         return self + (-other)
 
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""
-        a, b, order = self.c, other.c, self.order
-        c = a[0] * b
-        for k in range(1, order):
-            c[k:] += a[k] * b[: order - k]
+        c = np.einsum("i...,ik...->k...", self.c, _delayed(other.c))
         size_a, size_b = self.size, other.size
-        rounding = (order + 2) * ROUND * size_a * size_b
+        rounding = (self.order + 2) * ROUND * size_a * size_b
         radius = self.e * (size_b + other.e) + size_a * other.e
-        return Taylor(c, up(radius + rounding + _tail(np.abs(a), np.abs(b))))
+        return Taylor(c, up(radius + rounding + _tail(self.magnitudes, other.magnitudes)))
 
     def times(self, factor: Balls) -> Taylor:
         """Product with constants that broadcast against ``e``."""
@@ -164,6 +167,13 @@ def stack(models: Sequence[Taylor]) -> Taylor:
     return Taylor(np.concatenate([m.c for m in models], axis=-1), np.concatenate([m.e for m in models], axis=-1))
 
 
+def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
+    """Products of pairs of models of one shape (K, ..., items): as one by one, in fewer and longer operations."""
+    count = pairs[0][0].e.shape[-1]
+    joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
+    return [joined[..., first : first + count] for first in range(0, count * len(pairs), count)]
+
+
 def join_cells(models: Sequence[Taylor], order: Any) -> Taylor:
     """Join models along the axis of cells, and sort the cells."""
     c = np.concatenate([m.c for m in models], axis=1)[:, order]
@@ -185,7 +195,7 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     e = np.empty(angle.c.shape, dtype=np.complex128)
     e[0] = constant
     for k in range(1, order):
-        e[k] = (1j / k) * (rates[:k] * e[k - 1 :: -1]).sum(axis=0)
+        e[k] = (1j / k) * np.add.reduce(rates[:k] * e[k - 1 :: -1], axis=0)
     size_rates, size_e = np.abs(rates), np.abs(e)
     rounding = (2 * order + 16) * ROUND * size_rates.sum(axis=0) * size_e.sum(axis=0)
     padded = np.concatenate([np.zeros_like(size_rates[:1]), size_rates])
@@ -205,7 +215,7 @@ def reciprocal(x: Taylor) -> Taylor:
     y = np.empty_like(x.c)
     y[0] = 1.0 / x.c[0]
     for k in range(1, order):
-        y[k] = -y[0] * (x.c[1 : k + 1] * y[k - 1 :: -1]).sum(axis=0)
+        y[k] = -y[0] * np.add.reduce(x.c[1 : k + 1] * y[k - 1 :: -1], axis=0)
     size_x, size_y = np.abs(x.c), np.abs(y)
     total = size_y.sum(axis=0)
     rounding = (order + 8) * ROUND * size_x.sum(axis=0) * total
@@ -228,8 +238,17 @@ def integral(rate: Taylor) -> Taylor:
 
 def _tail(a: Array, b: Array) -> Array:
     """Sum of ``a_i b_j`` over ``i + j >= K``, for non-negative (K, ...)."""
-    last = np.cumsum(b[:0:-1], axis=0)
-    return np.asarray((a[1:] * last).sum(axis=0))
+    last = np.add.accumulate(b[:0:-1], axis=0)
+    return np.asarray(np.add.reduce(a[1:] * last, axis=0))
+
+
+def _delayed(b: Array) -> Array:
+    """View (K, K, ...) of ``b_(k-i)`` in row i and column k, which is zero where k < i."""
+    order = len(b)
+    padded = np.zeros((2 * order - 1, *b.shape[1:]))
+    padded[order - 1 :] = b
+    step = padded.strides[0]
+    return np.ndarray((order, *b.shape), np.float64, padded, (order - 1) * step, (-step, *padded.strides))
 
 
 def _unit_circle(angles: Array) -> tuple[Any, Array]:
