@@ -62,6 +62,10 @@ class Balls:
         """The matrix transposed."""
         return Balls(self.mid.T, self.rad.T)
 
+    def joined(self, other: Balls) -> Balls:
+        """The rows of both."""
+        return Balls(np.concatenate([self.mid, other.mid]), np.concatenate([self.rad, other.rad]))
+
     def __neg__(self) -> Balls:
         return Balls(-self.mid, self.rad)
 

@@ -8,11 +8,11 @@ from typing import Any
 import flint
 import numpy as np
 
-from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.findings import SAME, near
+from floatplan.arrays import IntArray
+from floatplan.certificate.enclosure import PRECISION, Balls, products
+from floatplan.certificate.findings import SAME, at_most, near
 from floatplan.certificate.planar.flight import FlightEnclosure
-from floatplan.certificate.planar.inertia import ComplexBalls, PlanarRobot
-from floatplan.certificate.planar.shapes import turned
+from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
@@ -76,19 +76,21 @@ def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclos
     """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height."""
     asked, com, duration = record.problem["flight"], record.com, record.duration
     takeoff, landing = asked["takeoff"], asked["landing"]
-    place = _frame_place(robot, record, flight, takeoff["frame"], last=False)
-    landed = _frame_place(robot, record, flight, landing["frame"], last=True)
+    frames = (takeoff["frame"], landing["frame"])
+    place, landed = _frame_places(robot, record, flight, frames)
     found = [
         near("takeoff", ("position",), place, takeoff["position"], PLACE, 0.0),
         near("landing", ("height",), landed[1:], [landing["height"]], PLACE, duration),
         _same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
-    for end, kind, frame, last in (("start", "takeoff", takeoff, False), ("goal", "landing", landing, True)):
-        if record.problem[end].get("velocities_asked"):
-            velocity = _frame_velocity(robot, record, flight, frame["frame"], last=last)
-            instant = duration if last else 0.0
-            found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
+    at_rest = [bool(record.problem[end].get("velocities_asked")) for end in ENDS]
+    if any(at_rest):
+        velocities = _frame_velocities(robot, record, flight, frames)
+        kinds: tuple[Kind, Kind] = ("takeoff", "landing")
+        for kind, velocity, rest, instant in zip(kinds, velocities, at_rest, (0.0, duration), strict=True):
+            if rest:
+                found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
     if not isinstance(asked["angular_momentum"], str):
         found.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
     return found
@@ -101,64 +103,58 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
     return flint.arb_poly([x, dx]), flint.arb_poly([sigma * y, sigma * dy, -sigma * half_gravity])
 
 
-def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool) -> Balls:
-    """Place (2,) of a frame at the beginning or the end, horizontal and vertical."""
-    weights, pick = _weights(robot, frame), _end_cell(flight, last=last)
-    point = turned(weights, flight.joints.cos[pick], flight.joints.sin[pick])
-    return _in_world(robot, record, flight, point, com_polynomials(record, robot.sigma), last=last)
+def _frame_places(
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frames: tuple[str, str]
+) -> tuple[Balls, Balls]:
+    """Place (2,) of one frame at the beginning and of another at the end, horizontal and vertical."""
+    ends, joints = _end_cells(flight), flight.joints
+    points = robot.frame_weights(frames).times(joints.cos[ends], joints.sin[ends])
+    return _in_world(robot, record, flight, points, com_polynomials(record, robot.sigma))
 
 
-def _frame_velocity(
-    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool
-) -> Balls:
-    """Velocity (2,) of a frame at the beginning or the end: the derivative of its place, ``i sum_b w_b zeta_b phi_b'``.
+def _frame_velocities(
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frames: tuple[str, str]
+) -> tuple[Balls, Balls]:
+    """Velocity (2,) of one frame at the beginning and of another at the end.
 
-    In the frame that turns with the base, as the place.
+    The derivative of the place, ``i sum_b w_b zeta_b phi_b'``, in the frame that turns with the base, as the place.
     """
-    weights, pick = _weights(robot, frame), _end_cell(flight, last=last)
-    joints = flight.joints
-    turns = joints.velocities[pick].linear(robot.turns) + joints.rate[pick]
-    swing = turned(weights, joints.cos[pick] * turns, joints.sin[pick] * turns)
-    rates = tuple(polynomial.derivative() for polynomial in com_polynomials(record, robot.sigma))
-    return _in_world(robot, record, flight, Vectors(-swing.y, swing.x), rates, last=last)
+    ends, joints = _end_cells(flight), flight.joints
+    turns = joints.velocities[ends].linear(robot.turns) + joints.rate[ends]
+    swing = robot.frame_weights(frames).times(joints.cos[ends] * turns, joints.sin[ends] * turns)
+    rates = [polynomial.derivative() for polynomial in com_polynomials(record, robot.sigma)]
+    return _in_world(robot, record, flight, Vectors(-swing.y, swing.x), rates)
 
 
-def _weights(robot: PlanarRobot, frame: str) -> ComplexBalls:
-    if frame not in robot.frames:
-        raise ValueError(f'the robot has no frame "{frame}"')
-    return robot.point_weights([robot.frames[frame]])
-
-
-def _end_cell(flight: FlightEnclosure, *, last: bool) -> slice:
-    cell = len(flight.cells) - 1 if last else 0
-    return slice(cell, cell + 1)
+def _end_cells(flight: FlightEnclosure) -> IntArray:
+    return np.array([0, len(flight.cells) - 1])
 
 
 def _in_world(
-    robot: PlanarRobot,
-    record: PlanRecord,
-    flight: FlightEnclosure,
-    vector: Vectors,
-    of_com: Sequence[Any],
-    *,
-    last: bool,
-) -> Balls:
-    """A vector (2,) of the frame that turns with the base, turned as the base is, and what is the CM's added.
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, vectors: Vectors, of_com: Sequence[Any]
+) -> tuple[Balls, Balls]:
+    """Two vectors of the frame that turns with the base, turned as the base is, and what is the CM's added.
 
-    At the beginning or the end; horizontal and vertical. ``of_com`` are two polynomials of t.
+    ``vectors`` (K, 2, 2) are on the first cell and the last: the first one is wanted at the beginning, the second at
+    the end; horizontal and vertical. ``of_com`` are two polynomials of t.
     """
-    pick = _end_cell(flight, last=last)
-    cos, sin = flight.cos[pick], flight.sin[pick]
-    world = (cos * vector.x - sin * vector.y, cos * vector.y + sin * vector.x)
-    x, y = (model.at_end(1.0 if last else -1.0)[0, 0] for model in world)
+    ends, each = _end_cells(flight), np.arange(2)
+    at = vectors.picked(each, each)
+    cos, sin = flight.cos[ends, 0], flight.sin[ends, 0]
+    cos_x, sin_y, cos_y, sin_x = products([(cos, at.x), (sin, at.y), (cos, at.y), (sin, at.x)])
+    x, y = cos_x - sin_y, cos_y + sin_x
+    found = []
     with flint.ctx.workprec(PRECISION):
-        t = flint.arb(record.duration if last else 0.0)
-        com = [polynomial(t) for polynomial in of_com]
-        values = [com[0] + flint.arb(float(x.mid), float(x.rad)), com[1] + flint.arb(float(y.mid), float(y.rad))]
-        return Balls.from_arb([values[0], robot.sigma * values[1]], (2,))
+        for end, (u, instant) in enumerate(((-1.0, 0.0), (1.0, record.duration))):
+            parts = (model[end : end + 1].at_end(u) for model in (x, y))
+            of_frame = [flint.arb(float(part.mid[0]), float(part.rad[0])) for part in parts]
+            place = [polynomial(flint.arb(instant)) + part for polynomial, part in zip(of_com, of_frame, strict=True)]
+            found.append(Balls.from_arb([place[0], robot.sigma * place[1]], (2,)))
+    return found[0], found[1]
 
 
 def _same(kind: Kind, subject: Subject, number: float, other: float, instant: float | None) -> Finding:
     """Two numbers of the file that should be one."""
-    scale = max(1.0, abs(number), abs(other))
-    return near(kind, subject, Balls.exact([number]), [other], SAME * scale, instant)
+    scale, deviation = max(1.0, abs(number), abs(other)), abs(number - other)
+    radius = 2.0**-51 * (abs(number) + deviation)
+    return at_most(kind, subject, deviation + radius, max(0.0, deviation - radius), 0.0, SAME * scale, instant)

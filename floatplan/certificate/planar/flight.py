@@ -89,20 +89,18 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints
 
 def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:
     """``m_j = sum_i c_ij cos(x_ij)`` and ``n_j = sum_i c_ij sin(x_ij)``, where ``x_ij = phi_i - phi_j - a_ij``."""
-    a, b = robot.inertia.re.transposed, robot.inertia.im.transposed
-    re = cos.linear(a) + sin.linear(b)  # of sum_i C_ij conj(zeta_i)
-    im = cos.linear(b) - sin.linear(a)
+    conjugate = robot.inertia.adjoint.times(cos, sin)  # of sum_i C_ij conj(zeta_i)
+    re, im = conjugate.x, -conjugate.y
     re_cos, im_sin, re_sin, im_cos = products([(re, cos), (im, sin), (re, sin), (im, cos)])
     return re_cos - im_sin, -(re_sin + im_cos)
 
 
 def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Taylor, squared: Taylor) -> Taylor:
-    a, b = robot.inertia.re, robot.inertia.im
     along, inwards, outwards, across = products(
         [(cos, acceleration), (sin, squared), (cos, squared), (sin, acceleration)]
     )
-    re, im = along - inwards, outwards + across
-    of_cos, of_sin = products([(cos, re.linear(a) - im.linear(b)), (sin, re.linear(b) + im.linear(a))])
+    driven = robot.inertia.times(along - inwards, outwards + across)
+    of_cos, of_sin = products([(cos, driven.x), (sin, driven.y)])
     return of_cos + of_sin
 
 
