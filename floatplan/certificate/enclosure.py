@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import flint
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
 
 ROUND = 2.0**-52
 TINY = 1e-290  # more than any sum of products that underflow is off by
@@ -161,8 +161,7 @@ class Taylor:
 
     def at_end(self, u: float) -> Balls:
         """Value at u = -1 or +1."""
-        signs = np.where(np.arange(self.order) % 2, u, 1.0)
-        mid = np.tensordot(signs, self.c, axes=1)
+        mid = np.einsum("k,k...->...", _signs(self.order) if u < 0.0 else np.ones(self.order), self.c)
         return Balls(mid, up(self.e + self.order * ROUND * self.size))
 
 
@@ -198,8 +197,9 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     constant, radius = _unit_circle(angle.c[0])
     e = np.empty(angle.c.shape, dtype=np.complex128)
     e[0] = constant
+    turning = 1j * rates
     for k in range(1, order):
-        e[k] = (1j / k) * np.add.reduce(rates[:k] * e[k - 1 :: -1], axis=0)
+        e[k] = (1.0 / k) * np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0)
     size_rates, size_e = np.abs(rates), np.abs(e)
     rounding = (2 * order + 16) * ROUND * size_rates.sum(axis=0) * size_e.sum(axis=0)
     padded = np.concatenate([np.zeros_like(size_rates[:1]), size_rates])
@@ -234,10 +234,15 @@ def integral(rate: Taylor) -> Taylor:
     full = rate.c / degrees
     c = np.zeros_like(rate.c)
     c[1:] = full[:-1]
-    signs = np.where(np.arange(order) % 2, -1.0, 1.0)
-    c[0] = -np.tensordot(signs, c, axes=1)
+    c[0] = -np.einsum("k,k...->...", _signs(order), c)
     size = np.abs(full).sum(axis=0)
     return Taylor(c, up(2.0 * rate.e + 2.0 * np.abs(full[-1]) + (order + 4) * ROUND * size))
+
+
+@cache
+def _signs(order: int) -> Array:
+    """Powers of -1."""
+    return read_only(np.where(np.arange(order) % 2, -1.0, 1.0))
 
 
 def _tail(a: Array, b: Array) -> Array:

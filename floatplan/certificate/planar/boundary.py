@@ -9,7 +9,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import IntArray
-from floatplan.certificate.enclosure import PRECISION, Balls, products
+from floatplan.certificate.enclosure import PRECISION, Balls, products, stack
 from floatplan.certificate.findings import SAME, at_most, near
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
@@ -25,29 +25,32 @@ QUANTITIES = ("positions", "velocities", "accelerations")
 def boundary_findings(record: PlanRecord) -> list[Finding]:
     """Positions, velocities and accelerations at both ends, (13), in Arb."""
     found = []
-    for end, instant in zip(ENDS, (0.0, record.duration), strict=True):
-        states = _joint_states(record, instant)
-        for quantity, values, tolerance in zip(QUANTITIES, states, BOUNDARY, strict=True):
+    instants = (0.0, record.duration)
+    for end, instant, states in zip(ENDS, instants, _joint_states(record, instants), strict=True):
+        for row, (quantity, tolerance) in enumerate(zip(QUANTITIES, BOUNDARY, strict=True)):
             wanted = _listed(record, record.problem[end], end, quantity)
-            found.append(near(end, (quantity,), values, wanted, tolerance, instant))
+            found.append(near(end, (quantity,), states[row], wanted, tolerance, instant))
     return found
 
 
-def _joint_states(record: PlanRecord, instant: float) -> tuple[Balls, ...]:
-    """Positions, velocities and accelerations of the joints at an instant."""
-    states: list[list[Any]] = [[], [], []]
+def _joint_states(record: PlanRecord, instants: Sequence[float]) -> list[Balls]:
+    """Rows (3, n) at each instant: positions, velocities and accelerations of the joints."""
+    states: list[list[list[Any]]] = [[[], [], []] for _ in instants]
     with flint.ctx.workprec(PRECISION):
-        t = flint.arb(instant)
         rows = zip(record.coefficients.tolist(), record.centre.tolist(), record.amplitude.tolist(), strict=True)
         for row, centre, amplitude in rows:
             polynomial = flint.arb_poly(row)
-            p, dp = polynomial(t), polynomial.derivative()(t)
-            ddp = polynomial.derivative().derivative()(t)
-            sine, cosine = p.sin_cos()
-            states[0].append(centre + amplitude * sine)
-            states[1].append(amplitude * cosine * dp)
-            states[2].append(amplitude * (cosine * ddp - sine * dp * dp))
-        return tuple(Balls.from_arb(values, (len(values),)) for values in states)
+            first = polynomial.derivative()
+            second = first.derivative()
+            for (positions, velocities, accelerations), instant in zip(states, instants, strict=True):
+                t = flint.arb(instant)
+                dp = first(t)
+                sine, cosine = polynomial(t).sin_cos()
+                positions.append(centre + amplitude * sine)
+                velocities.append(amplitude * cosine * dp)
+                accelerations.append(amplitude * (cosine * second(t) - sine * dp * dp))
+        shape = (len(QUANTITIES), len(record.centre))
+        return [Balls.from_arb([value for values in at for value in values], shape) for at in states]
 
 
 def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: str) -> Any:
@@ -142,12 +145,12 @@ def _in_world(
     at = vectors.picked(each, each)
     cos, sin = flight.cos[ends, 0], flight.sin[ends, 0]
     cos_x, sin_y, cos_y, sin_x = products([(cos, at.x), (sin, at.y), (cos, at.y), (sin, at.x)])
-    x, y = cos_x - sin_y, cos_y + sin_x
+    both = stack([cos_x - sin_y, cos_y + sin_x])
     found = []
     with flint.ctx.workprec(PRECISION):
         for end, (u, instant) in enumerate(((-1.0, 0.0), (1.0, record.duration))):
-            parts = (model[end : end + 1].at_end(u) for model in (x, y))
-            of_frame = [flint.arb(float(part.mid[0]), float(part.rad[0])) for part in parts]
+            at_end = both[end::2].at_end(u)
+            of_frame = [flint.arb(mid, rad) for mid, rad in zip(at_end.mid.tolist(), at_end.rad.tolist(), strict=True)]
             place = [polynomial(flint.arb(instant)) + part for polynomial, part in zip(of_com, of_frame, strict=True)]
             found.append(Balls.from_arb([place[0], robot.sigma * place[1]], (2,)))
     return found[0], found[1]
