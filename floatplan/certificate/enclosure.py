@@ -174,7 +174,7 @@ def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
     """Products of pairs of models of one shape (K, ..., items): as one by one, in fewer and longer operations."""
     count = pairs[0][0].e.shape[-1]
     joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
-    return [joined[..., first : first + count] for first in range(0, count * len(pairs), count)]
+    return [joined[..., index * count : (index + 1) * count] for index in range(len(pairs))]
 
 
 def join_cells(models: Sequence[Taylor], order: Any) -> Taylor:
