@@ -52,13 +52,13 @@ class Items:
 
     def halved(self, keep: IntArray) -> Items:
         """The two halves of the items to keep."""
-        half = 0.5 * self.width[keep]
+        half, start, both = 0.5 * self.width[keep], self.start[keep], np.concatenate([keep, keep])
         return Items(
             tuple(halves(form[keep]) for form in self.forms),
-            np.tile(self.cell[keep], 2),
-            np.tile(self.member[keep], 2),
-            np.concatenate([self.start[keep], self.start[keep] + half]),
-            np.tile(half, 2),
+            self.cell[both],
+            self.member[both],
+            np.concatenate([start, start + half]),
+            np.concatenate([half, half]),
         )
 
 
@@ -95,9 +95,11 @@ def smallest(
     for depth in range(DEEPEST + 1):
         group = groups[items.member]
         low = np.where(np.isnan(value := below(items.forms, items.member)), -np.inf, value)
-        for side, offset in ((0, 0.0), (-1, 1.0)):
-            values = at_point(tuple(Balls(form.c[side], form.e) for form in items.forms), items.member)
-            _improve(attained, place, group, values, items, offset)
+        ends = tuple(
+            Balls(np.concatenate([form.c[0], form.c[-1]]), np.concatenate([form.e, form.e])) for form in items.forms
+        )
+        values = at_point(ends, np.concatenate([items.member, items.member]))
+        _improve(attained, place, np.concatenate([group, group]), values, items)
         apart = ~(low >= attained[group] - goal.gap[group])
         threshold = goal.threshold[group]
         open_question = ~(low >= threshold) & ~(attained[group] < threshold)
@@ -115,16 +117,19 @@ def smallest(
 
 
 def _improve(
-    attained: Array, place: list[tuple[int, float, int]], group: IntArray, values: Array, items: Items, offset: float
+    attained: Array, place: list[tuple[int, float, int]], group: IntArray, values: Array, items: Items
 ) -> None:
-    """Take over what is smaller than the smallest value attained so far, in each group."""
+    """Take over what is smaller than the smallest value attained so far, in each group.
+
+    ``values`` and ``group`` are those at the beginning of all items, then those at their ends.
+    """
     better = np.flatnonzero(values < attained[group])
-    better = better[np.argsort(values[better], kind="stable")]
-    for item in better[np.unique(group[better], return_index=True)[1]].tolist():
-        g = int(group[item])
-        attained[g] = values[item]
+    falling = better[np.argsort(values[better], kind="stable")][::-1]
+    for g, index in dict(zip(group[falling].tolist(), falling.tolist(), strict=True)).items():
+        last, item = divmod(index, len(items.cell))
+        attained[g] = values[index]
         place[g] = (
             int(items.cell[item]),
-            float(items.start[item] + offset * items.width[item]),
+            float(items.start[item] + last * items.width[item]),
             int(items.member[item]),
         )

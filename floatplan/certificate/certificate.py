@@ -19,12 +19,12 @@ from floatplan.arrays import read_only
 from floatplan.certificate.enclosure import Balls
 from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.planar.boundary import boundary_findings, flight_findings, orientation_findings
-from floatplan.certificate.planar.inertia import PlanarRobot, planar_robot
+from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.limits import limit_findings, quantities, range_findings, recorded_peaks
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.certificate.planar.refine import fly
-from floatplan.certificate.planar.shapes import LinkShape, Shape, given_shapes, place_shapes, urdf_shapes
-from floatplan.certificate.planar.urdf import recorded_urdf
+from floatplan.certificate.planar.robots import recorded_robot
+from floatplan.certificate.planar.shapes import LinkShape, ShapeWeights, given_shapes, place_shapes, urdf_shapes
 from floatplan.errors import InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.schema import checked
@@ -80,7 +80,7 @@ def prove(
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
         path = urdf_path(record.robot.urdf if urdf is None else urdf)
-        robot = planar_robot(recorded_urdf(path, record.robot.sha256), record.robot)
+        robot = recorded_robot(path, record.robot)
         try:
             with np.errstate(all="ignore"):
                 return _prove(robot, record, shapes, unknown_meshes, budget, began)
@@ -121,7 +121,7 @@ def _prove(
         found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
     if record.asks_clearance:
         chosen = _shapes(robot, shapes)
-        surroundings = Surroundings(record, flight, place_shapes(robot, flight, chosen), robot.sigma)
+        surroundings = Surroundings(record, flight, place_shapes(flight, chosen), robot.sigma)
         clear = [self_finding(surroundings, pair) for pair in pairs]
         if problem.get("ground"):
             clear.append(ground_finding(surroundings, robot))
@@ -159,9 +159,11 @@ def _claimed(peaks: Mapping[str, float], motor: str) -> float:
     return float(peaks[motor])
 
 
-def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> tuple[Shape, ...]:
+def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> ShapeWeights:
     if shapes is not None:
-        return given_shapes(robot, shapes)
+        return given_shapes(
+            robot, tuple((link, tuple(start), tuple(end), radius) for link, start, end, radius in shapes)
+        )
     if robot.with_collision:
         reason = f'link "{min(robot.with_collision)}" has a <collision> element, so its shape has to be given'
         raise InputError(reason, element="shapes")

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import flint
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
 
 ROUND = 2.0**-52
 TINY = 1e-290  # more than any sum of products that underflow is off by
@@ -60,6 +61,10 @@ class Balls:
     def transposed(self) -> Balls:
         """The matrix transposed."""
         return Balls(self.mid.T, self.rad.T)
+
+    def joined(self, other: Balls) -> Balls:
+        """The rows of both."""
+        return Balls(np.concatenate([self.mid, other.mid]), np.concatenate([self.rad, other.rad]))
 
     def __neg__(self) -> Balls:
         return Balls(-self.mid, self.rad)
@@ -98,10 +103,15 @@ class Taylor:
         c[0] = balls.mid
         return cls(c, balls.rad)
 
-    @property
+    @cached_property
+    def magnitudes(self) -> Array:
+        """The coefficients' magnitudes (K, ...)."""
+        return np.abs(self.c)
+
+    @cached_property
     def size(self) -> Array:
         """Bound on ``|sum_k c_k u^k|``: the sum of the coefficients' magnitudes, not rounded up."""
-        return np.asarray(np.abs(self.c).sum(axis=0))
+        return np.asarray(np.add.reduce(self.magnitudes, axis=0))
 
     @property
     def order(self) -> int:
@@ -116,21 +126,18 @@ class Taylor:
 
     def __add__(self, other: Taylor) -> Taylor:
         c = self.c + other.c
-        return Taylor(c, up(self.e + other.e + ROUND * np.abs(c).sum(axis=0)))
+        return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __sub__(self, other: Taylor) -> Taylor:
         return self + (-other)
 
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""
-        a, b, order = self.c, other.c, self.order
-        c = a[0] * b
-        for k in range(1, order):
-            c[k:] += a[k] * b[: order - k]
+        c = np.einsum("i...,ik...->k...", self.c, _delayed(other.c))
         size_a, size_b = self.size, other.size
-        rounding = (order + 2) * ROUND * size_a * size_b
+        rounding = (self.order + 2) * ROUND * size_a * size_b
         radius = self.e * (size_b + other.e) + size_a * other.e
-        return Taylor(c, up(radius + rounding + _tail(np.abs(a), np.abs(b))))
+        return Taylor(c, up(radius + rounding + _tail(self.magnitudes, other.magnitudes)))
 
     def times(self, factor: Balls) -> Taylor:
         """Product with constants that broadcast against ``e``."""
@@ -154,14 +161,20 @@ class Taylor:
 
     def at_end(self, u: float) -> Balls:
         """Value at u = -1 or +1."""
-        signs = np.where(np.arange(self.order) % 2, u, 1.0)
-        mid = np.tensordot(signs, self.c, axes=1)
+        mid = np.einsum("k,k...->...", _signs(self.order) if u < 0.0 else np.ones(self.order), self.c)
         return Balls(mid, up(self.e + self.order * ROUND * self.size))
 
 
 def stack(models: Sequence[Taylor]) -> Taylor:
     """Join models along the last axis."""
     return Taylor(np.concatenate([m.c for m in models], axis=-1), np.concatenate([m.e for m in models], axis=-1))
+
+
+def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
+    """Products of pairs of models of one shape (K, ..., items): as one by one, in fewer and longer operations."""
+    count = pairs[0][0].e.shape[-1]
+    joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
+    return [joined[..., index * count : (index + 1) * count] for index in range(len(pairs))]
 
 
 def join_cells(models: Sequence[Taylor], order: Any) -> Taylor:
@@ -184,8 +197,9 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     constant, radius = _unit_circle(angle.c[0])
     e = np.empty(angle.c.shape, dtype=np.complex128)
     e[0] = constant
+    turning = 1j * rates
     for k in range(1, order):
-        e[k] = (1j / k) * (rates[:k] * e[k - 1 :: -1]).sum(axis=0)
+        e[k] = (1.0 / k) * np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0)
     size_rates, size_e = np.abs(rates), np.abs(e)
     rounding = (2 * order + 16) * ROUND * size_rates.sum(axis=0) * size_e.sum(axis=0)
     padded = np.concatenate([np.zeros_like(size_rates[:1]), size_rates])
@@ -205,7 +219,7 @@ def reciprocal(x: Taylor) -> Taylor:
     y = np.empty_like(x.c)
     y[0] = 1.0 / x.c[0]
     for k in range(1, order):
-        y[k] = -y[0] * (x.c[1 : k + 1] * y[k - 1 :: -1]).sum(axis=0)
+        y[k] = -y[0] * np.add.reduce(x.c[1 : k + 1] * y[k - 1 :: -1], axis=0)
     size_x, size_y = np.abs(x.c), np.abs(y)
     total = size_y.sum(axis=0)
     rounding = (order + 8) * ROUND * size_x.sum(axis=0) * total
@@ -220,16 +234,30 @@ def integral(rate: Taylor) -> Taylor:
     full = rate.c / degrees
     c = np.zeros_like(rate.c)
     c[1:] = full[:-1]
-    signs = np.where(np.arange(order) % 2, -1.0, 1.0)
-    c[0] = -np.tensordot(signs, c, axes=1)
+    c[0] = -np.einsum("k,k...->...", _signs(order), c)
     size = np.abs(full).sum(axis=0)
     return Taylor(c, up(2.0 * rate.e + 2.0 * np.abs(full[-1]) + (order + 4) * ROUND * size))
 
 
+@cache
+def _signs(order: int) -> Array:
+    """Powers of -1."""
+    return read_only(np.where(np.arange(order) % 2, -1.0, 1.0))
+
+
 def _tail(a: Array, b: Array) -> Array:
     """Sum of ``a_i b_j`` over ``i + j >= K``, for non-negative (K, ...)."""
-    last = np.cumsum(b[:0:-1], axis=0)
-    return np.asarray((a[1:] * last).sum(axis=0))
+    last = np.add.accumulate(b[:0:-1], axis=0)
+    return np.asarray(np.add.reduce(a[1:] * last, axis=0))
+
+
+def _delayed(b: Array) -> Array:
+    """View (K, K, ...) of ``b_(k-i)`` in row i and column k, which is zero where k < i."""
+    order = len(b)
+    padded = np.zeros((2 * order - 1, *b.shape[1:]))
+    padded[order - 1 :] = b
+    step = padded.strides[0]
+    return np.ndarray((order, *b.shape), np.float64, padded, (order - 1) * step, (-step, *padded.strides))
 
 
 def _unit_circle(angles: Array) -> tuple[Any, Array]:

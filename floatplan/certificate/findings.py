@@ -46,7 +46,7 @@ def near(
     kind: Kind, subject: Subject, values: Balls, wanted: Any, tolerance: float, instant: float | None = None
 ) -> Finding:
     """Finding on numbers that should equal the wanted ones; the bound is on the largest deviation."""
-    deviation = np.abs(np.atleast_1d(values.mid - np.asarray(wanted, dtype=np.float64)))
-    radius = np.atleast_1d(values.rad) + 2.0**-51 * (np.abs(np.atleast_1d(values.mid)) + deviation)
+    deviation = np.abs(values.mid - np.asarray(wanted, dtype=np.float64))
+    radius = values.rad + 2.0**-51 * (np.abs(values.mid) + deviation)
     upper, attained = (deviation + radius).max(initial=0.0), (deviation - radius).max(initial=0.0)
     return at_most(kind, subject, float(upper), float(attained), 0.0, tolerance, instant)

@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.files import check_finite, read_json
+from floatplan.files import check_finite, numbers_hold, read_json
 from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.tables import check_number
 
@@ -116,7 +116,12 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
         raise InputError(f"give terms of more than {LARGEST_ANGLE:g} rad", element="coefficients")
     others = {name: value for name, value in content.items() if name not in ("coefficients", "certificate", "replay")}
     others["solver"] = {name: value for name, value in content["solver"].items() if name != "seed"}
-    _check_size(others, "")
+    if not numbers_hold(others, _is_of_a_size):
+        _check_size(others, "")
+
+
+def _is_of_a_size(value: float) -> bool:
+    return not abs(value) > LARGEST
 
 
 def _check_size(value: Any, element: str) -> None:
@@ -126,7 +131,7 @@ def _check_size(value: Any, element: str) -> None:
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):
             _check_size(item, f"{element}[{index}]")
-    elif isinstance(value, int | float) and abs(value) > LARGEST:
+    elif isinstance(value, int | float) and not _is_of_a_size(value):
         raise InputError(f"{value:g} is larger than anything in a flight, {LARGEST:g}", element=element)
 
 
@@ -216,7 +221,7 @@ def _text(value: Any, element: str) -> None:
 
 
 def _number(value: Any, element: str) -> float:
-    return float(_numbers(value, element, ()))
+    return value if type(value) is float else float(_numbers(value, element, ()))
 
 
 def _holds_truth(value: Any) -> bool:

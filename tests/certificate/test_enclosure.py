@@ -8,7 +8,7 @@ from flint import arb
 from floatplan.certificate.bernstein import bernstein, halves, lower, magnitude, upper
 from floatplan.certificate.branch_and_bound import Goal, Items, smallest
 from floatplan.certificate.cells import ORDER, Cells, recentred
-from floatplan.certificate.enclosure import Balls, Taylor, cos_sin, integral, reciprocal
+from floatplan.certificate.enclosure import Balls, Taylor, cos_sin, integral, products, reciprocal
 
 POINTS = [-1.0, -0.77, -0.125, 0.0, 0.3, 0.99, 1.0]
 
@@ -185,3 +185,15 @@ def test_search_gives_up_on_what_is_unknown():
 def _integral(model, cell, item, u):
     antiderivative = flint.arb_poly([float(x) for x in model.c[:, cell, item]]).integral()
     return antiderivative(arb(u)) - antiderivative(arb(-1))
+
+
+@pytest.mark.parametrize("shape", [(0,), (3, 0), (3, 2), (4,)])
+def test_several_products_are_those_one_by_one(shape):
+    rng = np.random.default_rng(5)
+    models = [Taylor(rng.normal(size=(ORDER, *shape)), rng.uniform(size=shape)) for _ in range(6)]
+    pairs = list(zip(models[:3], models[3:], strict=True))
+    for found, (a, b) in zip(products(pairs), pairs, strict=True):
+        wanted = a * b
+        assert found.c.shape == wanted.c.shape
+        assert found.e == pytest.approx(wanted.e, rel=1e-14)
+        assert found.c == pytest.approx(wanted.c, rel=1e-12, abs=1e-12)

@@ -48,7 +48,7 @@ def test_a_link_ends_where_the_urdf_puts_its_childrens_joints(tmp_path, position
     proved = planar_robot(recorded_urdf(robot.path, robot.sha256), record.robot)
     seen = [
         (shape.link, *(complex(proved.origins[end.body] + end.local) for end in (shape.start, shape.end)))
-        for shape in urdf_shapes(proved)
+        for shape in urdf_shapes(proved).shapes
     ]
     seen = [(link, *(complex(end.real, proved.sigma * end.imag) for end in ends)) for link, *ends in seen]
     assert places(seen) == places(wanted)

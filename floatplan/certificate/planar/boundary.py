@@ -8,11 +8,11 @@ from typing import Any
 import flint
 import numpy as np
 
-from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.findings import SAME, near
+from floatplan.arrays import IntArray
+from floatplan.certificate.enclosure import PRECISION, Balls, products, stack
+from floatplan.certificate.findings import SAME, at_most, near
 from floatplan.certificate.planar.flight import FlightEnclosure
-from floatplan.certificate.planar.inertia import ComplexBalls, PlanarRobot
-from floatplan.certificate.planar.shapes import turned
+from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
@@ -25,29 +25,32 @@ QUANTITIES = ("positions", "velocities", "accelerations")
 def boundary_findings(record: PlanRecord) -> list[Finding]:
     """Positions, velocities and accelerations at both ends, (13), in Arb."""
     found = []
-    for end, instant in zip(ENDS, (0.0, record.duration), strict=True):
-        states = _joint_states(record, instant)
-        for quantity, values, tolerance in zip(QUANTITIES, states, BOUNDARY, strict=True):
+    instants = (0.0, record.duration)
+    for end, instant, states in zip(ENDS, instants, _joint_states(record, instants), strict=True):
+        for row, (quantity, tolerance) in enumerate(zip(QUANTITIES, BOUNDARY, strict=True)):
             wanted = _listed(record, record.problem[end], end, quantity)
-            found.append(near(end, (quantity,), values, wanted, tolerance, instant))
+            found.append(near(end, (quantity,), states[row], wanted, tolerance, instant))
     return found
 
 
-def _joint_states(record: PlanRecord, instant: float) -> tuple[Balls, ...]:
-    """Positions, velocities and accelerations of the joints at an instant."""
-    states: list[list[Any]] = [[], [], []]
+def _joint_states(record: PlanRecord, instants: Sequence[float]) -> list[Balls]:
+    """Rows (3, n) at each instant: positions, velocities and accelerations of the joints."""
+    states: list[list[list[Any]]] = [[[], [], []] for _ in instants]
     with flint.ctx.workprec(PRECISION):
-        t = flint.arb(instant)
         rows = zip(record.coefficients.tolist(), record.centre.tolist(), record.amplitude.tolist(), strict=True)
         for row, centre, amplitude in rows:
             polynomial = flint.arb_poly(row)
-            p, dp = polynomial(t), polynomial.derivative()(t)
-            ddp = polynomial.derivative().derivative()(t)
-            sine, cosine = p.sin_cos()
-            states[0].append(centre + amplitude * sine)
-            states[1].append(amplitude * cosine * dp)
-            states[2].append(amplitude * (cosine * ddp - sine * dp * dp))
-        return tuple(Balls.from_arb(values, (len(values),)) for values in states)
+            first = polynomial.derivative()
+            second = first.derivative()
+            for (positions, velocities, accelerations), instant in zip(states, instants, strict=True):
+                t = flint.arb(instant)
+                dp = first(t)
+                sine, cosine = polynomial(t).sin_cos()
+                positions.append(centre + amplitude * sine)
+                velocities.append(amplitude * cosine * dp)
+                accelerations.append(amplitude * (cosine * second(t) - sine * dp * dp))
+        shape = (len(QUANTITIES), len(record.centre))
+        return [Balls.from_arb([value for values in at for value in values], shape) for at in states]
 
 
 def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: str) -> Any:
@@ -76,19 +79,21 @@ def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclos
     """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height."""
     asked, com, duration = record.problem["flight"], record.com, record.duration
     takeoff, landing = asked["takeoff"], asked["landing"]
-    place = _frame_place(robot, record, flight, takeoff["frame"], last=False)
-    landed = _frame_place(robot, record, flight, landing["frame"], last=True)
+    frames = (takeoff["frame"], landing["frame"])
+    place, landed = _frame_places(robot, record, flight, frames)
     found = [
         near("takeoff", ("position",), place, takeoff["position"], PLACE, 0.0),
         near("landing", ("height",), landed[1:], [landing["height"]], PLACE, duration),
         _same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
-    for end, kind, frame, last in (("start", "takeoff", takeoff, False), ("goal", "landing", landing, True)):
-        if record.problem[end].get("velocities_asked"):
-            velocity = _frame_velocity(robot, record, flight, frame["frame"], last=last)
-            instant = duration if last else 0.0
-            found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
+    at_rest = [bool(record.problem[end].get("velocities_asked")) for end in ENDS]
+    if any(at_rest):
+        velocities = _frame_velocities(robot, record, flight, frames)
+        kinds: tuple[Kind, Kind] = ("takeoff", "landing")
+        for kind, velocity, rest, instant in zip(kinds, velocities, at_rest, (0.0, duration), strict=True):
+            if rest:
+                found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
     if not isinstance(asked["angular_momentum"], str):
         found.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
     return found
@@ -101,64 +106,58 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
     return flint.arb_poly([x, dx]), flint.arb_poly([sigma * y, sigma * dy, -sigma * half_gravity])
 
 
-def _frame_place(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool) -> Balls:
-    """Place (2,) of a frame at the beginning or the end, horizontal and vertical."""
-    weights, pick = _weights(robot, frame), _end_cell(flight, last=last)
-    point = turned(weights, flight.joints.cos[pick], flight.joints.sin[pick])
-    return _in_world(robot, record, flight, point, com_polynomials(record, robot.sigma), last=last)
+def _frame_places(
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frames: tuple[str, str]
+) -> tuple[Balls, Balls]:
+    """Place (2,) of one frame at the beginning and of another at the end, horizontal and vertical."""
+    ends, joints = _end_cells(flight), flight.joints
+    points = robot.frame_weights(frames).times(joints.cos[ends], joints.sin[ends])
+    return _in_world(robot, record, flight, points, com_polynomials(record, robot.sigma))
 
 
-def _frame_velocity(
-    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frame: str, *, last: bool
-) -> Balls:
-    """Velocity (2,) of a frame at the beginning or the end: the derivative of its place, ``i sum_b w_b zeta_b phi_b'``.
+def _frame_velocities(
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frames: tuple[str, str]
+) -> tuple[Balls, Balls]:
+    """Velocity (2,) of one frame at the beginning and of another at the end.
 
-    In the frame that turns with the base, as the place.
+    The derivative of the place, ``i sum_b w_b zeta_b phi_b'``, in the frame that turns with the base, as the place.
     """
-    weights, pick = _weights(robot, frame), _end_cell(flight, last=last)
-    joints = flight.joints
-    turns = joints.velocities[pick].linear(robot.turns) + joints.rate[pick]
-    swing = turned(weights, joints.cos[pick] * turns, joints.sin[pick] * turns)
-    rates = tuple(polynomial.derivative() for polynomial in com_polynomials(record, robot.sigma))
-    return _in_world(robot, record, flight, Vectors(-swing.y, swing.x), rates, last=last)
+    ends, joints = _end_cells(flight), flight.joints
+    turns = joints.velocities[ends].linear(robot.turns) + joints.rate[ends]
+    swing = robot.frame_weights(frames).times(joints.cos[ends] * turns, joints.sin[ends] * turns)
+    rates = [polynomial.derivative() for polynomial in com_polynomials(record, robot.sigma)]
+    return _in_world(robot, record, flight, Vectors(-swing.y, swing.x), rates)
 
 
-def _weights(robot: PlanarRobot, frame: str) -> ComplexBalls:
-    if frame not in robot.frames:
-        raise ValueError(f'the robot has no frame "{frame}"')
-    return robot.point_weights([robot.frames[frame]])
-
-
-def _end_cell(flight: FlightEnclosure, *, last: bool) -> slice:
-    cell = len(flight.cells) - 1 if last else 0
-    return slice(cell, cell + 1)
+def _end_cells(flight: FlightEnclosure) -> IntArray:
+    return np.array([0, len(flight.cells) - 1])
 
 
 def _in_world(
-    robot: PlanarRobot,
-    record: PlanRecord,
-    flight: FlightEnclosure,
-    vector: Vectors,
-    of_com: Sequence[Any],
-    *,
-    last: bool,
-) -> Balls:
-    """A vector (2,) of the frame that turns with the base, turned as the base is, and what is the CM's added.
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, vectors: Vectors, of_com: Sequence[Any]
+) -> tuple[Balls, Balls]:
+    """Two vectors of the frame that turns with the base, turned as the base is, and what is the CM's added.
 
-    At the beginning or the end; horizontal and vertical. ``of_com`` are two polynomials of t.
+    ``vectors`` (K, 2, 2) are on the first cell and the last: the first one is wanted at the beginning, the second at
+    the end; horizontal and vertical. ``of_com`` are two polynomials of t.
     """
-    pick = _end_cell(flight, last=last)
-    cos, sin = flight.cos[pick], flight.sin[pick]
-    world = (cos * vector.x - sin * vector.y, cos * vector.y + sin * vector.x)
-    x, y = (model.at_end(1.0 if last else -1.0)[0, 0] for model in world)
+    ends, each = _end_cells(flight), np.arange(2)
+    at = vectors.picked(each, each)
+    cos, sin = flight.cos[ends, 0], flight.sin[ends, 0]
+    cos_x, sin_y, cos_y, sin_x = products([(cos, at.x), (sin, at.y), (cos, at.y), (sin, at.x)])
+    both = stack([cos_x - sin_y, cos_y + sin_x])
+    found = []
     with flint.ctx.workprec(PRECISION):
-        t = flint.arb(record.duration if last else 0.0)
-        com = [polynomial(t) for polynomial in of_com]
-        values = [com[0] + flint.arb(float(x.mid), float(x.rad)), com[1] + flint.arb(float(y.mid), float(y.rad))]
-        return Balls.from_arb([values[0], robot.sigma * values[1]], (2,))
+        for end, (u, instant) in enumerate(((-1.0, 0.0), (1.0, record.duration))):
+            at_end = both[end::2].at_end(u)
+            of_frame = [flint.arb(mid, rad) for mid, rad in zip(at_end.mid.tolist(), at_end.rad.tolist(), strict=True)]
+            place = [polynomial(flint.arb(instant)) + part for polynomial, part in zip(of_com, of_frame, strict=True)]
+            found.append(Balls.from_arb([place[0], robot.sigma * place[1]], (2,)))
+    return found[0], found[1]
 
 
 def _same(kind: Kind, subject: Subject, number: float, other: float, instant: float | None) -> Finding:
     """Two numbers of the file that should be one."""
-    scale = max(1.0, abs(number), abs(other))
-    return near(kind, subject, Balls.exact([number]), [other], SAME * scale, instant)
+    scale, deviation = max(1.0, abs(number), abs(other)), abs(number - other)
+    radius = 2.0**-51 * (abs(number) + deviation)
+    return at_most(kind, subject, deviation + radius, max(0.0, deviation - radius), 0.0, SAME * scale, instant)

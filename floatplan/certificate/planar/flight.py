@@ -19,7 +19,17 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ORDER, Cells, recentred
-from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, join_cells, reciprocal, up
+from floatplan.certificate.enclosure import (
+    ROUND,
+    Balls,
+    Taylor,
+    cos_sin,
+    integral,
+    join_cells,
+    products,
+    reciprocal,
+    up,
+)
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
@@ -60,34 +70,38 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints
     amplitude = Balls.exact(record.amplitude)
     cosine, sine = cos_sin(p)
     q = sine.times(amplitude) + Taylor.constant(Balls.exact(np.broadcast_to(record.centre, p.e.shape)), ORDER)
-    dq = (cosine * dp).times(amplitude)
-    ddq = (cosine * ddp - sine * (dp * dp)).times(amplitude)
+    swing, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
+    dq = swing.times(amplitude)
+    ddq = (push - sine * speed).times(amplitude)
     cos, sin = cos_sin(q.linear(robot.turns))
     shares, twists = _momentum_shares(robot, cos, sin)
     turned, turned_twice = dq.linear(robot.turns), ddq.linear(robot.turns)
     inverse = reciprocal(shares.sum())
     h = Taylor.constant(Balls.exact(np.full((len(cells.low), 1), record.angular_momentum)), ORDER)
-    rate = (h - (shares * turned).sum()) * inverse
+    held, held_twice = products([(shares, turned), (shares, turned_twice)])
+    rate = (h - held.sum()) * inverse
     phi_rate = turned + rate
     squared = phi_rate * phi_rate
-    acceleration = -((shares * turned_twice + twists * squared).sum() * inverse)
+    acceleration = -((held_twice + twists * squared).sum() * inverse)
     body_torques = _body_torques(robot, cos, sin, turned_twice + acceleration, squared)
     return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)
 
 
 def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:
     """``m_j = sum_i c_ij cos(x_ij)`` and ``n_j = sum_i c_ij sin(x_ij)``, where ``x_ij = phi_i - phi_j - a_ij``."""
-    a, b = robot.inertia.re.transposed, robot.inertia.im.transposed
-    re = cos.linear(a) + sin.linear(b)  # of sum_i C_ij conj(zeta_i)
-    im = cos.linear(b) - sin.linear(a)
-    return re * cos - im * sin, -(re * sin + im * cos)
+    conjugate = robot.inertia.adjoint.times(cos, sin)  # of sum_i C_ij conj(zeta_i)
+    re, im = conjugate.x, -conjugate.y
+    re_cos, im_sin, re_sin, im_cos = products([(re, cos), (im, sin), (re, sin), (im, cos)])
+    return re_cos - im_sin, -(re_sin + im_cos)
 
 
 def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Taylor, squared: Taylor) -> Taylor:
-    a, b = robot.inertia.re, robot.inertia.im
-    re = cos * acceleration - sin * squared
-    im = cos * squared + sin * acceleration
-    return cos * (re.linear(a) - im.linear(b)) + sin * (re.linear(b) + im.linear(a))
+    along, inwards, outwards, across = products(
+        [(cos, acceleration), (sin, squared), (cos, squared), (sin, acceleration)]
+    )
+    driven = robot.inertia.times(along - inwards, outwards + across)
+    of_cos, of_sin = products([(cos, driven.x), (sin, driven.y)])
+    return of_cos + of_sin
 
 
 def _polynomials(record: PlanRecord, cells: Cells) -> tuple[Taylor, Taylor, Taylor]:

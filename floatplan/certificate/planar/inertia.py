@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import flint
@@ -23,31 +24,13 @@ from floatplan.arrays import Array
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.roles import check_roles, motor_ratios, motors_of, position_at_zero
 from floatplan.certificate.planar.urdf import IDENTITY, Joint, Placement, Urdf, motion, rotate, unit_axis
+from floatplan.certificate.vectors import ComplexBalls
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
 SHORTEST = 1e-12  # [m] a shorter segment is its start
 LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal
-
-
-@dataclass(frozen=True)
-class ComplexBalls:
-    """Complex numbers known to within a radius in each part."""
-
-    re: Balls
-    im: Balls
-
-    @classmethod
-    def from_acb(cls, values: Sequence[Any], shape: tuple[int, ...]) -> ComplexBalls:
-        """Round Arb's complex balls to doubles."""
-        return cls(
-            Balls.from_arb([value.real for value in values], shape),
-            Balls.from_arb([value.imag for value in values], shape),
-        )
-
-    def __getitem__(self, index: Any) -> ComplexBalls:
-        return ComplexBalls(self.re[index], self.im[index])
 
 
 @dataclass(frozen=True)
@@ -58,7 +41,7 @@ class Point:
     local: Any
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlanarRobot:
     """A planar tree of bodies as constants.
 
@@ -110,6 +93,13 @@ class PlanarRobot:
                 values += row
         return ComplexBalls.from_acb(values, (len(points), len(self.weights)))
 
+    def frame_weights(self, frames: tuple[str, ...]) -> ComplexBalls:
+        """Weights (frames, m) of the origins of frames."""
+        for frame in frames:
+            if frame not in self.frames:
+                raise ValueError(f'the robot has no frame "{frame}"')
+        return _frame_weights(self, frames)
+
     def link_point(self, link: str, place: Sequence[float]) -> Point:
         """Point of a link, m: (x, y, z) in the link's frame, or (horizontal, vertical) from its origin.
 
@@ -127,6 +117,11 @@ class PlanarRobot:
 
     def _in_plane(self, point: Any) -> Any:
         return flint.acb(flint.arb(point[self.horizontal]), self.sigma * flint.arb(point[self.vertical]))
+
+
+@lru_cache(maxsize=16)
+def _frame_weights(robot: PlanarRobot, frames: tuple[str, ...]) -> ComplexBalls:
+    return robot.point_weights([robot.frames[frame] for frame in frames])
 
 
 @dataclass

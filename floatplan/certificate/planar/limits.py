@@ -144,11 +144,12 @@ def _motor(robot: PlanarRobot, name: str, key: str) -> int:
 
 def limit_findings(found: list[Quantity], flight: FlightEnclosure) -> tuple[list[Finding], list[Minimum]]:
     """Findings on the limited quantities, and the peaks of all."""
-    groups = np.concatenate([np.full(q.models.e.shape[1], index) for index, q in enumerate(found)])
+    counts = [q.models.e.shape[1] for q in found]
+    groups = np.repeat(np.arange(len(found)), counts)
     models = stack([q.models for q in found])
     limits = np.array([q.limit for q in found])
     tolerances = np.array([_tolerance(q) for q in found])
-    sizes = np.array([np.nanmax(q.models.size, initial=0.0) for q in found])
+    sizes = np.fmax.reduceat(np.fmax.reduce(models.size, axis=0, initial=0.0), np.cumsum([0, *counts[:-1]]))
     goal = Goal(gap=PEAK_GAP * sizes + 1e-12, threshold=-(limits + tolerances))
     items = Items.whole_cells([bernstein(models)], np.arange(len(flight.cells)))
     peaks = smallest(items, groups, _below, _at_point, goal, flight.cells)

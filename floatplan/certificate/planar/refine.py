@@ -44,6 +44,8 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         coarse &= (low < middle) & (middle < high)
         if count + len(low) + coarse.sum() > budget:
             coarse[:] = False
+        if not done and not coarse.any():
+            return assemble(record, cells, joints)
         fine = np.flatnonzero(~coarse)
         done.append((Cells.between(low[fine], high[fine]), _take(joints, fine)))
         count += len(fine)

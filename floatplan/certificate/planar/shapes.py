@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import flint
 
-from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
+from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.flight import FlightEnclosure
-from floatplan.certificate.planar.inertia import ComplexBalls, PlanarRobot, Point
-from floatplan.certificate.vectors import Vectors
+from floatplan.certificate.planar.inertia import PlanarRobot, Point
+from floatplan.certificate.vectors import ComplexBalls, Vectors
 
 LinkShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
+MOST = 8  # sets of shapes kept
 SHORTEST = 1e-9  # [m] below this a segment has no direction: its ends count as two points
 
 
@@ -51,34 +53,39 @@ class PlacedShapes:
         )
 
 
-def urdf_shapes(robot: PlanarRobot) -> tuple[Shape, ...]:
+@dataclass(frozen=True, eq=False)
+class ShapeWeights:
+    """Shapes as constants: ``points`` (3 shapes, m) are the weights of all starts, all ends and all directions."""
+
+    shapes: tuple[Shape, ...]
+    points: ComplexBalls
+    length: Balls
+    radius: Balls
+
+
+@lru_cache(maxsize=MOST)
+def urdf_shapes(robot: PlanarRobot) -> ShapeWeights:
     """The segments from each link's origin to its children's joints, with radius 0: the paper's links."""
-    return tuple(Shape(link, start, end, 0.0) for link, pairs in robot.segments.items() for start, end in pairs)
+    return _weighed(
+        robot, tuple(Shape(link, start, end, 0.0) for link, pairs in robot.segments.items() for start, end in pairs)
+    )
 
 
-def given_shapes(robot: PlanarRobot, shapes: Sequence[LinkShape]) -> tuple[Shape, ...]:
+@lru_cache(maxsize=MOST)
+def given_shapes(robot: PlanarRobot, shapes: tuple[LinkShape, ...]) -> ShapeWeights:
     """Shapes from (link, start, end, radius)."""
     if any(not 0.0 <= float(radius) < float("inf") for *_, radius in shapes):
         raise ValueError("the radius of a shape is negative")
-    return tuple(
-        Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
-        for link, start, end, radius in shapes
+    return _weighed(
+        robot,
+        tuple(
+            Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
+            for link, start, end, radius in shapes
+        ),
     )
 
 
-def turned(weights: ComplexBalls, cos: Taylor, sin: Taylor) -> Vectors:
-    """``sum_b w_b zeta_b`` for weights (items, m)."""
-    return Vectors(
-        cos.linear(weights.re) - sin.linear(weights.im),
-        cos.linear(weights.im) + sin.linear(weights.re),
-    )
-
-
-def place_shapes(robot: PlanarRobot, flight: FlightEnclosure, shapes: tuple[Shape, ...]) -> PlacedShapes:
-    """Where the shapes are at all times."""
-    cos, sin = flight.joints.cos, flight.joints.sin
-    start = turned(robot.point_weights([shape.start for shape in shapes]), cos, sin)
-    end = turned(robot.point_weights([shape.end for shape in shapes]), cos, sin)
+def _weighed(robot: PlanarRobot, shapes: tuple[Shape, ...]) -> ShapeWeights:
     count = len(robot.weights)
     directions, lengths = [], []
     with flint.ctx.workprec(PRECISION):
@@ -89,7 +96,18 @@ def place_shapes(robot: PlanarRobot, flight: FlightEnclosure, shapes: tuple[Shap
             row[shape.start.body] = along / length if length > SHORTEST else flint.acb(1)
             directions += row
             lengths.append(flint.arb(length))
-        weights = ComplexBalls.from_acb(directions, (len(shapes), count))
+        along = ComplexBalls.from_acb(directions, (len(shapes), count))
         length = Balls.from_arb(lengths, (len(shapes),))
-    radius = Balls.exact([shape.radius for shape in shapes])
-    return PlacedShapes(shapes, start, end, turned(weights, cos, sin), length, radius)
+    ends = robot.point_weights([*(shape.start for shape in shapes), *(shape.end for shape in shapes)])
+    return ShapeWeights(shapes, ends.joined(along), length, Balls.exact([shape.radius for shape in shapes]))
+
+
+def place_shapes(flight: FlightEnclosure, weights: ShapeWeights) -> PlacedShapes:
+    """Where the shapes are at all times."""
+    count = len(weights.shapes)
+    placed = weights.points.times(flight.joints.cos, flight.joints.sin)
+    start, end, direction = (
+        Vectors(placed.x[..., first : first + count], placed.y[..., first : first + count])
+        for first in (0, count, 2 * count)
+    )
+    return PlacedShapes(weights.shapes, start, end, direction, weights.length, weights.radius)

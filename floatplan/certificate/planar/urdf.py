@@ -91,13 +91,13 @@ class _PlainTree(ElementTree.TreeBuilder):
         raise InputError("declares a document type (<!DOCTYPE>), where entities could hide")
 
 
-def recorded_urdf(path: Path, sha256: str) -> Urdf:
-    """Read a URDF file.
+def recorded_content(path: Path, sha256: str) -> bytes:
+    """Content of the URDF file of this hash.
 
     Raises
     ------
     InputError
-        The file cannot be read, has another SHA-256, or is not a tree of links and joints with finite numbers.
+        The file cannot be read, or has another SHA-256.
     """
     content = read_regular(path, LARGEST_URDF, "a URDF file")
     if hashlib.sha256(content).hexdigest() != sha256:
@@ -107,6 +107,17 @@ def recorded_urdf(path: Path, sha256: str) -> Urdf:
             element="robot.sha256",
             advice="plan again, or restore the file",
         )
+    return content
+
+
+def read_urdf(content: bytes, path: Path) -> Urdf:
+    """Read the content of a URDF file; the path is for messages.
+
+    Raises
+    ------
+    InputError
+        It is not a tree of links and joints with finite numbers.
+    """
     try:
         parser = ElementTree.XMLParser(target=_PlainTree())
         parser.feed(content)
@@ -116,6 +127,11 @@ def recorded_urdf(path: Path, sha256: str) -> Urdf:
         raise error.within(path) from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InputError(f"is no URDF: {error}", source=path) from None
+
+
+def recorded_urdf(path: Path, sha256: str) -> Urdf:
+    """Read the URDF file of this hash; errors as :func:`recorded_content` and :func:`read_urdf`."""
+    return read_urdf(recorded_content(path, sha256), path)
 
 
 def rotate(rotation: Matrix, vector: Vector) -> Vector:
