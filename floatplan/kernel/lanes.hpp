@@ -5,13 +5,11 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 
 using Bits = std::int64_t __attribute__((vector_size(8 * LANES)));
 
-static inline Vector load(const double *from) {
-    Vector result;
-    std::memcpy(&result, from, sizeof result);
-    return result;
-}
+typedef Vector Anywhere __attribute__((aligned(8)));  // not only where a whole vector would begin
 
-static inline void store(double *to, Vector value) { std::memcpy(to, &value, sizeof value); }
+static inline Vector load(const double *from) { return *(const Anywhere *)from; }
+
+static inline void store(double *to, Vector value) { *(Anywhere *)to = value; }
 
 static inline double sum(Vector value) {
     double result = 0;

@@ -2,12 +2,13 @@
 
 // Memory of one call, for any of its problems.
 struct Memory {
-    double *sine, *cosine, *rate;                          // (joints, nodes): sin p, cos p, dp/ds
+    double *sine, *cosine, *rate, *speed;                  // (joints, nodes): sin p, cos p, dp/ds, d(sin p)/dt
     double *fixed, *fixed_rate;                            // (joints, nodes): p and dp/ds of the motion with z = 0
     double *body_cosine, *body_sine, *turned, *inertia, *swing;  // (bodies, nodes): E, Im, Re conj(E) C E, rate
+    double *angle;                                         // (bodies, nodes)
     double *base_rate, *inverse;                           // (nodes): theta0', 1/D_0
-    double *by_angle, *by_swing, *angle;                   // (bodies, LANES)
-    double *by_joint, *by_joint_rate, *joint_rate;         // (joints, LANES)
+    double *by_angle, *by_swing, *moving_cosine, *moving_sine;  // (bodies, LANES)
+    double *by_joint, *by_joint_rate;                      // (joints, LANES)
     double *by_z;                                          // (joints, width, LANES)
     double *z, *z_gradient;                                // (joints, width)
     // By number of free polynomials: (width, width), (width, 6), (columns, 6).
@@ -161,8 +162,9 @@ class Planner {
     // momentum.hpp
     template <bool is_real> double fly();
     template <bool is_real> void backward();
-    template <bool is_real, typename Weighted>
-    void couple(std::int64_t a, std::int64_t k, Weighted weighted, Vector &x, Vector &y) const;
+    template <bool is_real>
+    void couple(std::int64_t a, const double *cosine, const double *sine, std::int64_t stride, Vector &x,
+                Vector &y) const;
     void factor(std::int64_t f, const Powers &powers);
     double norm(const double *matrix, std::int64_t f) const;
 };
