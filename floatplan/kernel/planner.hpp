@@ -124,14 +124,18 @@ class Planner {
     // Tail of the Legendre coefficients of theta0', relative to its largest value.
     double unresolved() {
         const Grid &grid = grids[level];
-        double tail = 0;
-        fastest = 0;
-        for (std::int64_t k = 0; k < grid.nodes; ++k) fastest = larger(fastest, std::fabs(m.base_rate[k]));
-        for (int r = 0; r < 3; ++r) {
-            double part = 0;
-            for (std::int64_t k = 0; k < grid.nodes; ++k) part += grid.tail[r * grid.nodes + k] * m.base_rate[k];
-            tail = larger(tail, std::fabs(part));
+        const std::int64_t nodes = grid.nodes;
+        Vector most = all(0), last = all(0), next = all(0), third = all(0);
+        for (std::int64_t k = 0; k < nodes; k += LANES) {
+            Vector rate = load(m.base_rate + k);
+            most = larger(magnitude(rate), most);
+            last = multiply_add(load(grid.tail + k), rate, last);
+            next = multiply_add(load(grid.tail + nodes + k), rate, next);
+            third = multiply_add(load(grid.tail + 2 * nodes + k), rate, third);
         }
+        fastest = 0;
+        for (int lane = 0; lane < LANES; ++lane) fastest = larger(most[lane], fastest);
+        double tail = larger(std::fabs(sum(last)), larger(std::fabs(sum(next)), std::fabs(sum(third))));
         return tail / larger(fastest, 1e-300);
     }
 
