@@ -69,7 +69,7 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             duration = batch.duration[row];
             planner.whiten(duration, powers);
             time[0] = {1, 0};
-            for (std::int64_t k = 1; k < columns; ++k) time[k] = time[k - 1] * Double2{duration, 0};
+            for (std::int64_t k = 1; k < columns; ++k) time[k] = time[k - 1] * duration;
         }
         planner.h0 = batch.momentum[row];
         planner.change = batch.change[row];
