@@ -1,6 +1,7 @@
 // All that is compiled for each set of instructions: within a namespace that has the type Vector of LANES doubles,
 // all() and multiply_add().
 #include "lanes.hpp"
+#include "doubles.hpp"
 #include "planner.hpp"
 #include "scaling.hpp"
 #include "momentum.hpp"

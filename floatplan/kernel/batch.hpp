@@ -12,12 +12,12 @@ struct Arena {
 static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Settings &settings, std::int64_t nodes,
                            std::int64_t size) {
     std::int64_t n = robot.joints, bodies = robot.bodies, width = robot.width, columns = 6 + width;
-    for (double **each : {&m.sine, &m.cosine, &m.rate, &m.fixed, &m.fixed_rate}) arena.take(*each, n * nodes);
-    for (double **each : {&m.body_cosine, &m.body_sine, &m.turned, &m.inertia, &m.swing})
+    for (double **each : {&m.sine, &m.cosine, &m.rate, &m.speed, &m.fixed, &m.fixed_rate}) arena.take(*each, n * nodes);
+    for (double **each : {&m.body_cosine, &m.body_sine, &m.turned, &m.inertia, &m.swing, &m.angle})
         arena.take(*each, bodies * nodes);
     for (double **each : {&m.base_rate, &m.inverse}) arena.take(*each, nodes);
-    for (double **each : {&m.by_angle, &m.by_swing, &m.angle}) arena.take(*each, bodies * LANES);
-    for (double **each : {&m.by_joint, &m.by_joint_rate, &m.joint_rate}) arena.take(*each, n * LANES);
+    for (double **each : {&m.by_angle, &m.by_swing, &m.moving_cosine, &m.moving_sine}) arena.take(*each, bodies * LANES);
+    for (double **each : {&m.by_joint, &m.by_joint_rate}) arena.take(*each, n * LANES);
     arena.take(m.by_z, n * width * LANES);
     for (double **each : {&m.z, &m.z_gradient}) arena.take(*each, n * width);
     arena.take(m.scaling, (width + 1) * width * width);
@@ -69,7 +69,7 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
             duration = batch.duration[row];
             planner.whiten(duration, powers);
             time[0] = {1, 0};
-            for (std::int64_t k = 1; k < columns; ++k) time[k] = time[k - 1] * Double2{duration, 0};
+            for (std::int64_t k = 1; k < columns; ++k) time[k] = time[k - 1] * duration;
         }
         planner.h0 = batch.momentum[row];
         planner.change = batch.change[row];

@@ -14,77 +14,6 @@ namespace {
 
 constexpr int MOST_COLUMNS = 32;  // degree + 1
 
-// ---- sums of two doubles, for coefficients in powers of seconds
-
-struct Double2 {
-    double high, low;
-};
-
-Double2 quick_sum(double a, double b) {  // |a| >= |b|
-    double s = a + b;
-    return {s, b - (s - a)};
-}
-
-Double2 exact_sum(double a, double b) {
-    double s = a + b, t = s - a;
-    return {s, (a - (s - t)) + (b - t)};
-}
-
-double upper_half(double a) {
-    std::uint64_t bits;
-    std::memcpy(&bits, &a, sizeof bits);
-    bits &= ~std::uint64_t{0x7ffffff};
-    std::memcpy(&a, &bits, sizeof bits);
-    return a;
-}
-
-Double2 exact_product(double a, double b) {
-    double p = a * b, ah = upper_half(a), al = a - ah, bh = upper_half(b), bl = b - bh;
-    return {p, ((ah * bh - p) + ah * bl + al * bh) + al * bl};
-}
-
-Double2 operator+(Double2 a, Double2 b) {
-    Double2 s = exact_sum(a.high, b.high), t = exact_sum(a.low, b.low);
-    s = quick_sum(s.high, s.low + t.high);
-    return quick_sum(s.high, s.low + t.low);
-}
-
-Double2 operator*(Double2 a, Double2 b) {
-    Double2 p = exact_product(a.high, b.high);
-    return quick_sum(p.high, p.low + (a.high * b.low + a.low * b.high));
-}
-
-double quotient(Double2 a, Double2 b) {  // correctly rounded but for near ties
-    double first = a.high / b.high;
-    Double2 rest = a + b * Double2{-first, 0};
-    return first + (rest.high + rest.low) / b.high;
-}
-
-// Coefficients b (columns) in powers of seconds of a combination of the basis, see powers_of_seconds() of
-// floatplan/motion/exact_polynomials.py.
-void write_coefficients(const double *combination, const Double2 *time, const Powers &powers, std::int64_t columns,
-                        double *b) {
-    Double2 rest[MOST_COLUMNS];
-    for (std::int64_t k = 0; k < columns; ++k) {
-        rest[k] = {0, 0};
-        for (std::int64_t c = 0; c < columns; ++c) {
-            double high = powers.columns[k * columns + c];
-            if (high != 0 && combination[c] != 0)
-                rest[k] = rest[k] + Double2{high, powers.columns_low[k * columns + c]} * Double2{combination[c], 0};
-        }
-    }
-    for (std::int64_t k = columns - 1; k >= 0; --k) {
-        b[k] = quotient(rest[k], time[k]);
-        Double2 rounding = rest[k] + time[k] * Double2{-b[k], 0};
-        for (std::int64_t index = 0; index < k; ++index) {
-            double high = powers.lost[k * columns + index];
-            if (high != 0)
-                rest[index] =
-                    rest[index] + rounding * Double2{-high, -powers.lost_low[k * columns + index]};
-        }
-    }
-}
-
 // ---- random numbers: SplitMix64 (Steele, Lea and Flood 2014), normal ones by Box and Muller
 
 struct Random {
@@ -109,6 +38,11 @@ struct Random {
 
 namespace baseline {
 constexpr int LANES = 2;
+#if defined(__aarch64__)
+constexpr bool FUSED = true;  // whether products and sums are rounded once
+#else
+constexpr bool FUSED = false;
+#endif
 typedef double Vector __attribute__((vector_size(16)));
 static inline Vector all(double value) { return Vector{value, value}; }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
@@ -134,6 +68,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 #endif
 namespace avx2 {
 constexpr int LANES = 4;
+constexpr bool FUSED = true;
 typedef double Vector __attribute__((vector_size(32)));
 static inline Vector all(double value) { return (Vector)_mm256_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {
@@ -151,6 +86,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 #endif
 namespace avx512 {
 constexpr int LANES = 8;
+constexpr bool FUSED = true;
 typedef double Vector __attribute__((vector_size(64)));
 static inline Vector all(double value) { return (Vector)_mm512_set1_pd(value); }
 static inline Vector multiply_add(Vector a, Vector b, Vector c) {

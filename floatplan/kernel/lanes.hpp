@@ -5,25 +5,29 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 
 using Bits = std::int64_t __attribute__((vector_size(8 * LANES)));
 
-static inline Vector load(const double *from) {
-    Vector result;
-    std::memcpy(&result, from, sizeof result);
-    return result;
-}
+typedef Vector Anywhere __attribute__((aligned(8)));  // not only where a whole vector would begin
 
-static inline void store(double *to, Vector value) { std::memcpy(to, &value, sizeof value); }
+static inline Vector load(const double *from) { return *(const Anywhere *)from; }
+
+static inline void store(double *to, Vector value) { *(Anywhere *)to = value; }
 
 static inline double sum(Vector value) {
-    double result = 0;
-    for (int lane = 0; lane < LANES; ++lane) result += value[lane];
-    return result;
+    double part[LANES];
+    store(part, value);
+    for (int half = LANES / 2; half; half /= 2)
+        for (int lane = 0; lane < half; ++lane) part[lane] += part[lane + half];
+    return part[0];
 }
 
 static inline Vector select(Bits mask, Vector one, Vector other) {
     return (Vector)((mask & (Bits)one) | (~mask & (Bits)other));
 }
 
-// Sine and cosine to about 1e-16: Taylor polynomials after the nearest multiple of pi/2 is taken away.
+static inline Vector larger(Vector a, Vector b) { return select(a > b, a, b); }
+static inline Vector magnitude(Vector a) { return (Vector)((Bits)a & INT64_MAX); }
+
+// Sine and cosine to about 1e-16, after the nearest multiple of pi/2 is taken away: the polynomials of FDLIBM's k_sin.c
+// and k_cos.c (Sun Microsystems 1993).
 __attribute__((always_inline)) static inline void sine_cosine(Vector x, Vector &sine, Vector &cosine) {
     constexpr double round_to_whole = 6755399441055744.0;  // 1.5 * 2^52
     Vector shifted = multiply_add(x, all(0.63661977236758134), all(round_to_whole));
@@ -32,22 +36,19 @@ __attribute__((always_inline)) static inline void sine_cosine(Vector x, Vector &
     r = multiply_add(whole, all(-6.0771005063039660e-11), r);
     r = multiply_add(whole, all(-2.0222662487959506e-21), r);
     Vector r2 = r * r;
-    Vector s = all(1 / 355687428096000.0);
-    s = multiply_add(s, r2, all(-1 / 1307674368000.0));
-    s = multiply_add(s, r2, all(1 / 6227020800.0));
-    s = multiply_add(s, r2, all(-1 / 39916800.0));
-    s = multiply_add(s, r2, all(1 / 362880.0));
-    s = multiply_add(s, r2, all(-1 / 5040.0));
-    s = multiply_add(s, r2, all(1 / 120.0));
-    s = multiply_add(s, r2, all(-1 / 6.0));
+    Vector s = all(1.58969099521155010221e-10);
+    s = multiply_add(s, r2, all(-2.50507602534068634195e-8));
+    s = multiply_add(s, r2, all(2.75573137070700676789e-6));
+    s = multiply_add(s, r2, all(-1.98412698298579493134e-4));
+    s = multiply_add(s, r2, all(8.33333333332248946124e-3));
+    s = multiply_add(s, r2, all(-1.66666666666666324348e-1));
     s = multiply_add(s * r2, r, r);
-    Vector c = all(1 / 20922789888000.0);
-    c = multiply_add(c, r2, all(-1 / 87178291200.0));
-    c = multiply_add(c, r2, all(1 / 479001600.0));
-    c = multiply_add(c, r2, all(-1 / 3628800.0));
-    c = multiply_add(c, r2, all(1 / 40320.0));
-    c = multiply_add(c, r2, all(-1 / 720.0));
-    c = multiply_add(c, r2, all(1 / 24.0));
+    Vector c = all(-1.13596475577881948265e-11);
+    c = multiply_add(c, r2, all(2.08757232129817482790e-9));
+    c = multiply_add(c, r2, all(-2.75573143513906633035e-7));
+    c = multiply_add(c, r2, all(2.48015872894767294178e-5));
+    c = multiply_add(c, r2, all(-1.38888888888741095749e-3));
+    c = multiply_add(c, r2, all(4.16666666666666019037e-2));
     c = multiply_add(c, r2, all(-0.5));
     c = multiply_add(c, r2, all(1.0));
     Bits quadrant = (Bits)shifted, odd = -(quadrant & 1);

@@ -2,12 +2,13 @@
 
 // Memory of one call, for any of its problems.
 struct Memory {
-    double *sine, *cosine, *rate;                          // (joints, nodes): sin p, cos p, dp/ds
+    double *sine, *cosine, *rate, *speed;                  // (joints, nodes): sin p, cos p, dp/ds, d(sin p)/dt
     double *fixed, *fixed_rate;                            // (joints, nodes): p and dp/ds of the motion with z = 0
     double *body_cosine, *body_sine, *turned, *inertia, *swing;  // (bodies, nodes): E, Im, Re conj(E) C E, rate
+    double *angle;                                         // (bodies, nodes)
     double *base_rate, *inverse;                           // (nodes): theta0', 1/D_0
-    double *by_angle, *by_swing, *angle;                   // (bodies, LANES)
-    double *by_joint, *by_joint_rate, *joint_rate;         // (joints, LANES)
+    double *by_angle, *by_swing, *moving_cosine, *moving_sine;  // (bodies, LANES)
+    double *by_joint, *by_joint_rate;                      // (joints, LANES)
     double *by_z;                                          // (joints, width, LANES)
     double *z, *z_gradient;                                // (joints, width)
     // By number of free polynomials: (width, width), (width, 6), (columns, 6).
@@ -123,14 +124,18 @@ class Planner {
     // Tail of the Legendre coefficients of theta0', relative to its largest value.
     double unresolved() {
         const Grid &grid = grids[level];
-        double tail = 0;
-        fastest = 0;
-        for (std::int64_t k = 0; k < grid.nodes; ++k) fastest = larger(fastest, std::fabs(m.base_rate[k]));
-        for (int r = 0; r < 3; ++r) {
-            double part = 0;
-            for (std::int64_t k = 0; k < grid.nodes; ++k) part += grid.tail[r * grid.nodes + k] * m.base_rate[k];
-            tail = larger(tail, std::fabs(part));
+        const std::int64_t nodes = grid.nodes;
+        Vector most = all(0), last = all(0), next = all(0), third = all(0);
+        for (std::int64_t k = 0; k < nodes; k += LANES) {
+            Vector rate = load(m.base_rate + k);
+            most = larger(magnitude(rate), most);
+            last = multiply_add(load(grid.tail + k), rate, last);
+            next = multiply_add(load(grid.tail + nodes + k), rate, next);
+            third = multiply_add(load(grid.tail + 2 * nodes + k), rate, third);
         }
+        fastest = 0;
+        for (int lane = 0; lane < LANES; ++lane) fastest = larger(most[lane], fastest);
+        double tail = larger(std::fabs(sum(last)), larger(std::fabs(sum(next)), std::fabs(sum(third))));
         return tail / larger(fastest, 1e-300);
     }
 
@@ -161,8 +166,9 @@ class Planner {
     // momentum.hpp
     template <bool is_real> double fly();
     template <bool is_real> void backward();
-    template <bool is_real, typename Weighted>
-    void couple(std::int64_t a, std::int64_t k, Weighted weighted, Vector &x, Vector &y) const;
+    template <bool is_real>
+    void couple(std::int64_t a, const double *cosine, const double *sine, std::int64_t stride, Vector &x,
+                Vector &y) const;
     void factor(std::int64_t f, const Powers &powers);
     double norm(const double *matrix, std::int64_t f) const;
 };
