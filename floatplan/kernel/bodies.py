@@ -8,7 +8,7 @@ are then one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,20 +46,10 @@ class Bodies:
     rotations: ComplexArray
     is_mirrored: bool
 
-    def coupling(self, coupling: ComplexArray, inertia: Array) -> ComplexArray:
-        """C (m, m) of these bodies, kg m^2, from that (M, M) and the inertias (M,) of the tree's, of any masses."""
-        merged = self.rotations.conj() @ (coupling + np.diag(inertia)) @ self.rotations.T
-        return np.asarray(merged.conj() if self.is_mirrored else merged)
-
     @property
     def is_real(self) -> bool:
         """Whether C has no imaginary part, but for rounding."""
-        return is_real(self.real, self.imaginary)
-
-
-def is_real(real: Array, imaginary: Array) -> bool:
-    """Whether a matrix has no imaginary part, but for rounding."""
-    return bool(np.abs(imaginary).max() <= NEGLIGIBLE * np.abs(real).max())
+        return bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
 
 
 def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
@@ -69,18 +59,21 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     from_, terms = _built_up(turns)
     first = np.cumsum([0, *map(len, terms)])
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
-    bodies = Bodies(
-        np.zeros((0, 0)),
-        np.zeros((0, 0)),
+    rotations = np.eye(len(turns))[group].T * constant
+    coupling = rotations.conj() @ (centroidal_coupling(tree) + np.diag(tree.inertia)) @ rotations.T
+    is_mirrored = tree.turn < 0
+    if is_mirrored:
+        coupling = coupling.conj()
+    return Bodies(
+        np.ascontiguousarray(coupling.real),
+        np.ascontiguousarray(coupling.imag),
         np.array(from_, dtype=np.int64),
         first.astype(np.int64),
         np.array([joint for joint, _ in entries], dtype=np.int64),
         np.array([ratio for _, ratio in entries], dtype=np.float64),
-        np.eye(len(turns))[group].T * constant,
-        tree.turn < 0,
+        rotations,
+        is_mirrored,
     )
-    coupling = bodies.coupling(centroidal_coupling(tree), np.array(tree.inertia))
-    return replace(bodies, real=np.ascontiguousarray(coupling.real), imaginary=np.ascontiguousarray(coupling.imag))
 
 
 def _distinct(turns: Array) -> tuple[Array, IntArray]:

@@ -53,7 +53,6 @@ class Planner {
     void free_coefficients(const double *x);           // z = offset + scaling x
     void variables(const double *z, double *x) const;  // the inverse
     double metric(const double *d) const;
-    double squared_objective(double square) const { return least + unit * unit * square; }  // |b|^2, of |x|^2
 
     std::int64_t current_level() const { return level; }
 
