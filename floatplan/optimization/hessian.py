@@ -49,7 +49,7 @@ class DirectHessian:
         return float(self.hessian.diagonal().max(initial=1.0))
 
     def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
-        """By constraint generation."""
+        """By its active rows."""
         return solve_qp(current, self.hessian, active, slack_penalty)
 
     def product(self, change: Array, step: Step, step_length: float) -> Array:

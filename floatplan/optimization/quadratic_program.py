@@ -1,4 +1,4 @@
-"""The QP subproblem of SQP: by constraint generation, elastic where it is infeasible; ProxSuite solves most.
+"""The QP subproblem of SQP: from the rows active last time, by ProxQP where these are far off, else elastic.
 
 minimise ``x H x / 2 + g x`` subject to ``A x = b`` and ``C x >= l``; see :mod:`floatplan.optimization.sqp`.
 """
@@ -15,7 +15,8 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation, total_violation
 
-QP_ACCURACY = 1e-9  # of ProxQP's residuals, in the units of its rows
+QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
+CHANGES = 8  # [-] of the active rows, after which ProxQP solves the QP
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
 ELASTIC_ITERATIONS = 20  # of Newton's method
@@ -84,33 +85,71 @@ class Step(NamedTuple):
 
 
 def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
-    """Solve the QP of the linearised program by constraint generation, by :func:`elastic_qp` where that fails.
+    """Solve the QP of the linearised program, by :func:`elastic_qp` where there is no other way.
+
+    Mostly its ``active`` rows are nearly those of the last: a few changes, each a linear system, find its solution.
+    """
+    return (
+        _by_changes_of_active_rows(current, hessian, active)
+        or _by_constraint_generation(current, hessian, active)
+        or elastic_qp(current, hessian, slack_penalty)
+    )
+
+
+def _by_changes_of_active_rows(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+    """Hold the active rows as equalities; then rows pulled at leave, and the most violated enters: None without an end.
+
+    Where there is none of either, the step satisfies the QP's conditions of optimality (Nocedal and Wright, Numerical
+    Optimization, 2nd ed., (16.37)), which a convex QP's solution alone does.
+    """
+    size, equalities = len(hessian), len(current.equality)
+    inequality, jacobian = current.inequality, current.inequality_jacobian
+    for _ in range(CHANGES):
+        if active.size > size:
+            return None
+        solution = _equality_qp(
+            hessian,
+            current.gradient,
+            np.concatenate((current.equality_jacobian, jacobian[active])),
+            -np.concatenate((current.equality, inequality[active])),
+        )
+        if solution is None:
+            return None
+        direction, multipliers = solution
+        pushing = multipliers[equalities:] <= 0
+        linearised = inequality + jacobian @ direction
+        linearised[active] = np.inf
+        violated = np.flatnonzero(linearised == linearised.min(initial=-ROW_TOLERANCE))[:1]
+        if pushing.all() and not violated.size:
+            inequality_multipliers = np.zeros(len(inequality))
+            inequality_multipliers[active] = -multipliers[equalities:]
+            return Step(direction, Multipliers(multipliers[:equalities], inequality_multipliers))
+        active = np.concatenate((active[pushing], violated))
+    return None
+
+
+def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+    """Solve the QP by ProxQP, of ever more rows; None where it fails.
 
     Only the rows active last time enter, with the most violated beside them; rows that the solution violates are added
     until none is left. Thousands of rows, most of them neighbours in time, thus cost as little as the few that matter.
     """
-    equality, inequality, rows = current.equality_jacobian, current.inequality, active
-    if active.size:
-        rows = _most_violated(inequality, np.inf)
-        if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
-            rows = _union(len(inequality), active, rows)
+    inequality = current.inequality
+    rows = _most_violated(inequality, np.inf)
+    if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
+        rows = _union(len(inequality), active, rows)
     for _ in range(GENERATIONS):
-        if rows.size:
-            solved = _proxqp(
-                hessian,
-                current.gradient,
-                equality,
-                -current.equality,
-                current.inequality_jacobian[rows],
-                -inequality[rows],
-            )
-        else:
-            solved = _equality_qp(hessian, current.gradient, equality, -current.equality)
+        solved = _proxqp(
+            hessian,
+            current.gradient,
+            current.equality_jacobian,
+            -current.equality,
+            current.inequality_jacobian[rows],
+            -inequality[rows],
+        )
         if solved is None:
-            return elastic_qp(current, hessian, slack_penalty)
+            return None
         direction, equality_multipliers, row_multipliers = solved
-        if not inequality.size:
-            return Step(direction, Multipliers(equality_multipliers, inequality))
         linearised = inequality + current.inequality_jacobian @ direction
         linearised[rows] = np.inf
         violated = _most_violated(linearised, -ROW_TOLERANCE)
@@ -119,7 +158,7 @@ def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_pen
             inequality_multipliers[rows] = np.maximum(row_multipliers, 0)
             return Step(direction, Multipliers(equality_multipliers, inequality_multipliers))
         rows = _union(len(inequality), rows, violated)
-    return elastic_qp(current, hessian, slack_penalty)
+    return None
 
 
 def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
@@ -175,24 +214,24 @@ def solved(matrix: Array, right: Array) -> Array:
     return np.zeros(len(right))
 
 
-def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array, Array] | None:
-    """Minimise ``x H x / 2 + g x`` with ``A x = b`` by the linear system of its optimality, see :func:`_proxqp`.
+def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array] | None:
+    """Minimise ``x H x / 2 + g x`` with ``A x = b``: x and multipliers, see :func:`_proxqp`.
 
-    ProxQP takes those whose rows depend on each other.
+    They solve the linear system of its optimality; None where rows that nearly depend on each other make that inexact.
     """
     size = len(gradient)
     matrix = np.zeros((size + len(values), size + len(values)))
     matrix[:size, :size] = hessian
     matrix[:size, size:] = rows.T
     matrix[size:, :size] = rows
-    right = np.empty(len(matrix))
-    np.negative(gradient, out=right[:size])
-    right[size:] = values
+    right = np.concatenate((-gradient, values))
     try:
         solution = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
-        return _proxqp(hessian, gradient, rows, values, np.empty((0, size)), np.empty(0))
-    return solution[:size], solution[size:], np.empty(0)
+        return None
+    if not float(np.abs(matrix @ solution - right).max(initial=0.0)) <= QP_ACCURACY:
+        return None
+    return solution[:size], solution[size:]
 
 
 def _proxqp(

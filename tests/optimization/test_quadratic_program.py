@@ -1,11 +1,100 @@
-"""The linear systems of the QPs."""
+"""QPs with inequalities, and the linear systems beside them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from floatplan.optimization.quadratic_program import solved
+from floatplan.optimization import quadratic_program
+from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.optimization.quadratic_program import Step, solve_qp, solved
+
+SIZE, EQUALITIES, INEQUALITIES = 7, 2, 60
+NO_ROWS = np.empty(0, dtype=np.int64)
+
+
+def linearised(gradient, equality, equality_rows, inequality, inequality_rows) -> Evaluation[None]:
+    derivatives = Derivatives(gradient, equality_rows, inequality_rows)
+    return Evaluation(0.0, equality, inequality, lambda: derivatives, None)
+
+
+def drawn(seed: int, touched: bool = False) -> tuple[Evaluation[None], np.ndarray]:
+    """A program with a point that keeps all rows, many of them just so where it is ``touched``; and a Hessian."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(SIZE, SIZE))
+    point = rng.normal(size=SIZE)
+    equality_rows, rows = rng.normal(size=(EQUALITIES, SIZE)), rng.normal(size=(INEQUALITIES, SIZE))
+    room = rng.normal(1, 1, INEQUALITIES)
+    room = np.maximum(room, 0) if touched else np.abs(room)
+    program = linearised(10 * rng.normal(size=SIZE), -equality_rows @ point, equality_rows, room - rows @ point, rows)
+    return program, root @ root.T + 0.1 * np.eye(SIZE)
+
+
+def is_solution(step: Step, program: Evaluation[None], hessian: np.ndarray) -> bool:
+    """Whether the step satisfies the conditions of optimality, which is sufficient: the QP is convex."""
+    multipliers = step.multipliers
+    stationary = hessian @ step.direction + program.gradient
+    stationary += multipliers.equality @ program.equality_jacobian
+    stationary -= multipliers.inequality @ program.inequality_jacobian
+    left = program.inequality + program.inequality_jacobian @ step.direction
+    return bool(
+        not step.elastic
+        and np.abs(stationary).max() < 1e-7
+        and np.abs(program.equality + program.equality_jacobian @ step.direction).max() < 1e-7
+        and left.min(initial=0) > -1e-7
+        and multipliers.inequality.min(initial=0) >= 0
+        and np.abs(left * multipliers.inequality).max(initial=0) < 1e-6
+    )
+
+
+@pytest.fixture
+def without_proxqp(monkeypatch):
+    monkeypatch.setattr(quadratic_program, "_proxqp", raising)
+
+
+class TestQP:
+    @pytest.mark.parametrize("touched", [False, True])
+    @pytest.mark.parametrize("seed", range(20))
+    def test_is_solved_from_any_active_rows(self, seed, touched):
+        program, hessian = drawn(seed, touched)
+        rng = np.random.default_rng(seed)
+        for count in (0, 1, 3, SIZE, SIZE + 1, INEQUALITIES):
+            active = np.sort(rng.choice(INEQUALITIES, count, replace=False))
+            assert is_solution(solve_qp(program, hessian, active, 1e3), program, hessian)
+
+    @pytest.mark.parametrize("seed", range(40))
+    def test_needs_one_linear_system_from_the_right_ones(self, seed, monkeypatch):
+        program, hessian = drawn(seed)
+        active = np.flatnonzero(solve_qp(program, hessian, NO_ROWS, 1e3).multipliers.inequality > 1e-6)
+        monkeypatch.setattr(quadratic_program, "CHANGES", 1)
+        monkeypatch.setattr(quadratic_program, "_proxqp", raising)
+        assert is_solution(solve_qp(program, hessian, active, 1e3), program, hessian)
+
+    def test_rows_that_say_the_same_twice_are_no_obstacle(self):
+        program, hessian = drawn(3)
+        active = np.flatnonzero(solve_qp(program, hessian, NO_ROWS, 1e3).multipliers.inequality > 1e-6)
+        assert active.size
+        rows = np.concatenate((program.inequality_jacobian, program.inequality_jacobian[active]))
+        values = np.concatenate((program.inequality, program.inequality[active]))
+        twice = linearised(program.gradient, program.equality, program.equality_jacobian, values, rows)
+        both = np.concatenate((active, INEQUALITIES + np.arange(active.size)))
+        assert is_solution(solve_qp(twice, hessian, both, 1e3), twice, hessian)
+
+    @pytest.mark.usefixtures("without_proxqp")
+    def test_without_inequalities_is_a_linear_system(self):
+        program, hessian = drawn(0)
+        alone = linearised(
+            program.gradient, program.equality, program.equality_jacobian, np.empty(0), np.empty((0, SIZE))
+        )
+        assert is_solution(solve_qp(alone, hessian, NO_ROWS, 1e3), alone, hessian)
+
+    def test_that_nothing_solves_is_elastic(self):
+        program, hessian = drawn(0)
+        rows = np.concatenate((program.inequality_jacobian[:1], -program.inequality_jacobian[:1]))
+        contradictory = linearised(program.gradient, program.equality, program.equality_jacobian, -np.ones(2), rows)
+        step = solve_qp(contradictory, hessian, NO_ROWS, 1e3)
+        assert step.elastic
+        assert step.violation_left == pytest.approx(2, abs=0.1)
 
 
 def test_a_regular_system_is_solved():

@@ -108,8 +108,10 @@ def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
     for size in rng.integers(1, 400, 60):
         kept.append(np.empty(size))
         solution = quadratic_program._proxqp(*(np.array(part) for part in data), bounds.copy())
+        system = quadratic_program._equality_qp(*(np.array(part) for part in data[:4]))
         assert solution is not None
-        solutions.add(solution[0].tobytes())
+        assert system is not None
+        solutions.add(solution[0].tobytes() + system[0].tobytes())
     assert len(solutions) == 1
 
 
