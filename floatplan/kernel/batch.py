@@ -147,7 +147,7 @@ class Solver:
         failed = self._kernel.plan(
             self._robot.structure,
             grids.structures,
-            nodes.ctypes.data_as(library.Integers),
+            library.address(nodes),
             _powers(width).structure,
             _settings(search),
             batch.structure,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,21 +21,25 @@ class Filled:
     def __init__(self, kind: type[ctypes.Structure], **values: Any) -> None:
         self._kept: list[Any] = []
         self.structure: Any = kind()
-        kinds: dict[str, Any] = dict(field[:2] for field in kind._fields_)
+        integers = _integers(kind)
         for name, value in values.items():
             if isinstance(value, np.ndarray):
-                dtype = np.int64 if kinds[name] is library.Integers else np.float64
-                array = np.ascontiguousarray(value, dtype=dtype)
+                array = np.ascontiguousarray(value, dtype=np.int64 if name in integers else np.float64)
                 self._kept.append(array)
-                value = array.ctypes.data_as(kinds[name])
+                value = library.address(array)
             setattr(self.structure, name, value)
 
     def point_to(self, **arrays: np.ndarray[Any, Any]) -> None:
         """Point to other arrays, as they are: contiguous, of the right numbers."""
-        kinds: dict[str, Any] = dict(field[:2] for field in self.structure._fields_)
         self._pointed = arrays
         for name, array in arrays.items():
-            setattr(self.structure, name, array.ctypes.data_as(kinds[name]))
+            setattr(self.structure, name, library.address(array))
+
+
+@cache
+def _integers(kind: type[ctypes.Structure]) -> frozenset[str]:
+    """Names of the arrays of integers."""
+    return frozenset(field[0] for field in kind._fields_ if field[1] is library.Integers)
 
 
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:

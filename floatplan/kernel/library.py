@@ -7,8 +7,10 @@ import os
 from ctypes import POINTER, Structure, c_double, c_int64, c_uint64, c_void_p
 from enum import IntEnum
 from functools import cache
+from typing import Any
 
-from floatplan.arrays import Array, IntArray
+import numpy as np
+
 from floatplan.kernel.build import FOLDER, LIBRARY, sources_digest
 
 SWITCH = "FLOATPLAN_KERNEL"  # environment variable: "off" for the Python solver
@@ -16,8 +18,13 @@ INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 STAGES = 3
 SPREADS = 6
 
-Doubles = POINTER(c_double)
-Integers = POINTER(c_int64)
+
+class Doubles(c_void_p):
+    """Where doubles begin, see :func:`address`."""
+
+
+class Integers(c_void_p):
+    """Where integers of 64 bits begin."""
 
 
 class Robot(Structure):
@@ -202,7 +209,7 @@ class Peaks(Structure):
     )
 
 
-def address(values: Array | IntArray) -> int:
+def address(values: np.ndarray[Any, Any]) -> int:
     """Where an array begins in memory."""
     return int(values.__array_interface__["data"][0])
 
