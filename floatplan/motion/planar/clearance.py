@@ -50,17 +50,12 @@ class Segments:
             self.turn,
         )
 
-    def twice(self) -> Segments:
-        """Return all capsules, and all of them again."""
-        return Segments(
-            np.concatenate((self.start, self.start), axis=1),
-            np.concatenate((self.end, self.end), axis=1),
-            np.concatenate((self.start_weights, self.start_weights)),
-            np.concatenate((self.end_weights, self.end_weights)),
-            np.concatenate((self.radius, self.radius)),
-            self.rotations,
-            self.turn,
-        )
+    def ends(self) -> Segments:
+        """Return the capsules' starts, and after them their ends, each as a segment that is a point."""
+        places = np.concatenate((self.start, self.end), axis=1)
+        weights = np.concatenate((self.start_weights, self.end_weights))
+        radius = np.concatenate((self.radius, self.radius))
+        return Segments(places, places, weights, weights, radius, self.rotations, self.turn)
 
     def gradient(self, direction: ComplexArray, fraction: Array) -> Array:
         """Derivative (K, S, m) by the bodies' angles of the points at ``fraction`` (K, S) along the segments.
@@ -171,12 +166,10 @@ def _circle_to_points(obstacle: Circle, points: ComplexArray) -> Array:
 def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Distances:
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
     origin = complex(*obstacle.point) + shift
-    both = segments.twice()
-    fraction = np.zeros(both.start.shape)
-    fraction[:, segments.start.shape[1] :] = 1.0
-    ends = np.concatenate((segments.start, segments.end), axis=1)
-    distance = (np.conj(normal) * (ends - origin[:, None])).real - both.radius
-    return Distances(distance, both, np.full(both.start.shape, normal), fraction)
+    ends = segments.ends()
+    shape = ends.start.shape
+    distance = (np.conj(normal) * (ends.start - origin[:, None])).real - ends.radius
+    return Distances(distance, ends, np.broadcast_to(normal, shape), np.broadcast_to(0.0, shape))
 
 
 def _half_plane_to_points(obstacle: HalfPlane, points: ComplexArray) -> Array:
