@@ -217,7 +217,8 @@ def solved(matrix: Array, right: Array) -> Array:
 def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array] | None:
     """Minimise ``x H x / 2 + g x`` with ``A x = b``: x and multipliers, see :func:`_proxqp`.
 
-    They solve the linear system of its optimality; None where rows that nearly depend on each other make that inexact.
+    They solve the linear system of its optimality: its rows to ``QP_ACCURACY``, and relative to what is balanced there
+    its first part. None where rows that nearly depend on each other prevent it.
     """
     size = len(gradient)
     matrix = np.zeros((size + len(values), size + len(values)))
@@ -229,9 +230,10 @@ def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) ->
         solution = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
-    if not float(np.abs(matrix @ solution - right).max(initial=0.0)) <= QP_ACCURACY:
-        return None
-    return solution[:size], solution[size:]
+    x, multipliers = solution[:size], solution[size:]
+    error = np.abs(matrix @ solution - right)
+    error[:size] /= 1 + max(np.abs(hessian @ x).max(), np.abs(gradient).max())
+    return (x, multipliers) if error.max() <= QP_ACCURACY else None
 
 
 def _proxqp(
