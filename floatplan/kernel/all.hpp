@@ -16,3 +16,4 @@
 #include "watch.hpp"
 #include "watch_slopes.hpp"
 #include "minima.hpp"
+#include "quadratic.hpp"

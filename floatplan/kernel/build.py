@@ -18,7 +18,8 @@ FOLDER = Path(__file__).resolve().parent
 SOURCES = (
     *("kernel.hpp", "all.hpp", "lanes.hpp", "doubles.hpp", "planner.hpp", "scaling.hpp", "momentum.hpp", "sqp.hpp"),
     *("starts.hpp", "batch.hpp", "rest.hpp", "law.hpp", "flight.hpp", "peaks.hpp"),
-    *("watch_kernel.hpp", "distances.hpp", "watch.hpp", "watch_slopes.hpp", "minima.hpp", "kernel.cpp"),
+    *("watch_kernel.hpp", "distances.hpp", "watch.hpp", "watch_slopes.hpp", "minima.hpp"),
+    *("quadratic_kernel.hpp", "quadratic.hpp", "kernel.cpp"),
 )
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
 COMPILERS = ("c++", "g++", "clang++")

@@ -3,12 +3,14 @@
 // What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called.
 // Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
+#include "quadratic_kernel.hpp"
 #include "watch_kernel.hpp"
 
 #include <cmath>
 #include <initializer_list>
 #include <cstdlib>
 #include <cstring>
+#include <utility>
 
 namespace {
 
@@ -185,4 +187,14 @@ EXPORT void floatplan_minima(const Watch *watch, Watched *at, const Course *cour
 #endif
     (void)instructions;
     baseline::watch_minima(*watch, *at, *course, *minima);
+}
+
+// Solves a quadratic program; returns 1, or 0 where it does not.
+EXPORT std::int64_t floatplan_quadratic(Quadratic *qp, std::int64_t instructions) {
+#ifdef FLOATPLAN_X86
+    if (instructions == 2) return avx512::solve_quadratic(*qp);
+    if (instructions == 1) return avx2::solve_quadratic(*qp);
+#endif
+    (void)instructions;
+    return baseline::solve_quadratic(*qp);
 }

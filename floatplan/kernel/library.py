@@ -239,6 +239,9 @@ class Kernel:
         self.minima = library.floatplan_minima
         self.minima.argtypes = [c_void_p, c_void_p, c_void_p, c_void_p, c_int64]
         self.minima.restype = None
+        self.quadratic = library.floatplan_quadratic  # see quadratic.py
+        self.quadratic.argtypes = [c_void_p, c_int64]
+        self.quadratic.restype = c_int64
         library.floatplan_instructions.restype = c_int64
         self.instructions = int(library.floatplan_instructions())
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation
-from floatplan.optimization.quadratic_program import Multipliers, Step, elastic_qp, solve_qp
+from floatplan.optimization.quadratic_program import FirstWay, Multipliers, Step, elastic_qp, solve_qp
 
 
 class HessianApproximation(Protocol):
@@ -39,9 +39,10 @@ class HessianApproximation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class DirectHessian:
-    """H itself, for programs with inequalities."""
+    """H itself, for programs with inequalities; ``first`` is the way in which their QPs are tried first."""
 
     hessian: Array
+    first: FirstWay | None = None
 
     @property
     def largest(self) -> float:
@@ -50,7 +51,7 @@ class DirectHessian:
 
     def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
         """By its active rows."""
-        return solve_qp(current, self.hessian, active, slack_penalty)
+        return solve_qp(current, self.hessian, active, slack_penalty, self.first)
 
     def product(self, change: Array, step: Step, step_length: float) -> Array:
         """By multiplication."""
@@ -60,7 +61,8 @@ class DirectHessian:
         """Nocedal and Wright (6.19)."""
         correction = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
         return DirectHessian(
-            self.hessian + correction - (hessian_product / (hessian_product @ change))[:, None] * hessian_product
+            self.hessian + correction - (hessian_product / (hessian_product @ change))[:, None] * hessian_product,
+            self.first,
         )
 
 
@@ -106,9 +108,13 @@ class InverseHessian:
         return InverseHessian(self.inverse + cross + cross.T)
 
 
-def hessian_approximation(hessian: Array, *, inequalities: bool) -> HessianApproximation:
-    """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
-    return DirectHessian(hessian) if inequalities else InverseHessian(_inverse(hessian))
+def hessian_approximation(hessian: Array, *, inequalities: bool, first: FirstWay | None = None) -> HessianApproximation:
+    """Return an initial approximation (m, m), in the form for programs with inequalities or without.
+
+    ``first`` is how QPs with inequalities are tried first, see
+    :func:`floatplan.optimization.quadratic_program.solve_qp`.
+    """
+    return DirectHessian(hessian, first) if inequalities else InverseHessian(_inverse(hessian))
 
 
 def _inverse(matrix: Array) -> Array:

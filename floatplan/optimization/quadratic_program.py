@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation, total_violation
 
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
-CHANGES = 8  # [-] of the active rows, after which ProxQP solves the QP
+CHANGES = 16  # [-] of the active rows, after which ProxQP solves the QP
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
 ELASTIC_ITERATIONS = 20  # of Newton's method
@@ -84,19 +85,27 @@ class Step(NamedTuple):
     lagrangian_gradient: Array | None = None
 
 
-def solve_qp(current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float) -> Step:
+FirstWay: TypeAlias = Callable[[AnyEvaluation, Array, IntArray], Step | None]
+
+
+def solve_qp(
+    current: AnyEvaluation, hessian: Array, active: IntArray, slack_penalty: float, first: FirstWay | None = None
+) -> Step:
     """Solve the QP of the linearised program, by :func:`elastic_qp` where there is no other way.
 
     Mostly its ``active`` rows are nearly those of the last: a few changes, each a linear system, find its solution.
+    That is the ``first`` way, which may be another that does the same; left out,
+    :func:`by_changes_of_active_rows`.
     """
+    guess = active if active.size <= len(hessian) else active[:0]  # after an elastic step, which pulls at all rows
     return (
-        _by_changes_of_active_rows(current, hessian, active)
+        (first or by_changes_of_active_rows)(current, hessian, guess)
         or _by_constraint_generation(current, hessian, active)
         or elastic_qp(current, hessian, slack_penalty)
     )
 
 
-def _by_changes_of_active_rows(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
+def by_changes_of_active_rows(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
     """Hold the active rows as equalities; then rows pulled at leave, and the most violated enters: None without an end.
 
     Where there is none of either, the step satisfies the QP's conditions of optimality (Nocedal and Wright, Numerical

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.kernel.stages import (
     COARSE,
     COARSELY_RESOLVED,
@@ -174,7 +175,7 @@ def solve(
         start = program.evaluate(x)
         if _is_resolved(start):
             break
-    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints))
+    guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=step_by_active_rows)
     stages = _stages(settings, start, level, bool(constraints))
     stage = next(stages)
     iterations = evaluations = 0
