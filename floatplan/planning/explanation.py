@@ -89,7 +89,7 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
     What the search can still change there, with a free h or free accelerations, does not count.
     """
     start = prepared.plain_start
-    ends = sample_also(prepared.model.nodes(-2, start.variables.polynomials.form), np.array([0.0, 1.0]))
+    ends = sample_also(prepared.model.nodes(0, start.variables.polynomials.form), np.array([0.0, 1.0]))
     motion = trajectory(prepared.model, start.variables, ends, start.x).at_goal()
     sentences = []
     for block in prepared.constraints:

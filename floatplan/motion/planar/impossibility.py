@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from floatplan.motion.planar.clearance import point_distances
 from floatplan.motion.planar.contact_rates import End, contact_equations, rates_at
 from floatplan.problem.parts import Bar, JointState, Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
 
 PATH_INSTANTS = 2001  # [-] of the flight
 POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
@@ -81,19 +83,23 @@ def central_point(problem: Problem) -> CentralPoint:
 
     A point's place relative to the centre of mass is a sum of rotated vectors; the sum of their lengths bounds it.
     """
-    tree, shapes = problem.robot.tree, problem.robot.shapes
-    count = POINTS_PER_SHAPE
+    tree, weights = problem.robot.tree, _central_weights(problem.robot)
+    start, goal = (
+        complex(tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions)) @ weights)
+        for state in (problem.initial, problem.final)
+    )
+    return CentralPoint(float(np.abs(weights).sum()), start, goal)
+
+
+@lru_cache(maxsize=16)
+def _central_weights(robot: Robot) -> ComplexArray:
+    """Weights (m,) of that point."""
+    shapes, count = robot.shapes, POINTS_PER_SHAPE
     bodies = np.repeat([shape.body for shape in shapes], count)
     fraction = np.tile(np.linspace(0, 1, count), len(shapes))
     starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
-    weights = tree.point_weights(bodies, (1 - fraction) * starts + fraction * ends)
-    reach = np.abs(weights).sum(axis=1)
-    nearest = weights[np.argmin(reach)]
-    start, goal = (
-        complex(tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions)) @ nearest)
-        for state in (problem.initial, problem.final)
-    )
-    return CentralPoint(float(reach.min()), start, goal)
+    weights = robot.tree.point_weights(bodies, (1 - fraction) * starts + fraction * ends)
+    return np.asarray(weights[np.argmin(np.abs(weights).sum(axis=1))], dtype=np.complex128)
 
 
 def _mean_rates(problem: Problem) -> Iterator[str]:
