@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.arrays import IntArray
 from floatplan.certificate.enclosure import PRECISION, Balls, products, stack
-from floatplan.certificate.findings import SAME, at_most, near
+from floatplan.certificate.findings import SAME, at_most, deviations, near
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.vectors import Vectors
@@ -24,17 +24,22 @@ QUANTITIES = ("positions", "velocities", "accelerations")
 
 def boundary_findings(record: PlanRecord) -> list[Finding]:
     """Positions, velocities and accelerations at both ends, (13), in Arb."""
-    found = []
     instants = (0.0, record.duration)
-    for end, instant, states in zip(ENDS, instants, _joint_states(record, instants), strict=True):
-        for row, (quantity, tolerance) in enumerate(zip(QUANTITIES, BOUNDARY, strict=True)):
-            wanted = _listed(record, record.problem[end], end, quantity)
-            found.append(near(end, (quantity,), states[row], wanted, tolerance, instant))
-    return found
+    rows = [
+        (end, quantity, tolerance, instant)
+        for end, instant in zip(ENDS, instants, strict=True)
+        for quantity, tolerance in zip(QUANTITIES, BOUNDARY, strict=True)
+    ]
+    wanted = np.array([_listed(record, record.problem[end], end, quantity) for end, quantity, _, _ in rows])
+    bounds = (bound.tolist() for bound in deviations(_joint_states(record, instants), wanted))
+    return [
+        at_most(end, (quantity,), upper, attained, 0.0, tolerance, instant)
+        for (end, quantity, tolerance, instant), upper, attained in zip(rows, *bounds, strict=True)
+    ]
 
 
-def _joint_states(record: PlanRecord, instants: Sequence[float]) -> list[Balls]:
-    """Rows (3, n) at each instant: positions, velocities and accelerations of the joints."""
+def _joint_states(record: PlanRecord, instants: Sequence[float]) -> Balls:
+    """Rows (3 instants, n): positions, velocities and accelerations of the joints, at each instant."""
     states: list[list[list[Any]]] = [[[], [], []] for _ in instants]
     with flint.ctx.workprec(PRECISION):
         rows = zip(record.coefficients.tolist(), record.centre.tolist(), record.amplitude.tolist(), strict=True)
@@ -49,8 +54,8 @@ def _joint_states(record: PlanRecord, instants: Sequence[float]) -> list[Balls]:
                 positions.append(centre + amplitude * sine)
                 velocities.append(amplitude * cosine * dp)
                 accelerations.append(amplitude * (cosine * second(t) - sine * dp * dp))
-        shape = (len(QUANTITIES), len(record.centre))
-        return [Balls.from_arb([value for values in at for value in values], shape) for at in states]
+        values = [value for at in states for of_joints in at for value in of_joints]
+        return Balls.from_arb(values, (len(instants) * len(QUANTITIES), len(record.centre)))
 
 
 def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: str) -> Any:
@@ -62,7 +67,7 @@ def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: 
 
 def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:
     """The orientation at the end, and what the file says of it."""
-    last = flight.orientation.at_end(1.0)[-1]
+    last = flight.orientation[-1].at_end(1.0)
     goal = float(record.problem["goal"]["orientation"])
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
