@@ -147,7 +147,7 @@ class PlanePoints:
 
 def to_base_frame(flight: FlightEnclosure, vectors: Vectors) -> Vectors:
     """Turn vectors (K, cells, items) of the world back by the orientation."""
-    return vectors.turned_back(Vectors(flight.cos, flight.sin))
+    return vectors.turned_back(flight.direction)
 
 
 def points_to_shapes(points: Vectors, shapes: PlacedShapes, radius: float) -> PointSegments:

@@ -13,6 +13,7 @@ Arb; what follows from them uses the constants of :class:`~floatplan.certificate
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import flint
 import numpy as np
@@ -31,6 +32,7 @@ from floatplan.certificate.enclosure import (
     up,
 )
 from floatplan.certificate.planar.inertia import PlanarRobot
+from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 
 SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
@@ -60,8 +62,11 @@ class FlightEnclosure:
     cells: Cells
     joints: Joints
     orientation: Taylor
-    cos: Taylor
-    sin: Taylor
+
+    @cached_property
+    def direction(self) -> Vectors:
+        """Cosine and sine of the orientation."""
+        return Vectors(*cos_sin(self.orientation))
 
 
 def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints:
@@ -142,9 +147,7 @@ def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosur
     rounding = 2.0 * ROUND * np.arange(1, len(ends)) * np.abs(ends).max()
     radii = up(np.concatenate([[0.0], np.cumsum(steps.rad[:, 0])])[:-1] + rounding)
     starts = Taylor.constant(Balls(ends[:-1, None], radii[:, None]), ORDER)
-    orientation = increments + starts
-    cos, sin = cos_sin(orientation)
-    return FlightEnclosure(cells, joints, orientation, cos, sin)
+    return FlightEnclosure(cells, joints, increments + starts)
 
 
 def merge(parts: list[tuple[Cells, Joints]]) -> tuple[Cells, Joints]:
