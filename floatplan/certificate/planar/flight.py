@@ -118,25 +118,21 @@ def _polynomials(record: PlanRecord, cells: Cells) -> tuple[Taylor, Taylor, Tayl
     p = Taylor.polynomial(c, e, ORDER)
     if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
         rates = [polynomial.derivative() for polynomial in polynomials]
-        both = (recentred(each, cells, length) for each in (rates, [rate.derivative() for rate in rates]))
-        dp, ddp = (Taylor.polynomial(each.mid, each.rad, ORDER) for each in both)
+        both = (recentred(of_time, cells, length) for of_time in (rates, [rate.derivative() for rate in rates]))
+        dp, ddp = (Taylor.polynomial(balls.mid, balls.rad, ORDER) for balls in both)
         return p, dp, ddp
     inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
-    dp, ddp = (_derivative(c, e, times, inverse[:, None]) for times in (1, 2))
-    return p, dp, ddp
+    first = _derivative(c, e)
+    dp, ddp = (Taylor.polynomial(*by_u, ORDER).times(inverse[:, None]) for by_u in (first, _derivative(*first)))
+    return p, dp, ddp.times(inverse[:, None])
 
 
-def _derivative(c: Array, e: Array, times: int, inverse: Balls) -> Taylor:
-    for _ in range(times):
-        degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
-        e = up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
-        c = c[1:] * degrees
-    if len(c) == 0:
-        c, e = np.zeros((1, *c.shape[1:])), np.zeros((1, *c.shape[1:]))
-    model = Taylor.polynomial(c, e, ORDER)
-    for _ in range(times):
-        model = model.times(inverse)
-    return model
+def _derivative(c: Array, e: Array) -> tuple[Array, Array]:
+    """Coefficients and radii of the derivative by u; one coefficient at least."""
+    if len(c) == 1:
+        return np.zeros_like(c), np.zeros_like(e)
+    degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
+    return c[1:] * degrees, up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
 
 
 def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosure:
