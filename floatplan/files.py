@@ -107,12 +107,12 @@ def numbers_hold(content: Any, holds: Callable[[float], bool]) -> bool:
         return True
     if hasattr(content, "tolist"):
         return numbers_hold(content.tolist(), holds)
-    if isinstance(content, dict | Mapping):
+    if kind is dict or (kind is not list and isinstance(content, Mapping)):
         content = content.values()
     elif not isinstance(content, list | tuple):
         return not isinstance(content, int | float) or holds(content)
     for item in content:  # noqa: SIM110 - a generator takes twice the time
-        if not numbers_hold(item, holds):
+        if not (holds(item) if type(item) is float else numbers_hold(item, holds)):
             return False
     return True
 
@@ -139,10 +139,10 @@ def plain(value: Any) -> Any:
         return value
     if hasattr(value, "tolist"):
         value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
+    if isinstance(value, dict | Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

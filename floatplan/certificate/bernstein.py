@@ -1,8 +1,8 @@
 """Ranges of polynomials by their Bernstein form: coefficients that bound the values, and are the values at the ends.
 
-Halving an interval costs one product with a constant matrix and shrinks the gap between coefficients and values by
-four (Garloff 1986). Where a polynomial is monotone near the end of the interval, the end's value *is* the bound: this
-is what decides a foot that leaves the ground at t = 0, where the clearance is zero.
+Splitting an interval costs one product with a constant matrix, and each halving shrinks the gap between coefficients
+and values by four (Garloff 1986). Where a polynomial is monotone near the end of the interval, the end's value *is* the
+bound: this is what decides a foot that leaves the ground at t = 0, where the clearance is zero.
 """
 
 from __future__ import annotations
@@ -33,12 +33,16 @@ def _from_powers(order: int) -> Array:
 
 
 @cache
-def _halving(order: int) -> Array:
-    """Matrices (2, K, K) from the coefficients on an interval to those on its halves; each row sums to 1."""
-    left = np.zeros((order, order))
-    for row in range(order):
-        left[row, : row + 1] = [math.comb(row, column) / 2.0**row for column in range(row + 1)]
-    return read_only(np.stack([left, left[::-1, ::-1]]))
+def _splitting(order: int, halvings: int) -> Array:
+    """Matrix (2^halvings K, K) from the coefficients on an interval to those on its equal parts; each row sums to 1.
+
+    A product of integers, so that each entry is rounded once at most.
+    """
+    left = np.array([[math.comb(r, c) << order - 1 - r for c in range(order)] for r in range(order)], dtype=object)
+    matrix = np.eye(order, dtype=object)
+    for _ in range(halvings):
+        matrix = np.concatenate([matrix @ left, matrix @ left[::-1, ::-1]])
+    return read_only(matrix / 2 ** ((order - 1) * halvings))
 
 
 def bernstein(model: Taylor) -> Taylor:
@@ -48,11 +52,14 @@ def bernstein(model: Taylor) -> Taylor:
     return Taylor(c, up(model.e + (order + 4) * ROUND * model.size))
 
 
-def halves(form: Taylor) -> Taylor:
-    """Split (K, items) into the left halves and, after them, the right halves: (K, 2 items)."""
-    c = np.concatenate(list(_halving(form.order) @ form.c), axis=-1)
-    e = up(form.e + (form.order + 2) * ROUND * np.abs(form.c).max(axis=0))
-    return Taylor(c, np.concatenate([e, e]))
+def split(form: Taylor, halvings: int) -> Taylor:
+    """Split (K, ..., items) into 2^halvings parts, all first ones, then all second ones: (K, ..., parts items)."""
+    order, *others, items = form.c.shape
+    parts = 2**halvings
+    pieces = (_splitting(order, halvings) @ form.c.reshape(order, -1)).reshape(parts, order, -1, items)
+    c = pieces.transpose(1, 2, 0, 3).reshape(order, *others, parts * items)
+    e = up(form.e + (order + 2) * ROUND * np.abs(form.c).max(axis=0))
+    return Taylor(c, np.concatenate([e] * parts, axis=-1))
 
 
 def lower(form: Taylor) -> Array:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate.bernstein import halves
+from floatplan.certificate.bernstein import split
 from floatplan.certificate.cells import Cells
 from floatplan.certificate.enclosure import Balls, Taylor
 
-Forms: TypeAlias = tuple[Taylor, ...]
 DEEPEST = 30  # halvings of a cell
 MOST_ITEMS = 60_000
+FEW_ITEMS = 512  # up to here a round costs its calls, not its arithmetic, and three halvings at once cost no more
 
 
 @dataclass(frozen=True)
@@ -30,36 +30,52 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False)
 class Items:
-    """Pieces of the search: Bernstein forms (K, items) on [start, start + width] of a cell, for a member of a group."""
+    """Pieces of the search: (K, forms, items) on [start, start + width] of a cell, for a member of a group."""
 
-    forms: Forms
+    forms: Taylor
     cell: IntArray
     member: IntArray
     start: Array
-    width: Array
+    width: float
 
     @classmethod
     def whole_cells(cls, forms: Sequence[Taylor], cells: IntArray) -> Items:
         """All members (last axis) on the given cells, for forms (K, cells, members)."""
         count = forms[0].e.shape[1]
-        flat = tuple(Taylor(f.c[:, cells].reshape(f.order, -1), f.e[cells].ravel()) for f in forms)
+        flat = [Taylor(f.c[:, cells].reshape(f.order, -1), f.e[cells].ravel()) for f in forms]
         return cls.on_cells(flat, np.repeat(cells, count), np.tile(np.arange(count), len(cells)))
 
     @classmethod
-    def on_cells(cls, forms: Forms, cell: IntArray, member: IntArray) -> Items:
+    def on_cells(cls, forms: Sequence[Taylor], cell: IntArray, member: IntArray) -> Items:
         """Items that are whole cells, for forms (K, items)."""
-        return cls(forms, cell, member, np.full(len(cell), -1.0), np.full(len(cell), 2.0))
+        together = Taylor(np.stack([form.c for form in forms], axis=1), np.stack([form.e for form in forms]))
+        return cls(together, cell, member, np.full(len(cell), -1.0), 2.0)
 
-    def halved(self, keep: IntArray) -> Items:
-        """The two halves of the items to keep."""
-        half, start, both = 0.5 * self.width[keep], self.start[keep], np.concatenate([keep, keep])
+    @property
+    def ends(self) -> Balls:
+        """Values (forms, 2, items) at the beginning and at the end."""
+        c = self.forms.c
+        return Balls(c[:: len(c) - 1].swapaxes(0, 1), self.forms.e[:, None])
+
+    def split(self, keep: IntArray, halvings: int) -> Items:
+        """Equal parts of the items to keep."""
+        parts = 2**halvings
+        width = self.width / parts
         return Items(
-            tuple(halves(form[keep]) for form in self.forms),
-            self.cell[both],
-            self.member[both],
-            np.concatenate([start, start + half]),
-            np.concatenate([half, half]),
+            split(self.forms[:, keep], halvings),
+            np.concatenate([self.cell[keep]] * parts),
+            np.concatenate([self.member[keep]] * parts),
+            np.add.outer(width * np.arange(parts), self.start[keep]).ravel(),
+            width,
         )
+
+
+class _Places(NamedTuple):
+    """Where the values attained are, for each group: cell, place u in it, and member."""
+
+    cell: IntArray
+    u: Array
+    member: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +86,8 @@ class Goal:
     threshold: Array
 
 
-Below: TypeAlias = Callable[[Forms, IntArray], Array]
-AtPoint: TypeAlias = Callable[[tuple[Balls, ...], IntArray], Array]
+Below: TypeAlias = Callable[[Taylor, IntArray], Array]
+AtPoint: TypeAlias = Callable[[Balls, IntArray], Array]
 
 
 def smallest(
@@ -86,50 +102,42 @@ def smallest(
         Group of each member.
     below : (forms, members) -> (items,)
         A lower bound on the values over the items.
-    at_point : (values, members) -> (items,)
-        An upper bound on the values where the forms have these values.
+    at_point : (values, members) -> (..., items)
+        An upper bound on the values where the forms have these values, (forms, ..., items).
     """
-    count = len(goal.gap)
+    count, depth = len(goal.gap), 0
     bound, attained = np.full(count, np.inf), np.full(count, np.inf)
-    place: list[tuple[int, float, int]] = [(0, -1.0, 0)] * count
-    for depth in range(DEEPEST + 1):
+    place = _Places(np.zeros(count, dtype=np.int64), np.full(count, -1.0), np.zeros(count, dtype=np.int64))
+    while True:
         group = groups[items.member]
-        low = np.where(np.isnan(value := below(items.forms, items.member)), -np.inf, value)
-        ends = tuple(
-            Balls(np.concatenate([form.c[0], form.c[-1]]), np.concatenate([form.e, form.e])) for form in items.forms
-        )
-        values = at_point(ends, np.concatenate([items.member, items.member]))
-        _improve(attained, place, np.concatenate([group, group]), values, items)
-        apart = ~(low >= attained[group] - goal.gap[group])
-        threshold = goal.threshold[group]
-        open_question = ~(low >= threshold) & ~(attained[group] < threshold)
-        keep = (apart | open_question) & np.isfinite(low)
-        if depth == DEEPEST or 2 * keep.sum() > MOST_ITEMS:
+        low = np.fmax(below(items.forms, items.member), -np.inf)
+        _improve(attained, place, group, at_point(items.ends, items.member), items)
+        enough = np.maximum(attained - goal.gap, np.where(attained < goal.threshold, -np.inf, goal.threshold))
+        keep = ~(low >= enough[group]) & np.isfinite(low)
+        kept = np.flatnonzero(keep)
+        halvings = min(3 if 8 * len(kept) <= FEW_ITEMS else 1, DEEPEST - depth)
+        if halvings == 0 or 2 * len(kept) > MOST_ITEMS:
             keep[:] = False
         np.minimum.at(bound, group[~keep], low[~keep])
         if not keep.any():
             break
-        items = items.halved(np.flatnonzero(keep))
+        items, depth = items.split(kept, halvings), depth + halvings
     return tuple(
-        Minimum(float(b), float(a), cells.time(cell, u), member)
-        for b, a, (cell, u, member) in zip(bound, attained, place, strict=True)
+        Minimum(b, a, cells.time(cell, u), member)
+        for b, a, cell, u, member in zip(*(each.tolist() for each in (bound, attained, *place)), strict=True)
     )
 
 
-def _improve(
-    attained: Array, place: list[tuple[int, float, int]], group: IntArray, values: Array, items: Items
-) -> None:
+def _improve(attained: Array, place: _Places, group: IntArray, values: Array, items: Items) -> None:
     """Take over what is smaller than the smallest value attained so far, in each group.
 
-    ``values`` and ``group`` are those at the beginning of all items, then those at their ends.
+    ``values`` (2, items) are those at the beginning and at the end of the items.
     """
-    better = np.flatnonzero(values < attained[group])
-    falling = better[np.argsort(values[better], kind="stable")][::-1]
-    for g, index in dict(zip(group[falling].tolist(), falling.tolist(), strict=True)).items():
-        last, item = divmod(index, len(items.cell))
-        attained[g] = values[index]
-        place[g] = (
-            int(items.cell[item]),
-            float(items.start[item] + last * items.width[item]),
-            int(items.member[item]),
-        )
+    end, item = np.nonzero(values < attained[group])
+    better = values[end, item]
+    falling = np.argsort(better, kind="stable")[::-1]
+    end, item, better = end[falling], item[falling], better[falling]
+    g = group[item]  # of one that is there several times, what is assigned last remains
+    attained[g] = better
+    place.cell[g], place.member[g] = items.cell[item], items.member[item]
+    place.u[g] = items.start[item] + end * items.width

@@ -54,9 +54,10 @@ def recentred(polynomials: Sequence[flint.arb_poly], cells: Cells, length: int) 
             line = flint.arb_poly([(first + last) / 2, (last - first) / 2])
             for polynomial in polynomials:
                 local = polynomial(line).coeffs()
-                values += local + [zero] * (length - len(local))
+                values += local
+                values += [zero] * (length - len(local))
         balls = Balls.from_arb(values, (len(cells), len(polynomials), length))
-    return Balls(np.moveaxis(balls.mid, -1, 0), np.moveaxis(balls.rad, -1, 0))
+    return Balls(balls.mid.transpose(2, 0, 1), balls.rad.transpose(2, 0, 1))
 
 
 def path(polynomials: Sequence[flint.arb_poly], cells: Cells) -> Taylor:

@@ -18,7 +18,7 @@ import numpy as np
 from floatplan.arrays import read_only
 from floatplan.certificate.enclosure import Balls
 from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
-from floatplan.certificate.planar.boundary import boundary_findings, flight_findings, orientation_findings
+from floatplan.certificate.planar.boundary import at_ends, boundary_findings, flight_findings, orientation_findings
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.limits import limit_findings, quantities, range_findings, recorded_peaks
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
@@ -110,7 +110,9 @@ def _prove(
     velocity, torque, motor = (
         [peaks[i] for i in chosen] for chosen in (limited.velocities, limited.torques, limited.motors)
     )
-    found = [*orientation, *boundary_findings(record), *flight_findings(robot, record, flight), *ranges, *limits]
+    states = at_ends(record)
+    ends = [*boundary_findings(record, states), *flight_findings(robot, record, flight, states)]
+    found = [*orientation, *ends, *ranges, *limits]
     found.append(recorded_peaks("velocity_peak", record.velocity_peak, velocity))
     found.append(recorded_peaks("torque_peak", record.torque_peak, torque))
     if record.motor_torque_peak is not None:

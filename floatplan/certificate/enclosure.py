@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import flint
@@ -33,7 +33,9 @@ PRECISION = 128  # [bits] of Arb
 
 def up(radius: Array) -> Array:
     """Enlarge radii by more than the rounding of the few hundred non-negative operations that they result from."""
-    return np.asarray(radius * (1.0 + 2.0**-40) + TINY)
+    enlarged = radius * (1.0 + 2.0**-40)
+    enlarged += TINY
+    return enlarged
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +48,9 @@ class Balls:
     @classmethod
     def from_arb(cls, values: Iterable[Any], shape: tuple[int, ...]) -> Balls:
         """Round Arb's balls to doubles; the radius takes in the rounding."""
-        pairs = [(float(value), float(value.rad())) for value in values]
-        mid = np.array([pair[0] for pair in pairs], dtype=np.float64).reshape(shape)
-        rad = np.array([pair[1] for pair in pairs], dtype=np.float64).reshape(shape)
+        balls = list(values)
+        mid = np.array([float(ball) for ball in balls], dtype=np.float64).reshape(shape)
+        rad = np.array([float(ball.rad()) for ball in balls], dtype=np.float64).reshape(shape)
         return cls(mid, up(rad + ROUND * np.abs(mid)))
 
     @classmethod
@@ -103,15 +105,10 @@ class Taylor:
         c[0] = balls.mid
         return cls(c, balls.rad)
 
-    @cached_property
-    def magnitudes(self) -> Array:
-        """The coefficients' magnitudes (K, ...)."""
-        return np.abs(self.c)
-
-    @cached_property
+    @property
     def size(self) -> Array:
         """Bound on ``|sum_k c_k u^k|``: the sum of the coefficients' magnitudes, not rounded up."""
-        return np.asarray(np.add.reduce(self.magnitudes, axis=0))
+        return np.asarray(np.add.reduce(np.abs(self.c), axis=0))
 
     @property
     def order(self) -> int:
@@ -129,15 +126,17 @@ class Taylor:
         return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __sub__(self, other: Taylor) -> Taylor:
-        return self + (-other)
+        c = self.c - other.c
+        return Taylor(c, up(self.e + other.e + ROUND * np.add.reduce(np.abs(c), axis=0)))
 
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""
         c = np.einsum("i...,ik...->k...", self.c, _delayed(other.c))
-        size_a, size_b = self.size, other.size
+        a, b = np.abs(self.c), np.abs(other.c)
+        size_a, size_b = np.add.reduce(a, axis=0), np.add.reduce(b, axis=0)
         rounding = (self.order + 2) * ROUND * size_a * size_b
         radius = self.e * (size_b + other.e) + size_a * other.e
-        return Taylor(c, up(radius + rounding + _tail(self.magnitudes, other.magnitudes)))
+        return Taylor(c, up(radius + rounding + _tail(a, b)))
 
     def times(self, factor: Balls) -> Taylor:
         """Product with constants that broadcast against ``e``."""
@@ -172,9 +171,9 @@ def stack(models: Sequence[Taylor]) -> Taylor:
 
 def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
     """Products of pairs of models of one shape (K, ..., items): as one by one, in fewer and longer operations."""
-    count = pairs[0][0].e.shape[-1]
     joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
-    return [joined[..., index * count : (index + 1) * count] for index in range(len(pairs))]
+    c, e = (each.reshape(*each.shape[:-1], len(pairs), -1) for each in (joined.c, joined.e))
+    return [Taylor(c[..., index, :], e[..., index, :]) for index in range(len(pairs))]
 
 
 def join_cells(models: Sequence[Taylor], order: Any) -> Taylor:
@@ -193,17 +192,15 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     tail. A radius of the angle moves cosine and sine by no more than itself.
     """
     order = angle.order
-    rates = angle.c[1:] * np.arange(1, order).reshape(-1, *(1,) * angle.e.ndim)
-    constant, radius = _unit_circle(angle.c[0])
+    rates = angle.c * np.arange(order).reshape(-1, *(1,) * angle.e.ndim)
     e = np.empty(angle.c.shape, dtype=np.complex128)
-    e[0] = constant
-    turning = 1j * rates
+    e.real[0], e.imag[0], radius = _unit_circle(angle.c[0])
+    turning = 1j * rates[1:]
     for k in range(1, order):
-        e[k] = (1.0 / k) * np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0)
+        np.multiply(np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0), 1.0 / k, out=e[k])
     size_rates, size_e = np.abs(rates), np.abs(e)
-    rounding = (2 * order + 16) * ROUND * size_rates.sum(axis=0) * size_e.sum(axis=0)
-    padded = np.concatenate([np.zeros_like(size_rates[:1]), size_rates])
-    residual = rounding + _tail(padded, size_e)
+    rounding = (2 * order + 16) * ROUND * np.add.reduce(size_rates, axis=0) * np.add.reduce(size_e, axis=0)
+    residual = rounding + _tail(size_rates, size_e)
     radius = up(angle.e + radius + up(residual))
     return Taylor(e.real.copy(), radius), Taylor(e.imag.copy(), radius)
 
@@ -218,11 +215,12 @@ def reciprocal(x: Taylor) -> Taylor:
     order = x.order
     y = np.empty_like(x.c)
     y[0] = 1.0 / x.c[0]
+    first = -y[0]
     for k in range(1, order):
-        y[k] = -y[0] * np.add.reduce(x.c[1 : k + 1] * y[k - 1 :: -1], axis=0)
+        np.multiply(np.add.reduce(x.c[1 : k + 1] * y[k - 1 :: -1], axis=0), first, out=y[k])
     size_x, size_y = np.abs(x.c), np.abs(y)
-    total = size_y.sum(axis=0)
-    rounding = (order + 8) * ROUND * size_x.sum(axis=0) * total
+    total = np.add.reduce(size_y, axis=0)
+    rounding = (order + 8) * ROUND * np.add.reduce(size_x, axis=0) * total
     r = up(rounding + _tail(size_x, size_y) + x.e * total)
     return Taylor(y, up(np.where(r < 0.5, total * r / np.where(r < 0.5, 1.0 - r, 1.0), np.inf)))
 
@@ -260,10 +258,11 @@ def _delayed(b: Array) -> Array:
     return np.ndarray((order, *b.shape), np.float64, padded, (order - 1) * step, (-step, *padded.strides))
 
 
-def _unit_circle(angles: Array) -> tuple[Any, Array]:
-    """``exp(i angle)`` for doubles, and a radius for each."""
-    with flint.ctx.workprec(96):
-        pairs = [flint.arb(angle).sin_cos() for angle in angles.ravel().tolist()]
-        values = np.array([complex(float(cosine), float(sine)) for sine, cosine in pairs]).reshape(angles.shape)
-        widest = max((float(part.rad()) for pair in pairs for part in pair), default=0.0)
-    return values, up(np.full(angles.shape, 4.0 * ROUND + 2.0 * widest))
+def _unit_circle(angles: Array) -> tuple[Array, Array, Array]:
+    """Cosines and sines of doubles, and a radius for each."""
+    with flint.ctx.workprec(PRECISION):
+        parts = [part for angle in angles.ravel().tolist() for part in flint.arb(angle).sin_cos()]
+        widest = float(sum(parts, flint.arb(0)).rad())  # of a sum, which is wider than each part
+    sines, cosines = np.array([float(part) for part in parts]).reshape(-1, 2).T
+    radius = up(np.full(angles.shape, 4.0 * ROUND + 2.0 * widest))
+    return cosines.reshape(angles.shape), sines.reshape(angles.shape), radius

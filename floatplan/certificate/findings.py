@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.certificate.enclosure import Balls
 from floatplan.plans.verdicts import Finding, Kind, Subject
 
@@ -46,7 +47,15 @@ def near(
     kind: Kind, subject: Subject, values: Balls, wanted: Any, tolerance: float, instant: float | None = None
 ) -> Finding:
     """Finding on numbers that should equal the wanted ones; the bound is on the largest deviation."""
-    deviation = np.abs(values.mid - np.asarray(wanted, dtype=np.float64))
-    radius = values.rad + 2.0**-51 * (np.abs(values.mid) + deviation)
-    upper, attained = (deviation + radius).max(initial=0.0), (deviation - radius).max(initial=0.0)
+    upper, attained = deviations(values, wanted)
     return at_most(kind, subject, float(upper), float(attained), 0.0, tolerance, instant)
+
+
+def deviations(values: Balls, wanted: Any) -> tuple[Array, Array]:
+    """What the largest deviation in each row is at most, and at least."""
+    deviation = np.abs(values.mid - wanted)
+    radius = values.rad + 2.0**-51 * (np.abs(values.mid) + deviation)
+    upper, attained = (
+        np.maximum.reduce(each, axis=-1, initial=0.0) for each in (deviation + radius, deviation - radius)
+    )
+    return upper, attained

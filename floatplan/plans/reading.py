@@ -188,7 +188,10 @@ def _check_tables(content: Mapping[str, Any]) -> None:
         for key in keys:
             if key not in table:
                 raise InputError("is missing", element=f"{name}.{key}")
-            _numbers(table[key], f"{name}.{key}", (2,) if key in ("position0", "velocity0") else ())
+            if key in ("position0", "velocity0"):
+                _numbers(table[key], f"{name}.{key}", (2,))
+            else:
+                _number(table[key], f"{name}.{key}")
         unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
         if unknown:
             raise InputError("must not be there: a plan file has no such key", element=f"{name}.{unknown[0]}")

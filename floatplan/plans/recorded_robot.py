@@ -74,7 +74,7 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
     InputError
         It is in none of these places.
     """
-    if urdf.startswith(PREFIX) or is_file(Path(urdf)) or plan_file is None:
+    if plan_file is None or urdf.startswith(PREFIX) or is_file(Path(urdf)):
         return urdf
     for name in (Path(urdf).name, urdf):
         path = Path(plan_file).parent / name

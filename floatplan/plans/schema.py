@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from numbers import Integral, Real
 from typing import Any, TypeAlias
 
@@ -59,7 +60,7 @@ def checked(record: PlanRecord) -> PlanRecord:
 
 def number(value: Any, element: str) -> None:
     """A number; whether it is finite is checked where the record is read."""
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if type(value) is not float and (not isinstance(value, Real) or isinstance(value, bool)):
         raise InputError(f"must be a number, not {_shown(value)}", element=element)
 
 
@@ -140,11 +141,11 @@ class Table:
     def __call__(self, value: Any, element: str) -> None:
         """Refuse everything else."""
         _check_mapping(value, element)
-        known = {**self.keys, **self.optional}
         for name, item in value.items():
-            if name not in known:
+            check = self.keys.get(name) or self.optional.get(name)
+            if check is None:
                 raise InputError("is not known, and so cannot be proved", element=f"{element}.{name}")
-            known[name](item, f"{element}.{name}")
+            check(item, f"{element}.{name}")
         for name in self.keys:
             if name not in value:
                 raise InputError("is missing", element=f"{element}.{name}")
@@ -168,6 +169,7 @@ OBSTACLES: Mapping[str, Mapping[str, Check]] = {
 }
 
 
+@lru_cache(maxsize=8)
 def _problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> Table:
     n = len(joints)
     numbers = ListOf(number, n)
@@ -265,7 +267,7 @@ def _check_degree(record: PlanRecord) -> None:
 
 
 def _check_mapping(value: Any, element: str) -> None:
-    if not isinstance(value, Mapping):
+    if not isinstance(value, dict | Mapping):
         raise InputError(f"must be a table, not {_shown(value)}", element=element)
 
 

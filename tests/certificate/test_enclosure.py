@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from flint import arb
 
-from floatplan.certificate.bernstein import bernstein, halves, lower, magnitude, upper
+from floatplan.certificate.bernstein import bernstein, lower, magnitude, split, upper
 from floatplan.certificate.branch_and_bound import Goal, Items, smallest
 from floatplan.certificate.cells import ORDER, Cells, recentred
 from floatplan.certificate.enclosure import Balls, Taylor, cos_sin, integral, products, reciprocal
@@ -131,9 +131,25 @@ def test_bernstein_bounds_contain_the_range_and_tighten(seed):
         assert (low <= values.min(0)).all()
         assert (high >= values.max(0)).all()
         assert (magnitude(form).reshape(pieces, 6).max(0) >= np.abs(values).max(0)).all()
-        form = halves(form)
+        form = split(form, 1)
     assert (values.min(0) - low < 2e-3).all()
     assert (high - values.max(0) < 2e-3).all()
+
+
+def test_several_halvings_at_once_are_those_one_by_one():
+    c = np.random.default_rng(3).uniform(-1.0, 1.0, (ORDER, 2, 5))
+    form = Taylor(c, np.full((2, 5), 1e-15))
+    at_once, one_by_one = split(form, 3), form
+    for _ in range(3):
+        halves = split(one_by_one, 1)
+        left, right = (part.reshape(ORDER, 2, -1, 5) for part in np.split(halves.c, 2, axis=-1))
+        e = halves.e[:, : left.shape[2] * 5].reshape(2, -1, 5)
+        one_by_one = Taylor(
+            np.stack([left, right], axis=3).reshape(ORDER, 2, -1), np.stack([e, e], axis=2).reshape(2, -1)
+        )
+    assert at_once.c.shape == one_by_one.c.shape == (ORDER, 2, 40)
+    assert (np.abs(at_once.c - one_by_one.c) <= 1e-14).all()
+    assert (at_once.e < one_by_one.e).all()
 
 
 def test_a_monotone_end_is_bounded_by_its_value():

@@ -3,39 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import flint
 import numpy as np
 
-from floatplan.arrays import IntArray
-from floatplan.certificate.enclosure import PRECISION, Balls, products, stack
-from floatplan.certificate.findings import SAME, at_most, near
+from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
+from floatplan.certificate.findings import SAME, at_most, deviations, near
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
-from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
 from floatplan.tables import AT_REST, BOUNDARY, ORIENTATION, PLACE
+
+JointState: TypeAlias = tuple[list[Any], list[Any], list[Any]]
 
 ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")
 
 
-def boundary_findings(record: PlanRecord) -> list[Finding]:
-    """Positions, velocities and accelerations at both ends, (13), in Arb."""
-    found = []
+def boundary_findings(record: PlanRecord, states: Sequence[JointState]) -> list[Finding]:
+    """Positions, velocities and accelerations at both ends, (13), in Arb; ``states`` are those of :func:`at_ends`."""
+    rows = [
+        (end, quantity, tolerance, instant)
+        for end, instant in zip(ENDS, (0.0, record.duration), strict=True)
+        for quantity, tolerance in zip(QUANTITIES, BOUNDARY, strict=True)
+    ]
+    wanted = np.array([_listed(record, record.problem[end], end, quantity) for end, quantity, _, _ in rows])
+    values = [value for state in states for of_joints in state for value in of_joints]
+    bounds = (bound.tolist() for bound in deviations(Balls.from_arb(values, wanted.shape), wanted))
+    return [
+        at_most(end, (quantity,), upper, attained, 0.0, tolerance, instant)
+        for (end, quantity, tolerance, instant), upper, attained in zip(rows, *bounds, strict=True)
+    ]
+
+
+def at_ends(record: PlanRecord) -> list[JointState]:
+    """Positions, velocities and accelerations (n), in Arb, at the beginning and at the end."""
     instants = (0.0, record.duration)
-    for end, instant, states in zip(ENDS, instants, _joint_states(record, instants), strict=True):
-        for row, (quantity, tolerance) in enumerate(zip(QUANTITIES, BOUNDARY, strict=True)):
-            wanted = _listed(record, record.problem[end], end, quantity)
-            found.append(near(end, (quantity,), states[row], wanted, tolerance, instant))
-    return found
-
-
-def _joint_states(record: PlanRecord, instants: Sequence[float]) -> list[Balls]:
-    """Rows (3, n) at each instant: positions, velocities and accelerations of the joints."""
-    states: list[list[list[Any]]] = [[[], [], []] for _ in instants]
+    states: list[JointState] = [([], [], []) for _ in instants]
     with flint.ctx.workprec(PRECISION):
         rows = zip(record.coefficients.tolist(), record.centre.tolist(), record.amplitude.tolist(), strict=True)
         for row, centre, amplitude in rows:
@@ -49,8 +55,7 @@ def _joint_states(record: PlanRecord, instants: Sequence[float]) -> list[Balls]:
                 positions.append(centre + amplitude * sine)
                 velocities.append(amplitude * cosine * dp)
                 accelerations.append(amplitude * (cosine * second(t) - sine * dp * dp))
-        shape = (len(QUANTITIES), len(record.centre))
-        return [Balls.from_arb([value for values in at for value in values], shape) for at in states]
+    return states
 
 
 def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: str) -> Any:
@@ -62,7 +67,7 @@ def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: 
 
 def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:
     """The orientation at the end, and what the file says of it."""
-    last = flight.orientation.at_end(1.0)[-1]
+    last = flight.orientation[-1].at_end(1.0)
     goal = float(record.problem["goal"]["orientation"])
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
@@ -75,25 +80,30 @@ def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[l
     return found, last
 
 
-def flight_findings(robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure) -> list[Finding]:
-    """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height."""
+def flight_findings(
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, states: Sequence[JointState]
+) -> list[Finding]:
+    """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height.
+
+    ``states`` are those of :func:`at_ends`.
+    """
     asked, com, duration = record.problem["flight"], record.com, record.duration
     takeoff, landing = asked["takeoff"], asked["landing"]
-    frames = (takeoff["frame"], landing["frame"])
-    place, landed = _frame_places(robot, record, flight, frames)
+    at_rest = [bool(record.problem[end].get("velocities_asked")) for end in ENDS]
+    left, landed = (
+        _frame_motion(robot, record, flight, states, frame, end, rest)
+        for end, (frame, rest) in enumerate(zip((takeoff["frame"], landing["frame"]), at_rest, strict=True))
+    )
     found = [
-        near("takeoff", ("position",), place, takeoff["position"], PLACE, 0.0),
-        near("landing", ("height",), landed[1:], [landing["height"]], PLACE, duration),
+        near("takeoff", ("position",), left[0], takeoff["position"], PLACE, 0.0),
+        near("landing", ("height",), landed[0][1:], [landing["height"]], PLACE, duration),
         _same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
-    at_rest = [bool(record.problem[end].get("velocities_asked")) for end in ENDS]
-    if any(at_rest):
-        velocities = _frame_velocities(robot, record, flight, frames)
-        kinds: tuple[Kind, Kind] = ("takeoff", "landing")
-        for kind, velocity, rest, instant in zip(kinds, velocities, at_rest, (0.0, duration), strict=True):
-            if rest:
-                found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
+    kinds: tuple[Kind, Kind] = ("takeoff", "landing")
+    for kind, (_, velocity), instant in zip(kinds, (left, landed), (0.0, duration), strict=True):
+        if velocity is not None:
+            found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
     if not isinstance(asked["angular_momentum"], str):
         found.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
     return found
@@ -106,54 +116,54 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
     return flint.arb_poly([x, dx]), flint.arb_poly([sigma * y, sigma * dy, -sigma * half_gravity])
 
 
-def _frame_places(
-    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frames: tuple[str, str]
-) -> tuple[Balls, Balls]:
-    """Place (2,) of one frame at the beginning and of another at the end, horizontal and vertical."""
-    ends, joints = _end_cells(flight), flight.joints
-    points = robot.frame_weights(frames).times(joints.cos[ends], joints.sin[ends])
-    return _in_world(robot, record, flight, points, com_polynomials(record, robot.sigma))
+def _frame_motion(
+    robot: PlanarRobot,
+    record: PlanRecord,
+    flight: FlightEnclosure,
+    states: Sequence[JointState],
+    frame: str,
+    end: int,
+    moving: bool,
+) -> tuple[Balls, Balls | None]:
+    """Place of a frame at the beginning (end 0) or the end (1), and its velocity where wanted: (2,) each, in Arb.
 
-
-def _frame_velocities(
-    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, frames: tuple[str, str]
-) -> tuple[Balls, Balls]:
-    """Velocity (2,) of one frame at the beginning and of another at the end.
-
-    The derivative of the place, ``i sum_b w_b zeta_b phi_b'``, in the frame that turns with the base, as the place.
+    The place is ``c + sum_b w_b exp(i phi_b)``, with c of the centre of mass and horizontal parts first. Of all this
+    only the orientation and its rate come from the models.
     """
-    ends, joints = _end_cells(flight), flight.joints
-    turns = joints.velocities[ends].linear(robot.turns) + joints.rate[ends]
-    swing = robot.frame_weights(frames).times(joints.cos[ends] * turns, joints.sin[ends] * turns)
-    rates = [polynomial.derivative() for polynomial in com_polynomials(record, robot.sigma)]
-    return _in_world(robot, record, flight, Vectors(-swing.y, swing.x), rates)
-
-
-def _end_cells(flight: FlightEnclosure) -> IntArray:
-    return np.array([0, len(flight.cells) - 1])
-
-
-def _in_world(
-    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, vectors: Vectors, of_com: Sequence[Any]
-) -> tuple[Balls, Balls]:
-    """Two vectors of the frame that turns with the base, turned as the base is, and what is the CM's added.
-
-    ``vectors`` (K, 2, 2) are on the first cell and the last: the first one is wanted at the beginning, the second at
-    the end; horizontal and vertical. ``of_com`` are two polynomials of t.
-    """
-    ends, each = _end_cells(flight), np.arange(2)
-    at = vectors.picked(each, each)
-    cos, sin = flight.cos[ends, 0], flight.sin[ends, 0]
-    cos_x, sin_y, cos_y, sin_x = products([(cos, at.x), (sin, at.y), (cos, at.y), (sin, at.x)])
-    both = stack([cos_x - sin_y, cos_y + sin_x])
-    found = []
+    positions, velocities, _ = states[end]
+    instant, u = (0.0, record.duration)[end], (-1.0, 1.0)[end]
     with flint.ctx.workprec(PRECISION):
-        for end, (u, instant) in enumerate(((-1.0, 0.0), (1.0, record.duration))):
-            at_end = both[end::2].at_end(u)
-            of_frame = [flint.arb(mid, rad) for mid, rad in zip(at_end.mid.tolist(), at_end.rad.tolist(), strict=True)]
-            place = [polynomial(flint.arb(instant)) + part for polynomial, part in zip(of_com, of_frame, strict=True)]
-            found.append(Balls.from_arb([place[0], robot.sigma * place[1]], (2,)))
-    return found[0], found[1]
+        sine, cosine = _at_end(flight.orientation[-end], u).sin_cos()
+        turn = flint.acb(cosine, sine)
+        swung = []
+        for weight, turned_by in zip(robot.frame_weights(frame), robot.turned_by, strict=True):
+            sine, cosine = _combined(turned_by, positions).sin_cos()
+            swung.append(weight * flint.acb(cosine, sine))
+        com = com_polynomials(record, robot.sigma)
+        place = _in_world(robot, com, instant, turn * sum(swung, start=flint.acb(0)))
+        if not moving:
+            return place, None
+        base = _at_end(flight.joints.rate[-end], u)
+        rates = [base + _combined(turned_by, velocities) for turned_by in robot.turned_by]
+        swing = sum((part * rate for part, rate in zip(swung, rates, strict=True)), start=flint.acb(0))
+        com_rate = [polynomial.derivative() for polynomial in com]
+        return place, _in_world(robot, com_rate, instant, turn * flint.acb(0, 1) * swing)
+
+
+def _at_end(model: Taylor, u: float) -> Any:
+    """The one value of a model (K, 1) at the beginning or end of its cell, in Arb."""
+    balls = model.at_end(u)
+    return flint.arb(float(balls.mid[0]), float(balls.rad[0]))
+
+
+def _combined(parts: Sequence[tuple[int, Any]], values: Sequence[Any]) -> Any:
+    return sum((factor * values[index] for index, factor in parts), start=flint.arb(0))
+
+
+def _in_world(robot: PlanarRobot, of_com: Sequence[Any], instant: float, relative: Any) -> Balls:
+    """What is the centre of mass's added: horizontal and vertical. ``of_com`` are two polynomials of t."""
+    x, y = (polynomial(flint.arb(instant)) for polynomial in of_com)
+    return Balls.from_arb([x + relative.real, robot.sigma * (y + relative.imag)], (2,))
 
 
 def _same(kind: Kind, subject: Subject, number: float, other: float, instant: float | None) -> Finding:

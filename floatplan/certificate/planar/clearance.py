@@ -17,7 +17,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.bernstein import bernstein, lower, upper
-from floatplan.certificate.branch_and_bound import Forms, Items
+from floatplan.certificate.branch_and_bound import Items
 from floatplan.certificate.cells import ORDER
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
 from floatplan.certificate.planar.flight import FlightEnclosure
@@ -54,7 +54,7 @@ class PointSegments:
         square = length.mid * length.mid
         squared = Balls(square, up(2.0 * ROUND * square + (2.0 * length.mid + length.rad) * length.rad))
         far = near - place.x.times(Balls(2.0 * length.mid, 2.0 * length.rad)) + Taylor.constant(squared, ORDER)
-        return Items.on_cells(tuple(bernstein(model) for model in (place.x, place.y, near, far)), cell, pair)
+        return Items.on_cells([bernstein(model) for model in (place.x, place.y, near, far)], cell, pair)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
         """Cells and pairs that may hold the smallest distance.
@@ -75,28 +75,27 @@ class PointSegments:
         change = points.spread + starts.spread + length * directions.spread
         return _may_be_least(distance - known - change, distance + known, cells)
 
-    def below(self, forms: Forms, pair: IntArray) -> Array:
+    def below(self, forms: Taylor, pair: IntArray) -> Array:
         """Lower bound on the distance between the surfaces over the items."""
-        x, y, near, far = forms
+        (left, low_y, near, far), (right, high_y) = lower(forms), upper(forms[:2])
         length = self.length[pair]
-        left, right = lower(x), upper(x)
-        across = np.maximum(0.0, np.maximum(lower(y), -upper(y)))
+        across = np.maximum(0.0, np.maximum(low_y, -high_y))
         beyond = np.maximum(0.0, np.maximum(-right, left - (length.mid + length.rad) * (1.0 + 4.0 * ROUND)))
         distance = np.hypot(beyond, across) * (1.0 - 4.0 * ROUND)
-        ends = np.where(right <= 0.0, lower(near), np.where(beyond > 0.0, lower(far), 0.0))
+        ends = np.where(right <= 0.0, near, np.where(beyond > 0.0, far, 0.0))
         distance = np.maximum(distance, np.sqrt(np.maximum(ends, 0.0)) * (1.0 - 4.0 * ROUND))
-        bound = distance - self.radius.mid[pair] - self.radius.rad[pair]
-        return np.asarray(bound - 4.0 * ROUND * (distance + self.radius.mid[pair]))
+        radius = self.radius[pair]
+        bound = distance - radius.mid - radius.rad
+        return np.asarray(bound - 4.0 * ROUND * (distance + radius.mid))
 
-    def at_point(self, values: tuple[Balls, ...], pair: IntArray) -> Array:
+    def at_point(self, values: Balls, pair: IntArray) -> Array:
         """Upper bound on the distance between the surfaces where x and y have these values."""
-        x, y = values[0], values[1]
-        length = self.length[pair]
+        x, y, length, radius = values[0], values[1], self.length[pair], self.radius[pair]
         beyond = np.maximum(0.0, np.maximum(-x.mid, x.mid - length.mid))
         distance = np.hypot(beyond, y.mid)
-        radius = x.rad + y.rad + length.rad + self.radius.rad[pair]
-        rounding = 8.0 * ROUND * (distance + np.abs(x.mid) + length.mid + self.radius.mid[pair])
-        return np.asarray(distance - self.radius.mid[pair] + up(radius + rounding))
+        known = x.rad + y.rad + length.rad + radius.rad
+        rounding = 8.0 * ROUND * (distance + np.abs(x.mid) + length.mid + radius.mid)
+        return np.asarray(distance - radius.mid + up(known + rounding))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +116,7 @@ class PlanePoints:
         cell, index = self._possible(cells)
         point, normal = self.point.picked(cell, index), self.normal.picked(cell, index)
         offset = self.offset[cell, 0] - Taylor.constant(self.radius[index], ORDER)
-        return Items.on_cells((bernstein(normal.x * point.x + normal.y * point.y + offset),), cell, index)
+        return Items.on_cells([bernstein(normal.x * point.x + normal.y * point.y + offset)], cell, index)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
         points, normals = self.point.on(cells), self.normal.on(cells)
@@ -136,18 +135,19 @@ class PlanePoints:
         height = (normal.x * point.x + normal.y * point.y + self.offset[0]).at_end(-1.0)
         return float((height.mid - self.radius.mid).min())
 
-    def below(self, forms: Forms, point: IntArray) -> Array:
+    def below(self, forms: Taylor, point: IntArray) -> Array:
         """Lower bound over the items."""
         return lower(forms[0])
 
-    def at_point(self, values: tuple[Balls, ...], point: IntArray) -> Array:
+    def at_point(self, values: Balls, point: IntArray) -> Array:
         """Upper bound at a point."""
-        return np.asarray(values[0].mid + up(values[0].rad + 2.0 * ROUND * np.abs(values[0].mid)))
+        height = values[0]
+        return np.asarray(height.mid + up(height.rad + 2.0 * ROUND * np.abs(height.mid)))
 
 
 def to_base_frame(flight: FlightEnclosure, vectors: Vectors) -> Vectors:
     """Turn vectors (K, cells, items) of the world back by the orientation."""
-    return vectors.turned_back(Vectors(flight.cos, flight.sin))
+    return vectors.turned_back(flight.direction)
 
 
 def points_to_shapes(points: Vectors, shapes: PlacedShapes, radius: float) -> PointSegments:

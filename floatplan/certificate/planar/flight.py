@@ -13,6 +13,7 @@ Arb; what follows from them uses the constants of :class:`~floatplan.certificate
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import flint
 import numpy as np
@@ -31,6 +32,7 @@ from floatplan.certificate.enclosure import (
     up,
 )
 from floatplan.certificate.planar.inertia import PlanarRobot
+from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 
 SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
@@ -60,8 +62,11 @@ class FlightEnclosure:
     cells: Cells
     joints: Joints
     orientation: Taylor
-    cos: Taylor
-    sin: Taylor
+
+    @cached_property
+    def direction(self) -> Vectors:
+        """Cosine and sine of the orientation."""
+        return Vectors(*cos_sin(self.orientation))
 
 
 def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints:
@@ -113,25 +118,21 @@ def _polynomials(record: PlanRecord, cells: Cells) -> tuple[Taylor, Taylor, Tayl
     p = Taylor.polynomial(c, e, ORDER)
     if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
         rates = [polynomial.derivative() for polynomial in polynomials]
-        both = (recentred(each, cells, length) for each in (rates, [rate.derivative() for rate in rates]))
-        dp, ddp = (Taylor.polynomial(each.mid, each.rad, ORDER) for each in both)
+        both = (recentred(of_time, cells, length) for of_time in (rates, [rate.derivative() for rate in rates]))
+        dp, ddp = (Taylor.polynomial(balls.mid, balls.rad, ORDER) for balls in both)
         return p, dp, ddp
     inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
-    dp, ddp = (_derivative(c, e, times, inverse[:, None]) for times in (1, 2))
-    return p, dp, ddp
+    first = _derivative(c, e)
+    dp, ddp = (Taylor.polynomial(*by_u, ORDER).times(inverse[:, None]) for by_u in (first, _derivative(*first)))
+    return p, dp, ddp.times(inverse[:, None])
 
 
-def _derivative(c: Array, e: Array, times: int, inverse: Balls) -> Taylor:
-    for _ in range(times):
-        degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
-        e = up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
-        c = c[1:] * degrees
-    if len(c) == 0:
-        c, e = np.zeros((1, *c.shape[1:])), np.zeros((1, *c.shape[1:]))
-    model = Taylor.polynomial(c, e, ORDER)
-    for _ in range(times):
-        model = model.times(inverse)
-    return model
+def _derivative(c: Array, e: Array) -> tuple[Array, Array]:
+    """Coefficients and radii of the derivative by u; one coefficient at least."""
+    if len(c) == 1:
+        return np.zeros_like(c), np.zeros_like(e)
+    degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
+    return c[1:] * degrees, up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
 
 
 def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosure:
@@ -142,9 +143,7 @@ def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosur
     rounding = 2.0 * ROUND * np.arange(1, len(ends)) * np.abs(ends).max()
     radii = up(np.concatenate([[0.0], np.cumsum(steps.rad[:, 0])])[:-1] + rounding)
     starts = Taylor.constant(Balls(ends[:-1, None], radii[:, None]), ORDER)
-    orientation = increments + starts
-    cos, sin = cos_sin(orientation)
-    return FlightEnclosure(cells, joints, orientation, cos, sin)
+    return FlightEnclosure(cells, joints, increments + starts)
 
 
 def merge(parts: list[tuple[Cells, Joints]]) -> tuple[Cells, Joints]:

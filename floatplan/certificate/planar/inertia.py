@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import flint
@@ -53,6 +52,8 @@ class PlanarRobot:
     motor_turns : (m, motors) as ``turns``, by the positions of the motors, each on its own
     sigma : +1 or -1
     turns : (m, n)
+    turned_by : (m) pairs (joint, arb)
+        The entries of ``turns`` that are not zero.
     inertia : (m, m)
         C, kg m^2.
     weights : (m) lists of (m) acb
@@ -72,6 +73,7 @@ class PlanarRobot:
     motor_turns: Balls
     sigma: float
     turns: Balls
+    turned_by: tuple[tuple[tuple[int, Any], ...], ...]
     inertia: ComplexBalls
     weights: tuple[tuple[Any, ...], ...]
     frames: Mapping[str, Point]
@@ -88,17 +90,19 @@ class PlanarRobot:
         values = []
         with flint.ctx.workprec(PRECISION):
             for point in points:
-                row = list(self.weights[point.body])
-                row[point.body] += point.local
-                values += row
+                values += self._weights_of(point)
         return ComplexBalls.from_acb(values, (len(points), len(self.weights)))
 
-    def frame_weights(self, frames: tuple[str, ...]) -> ComplexBalls:
-        """Weights (frames, m) of the origins of frames."""
-        for frame in frames:
-            if frame not in self.frames:
-                raise ValueError(f'the robot has no frame "{frame}"')
-        return _frame_weights(self, frames)
+    def frame_weights(self, frame: str) -> list[Any]:
+        """Weights (m), acb, of a frame's origin; to be called with Arb's precision set."""
+        if frame not in self.frames:
+            raise ValueError(f'the robot has no frame "{frame}"')
+        return self._weights_of(self.frames[frame])
+
+    def _weights_of(self, point: Point) -> list[Any]:
+        row = list(self.weights[point.body])
+        row[point.body] += point.local
+        return row
 
     def link_point(self, link: str, place: Sequence[float]) -> Point:
         """Point of a link, m: (x, y, z) in the link's frame, or (horizontal, vertical) from its origin.
@@ -117,11 +121,6 @@ class PlanarRobot:
 
     def _in_plane(self, point: Any) -> Any:
         return flint.acb(flint.arb(point[self.horizontal]), self.sigma * flint.arb(point[self.vertical]))
-
-
-@lru_cache(maxsize=16)
-def _frame_weights(robot: PlanarRobot, frames: tuple[str, ...]) -> ComplexBalls:
-    return robot.point_weights([robot.frames[frame] for frame in frames])
 
 
 @dataclass
@@ -187,6 +186,10 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             sigma=sigma,
             turns=Balls.from_arb(
                 [flint.arb(turn) for body in bodies for turn in body.turns], (count, len(record.joints))
+            ),
+            turned_by=tuple(
+                tuple((joint, turn) for joint, turn in enumerate(map(flint.arb, body.turns)) if not turn.is_zero())
+                for body in bodies
             ),
             inertia=_inertia(bodies, weights),
             weights=tuple(tuple(row) for row in weights),

@@ -12,7 +12,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.bernstein import bernstein, magnitude
-from floatplan.certificate.branch_and_bound import Forms, Goal, Items, Minimum, smallest
+from floatplan.certificate.branch_and_bound import Goal, Items, Minimum, smallest
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor, stack
 from floatplan.certificate.findings import RECORDED_PEAK, at_most
 from floatplan.certificate.planar.flight import FlightEnclosure
@@ -174,12 +174,12 @@ def recorded_peaks(name: str, recorded: Array, peaks: list[Minimum]) -> Finding:
     )
 
 
-def _below(forms: Forms, member: IntArray) -> Array:
+def _below(forms: Taylor, member: IntArray) -> Array:
     return -magnitude(forms[0])
 
 
-def _at_point(values: tuple[Balls, ...], member: IntArray) -> Array:
-    return np.asarray(-np.maximum(0.0, (np.abs(values[0].mid) - values[0].rad) * (1.0 - 2.0**-50)))
+def _at_point(values: Balls, member: IntArray) -> Array:
+    return np.asarray(-np.maximum(0.0, (np.abs(values.mid[0]) - values.rad[0]) * (1.0 - 2.0**-50)))
 
 
 def _tolerance(quantity: Quantity) -> float:

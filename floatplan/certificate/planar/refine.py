@@ -30,7 +30,7 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
     the ``budget`` of cells is spent.
     """
     duration = record.duration
-    grid = np.linspace(0.0, duration, FIRST_CELLS + 1)
+    grid = np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS)
     grid[-1] = duration
     edges = sorted({*grid.tolist(), *(end for window in windows for end in window)})
     low, high = _cells_between(edges, {first for first, last in windows if first == last})
@@ -63,7 +63,7 @@ def _cells_between(edges: list[float], instants: set[float]) -> tuple[Array, Arr
 
 
 def _coarse(joints: Joints, duration: float) -> BoolArray:
-    torque = np.nanmax(joints.motor_torques.size, initial=1e-12)
+    torque = np.fmax.reduce(joints.motor_torques.size, axis=None, initial=1e-12)
     rate_sharp = joints.rate.e[:, 0] * duration <= ORIENTATION_RADIUS
     torque_sharp = (joints.motor_torques.e <= TORQUE_RADIUS * torque).all(axis=-1)
     return np.asarray(~(rate_sharp & torque_sharp))
