@@ -13,8 +13,7 @@ import numpy as np
 from measuring import PROBLEMS, Counts, heading, stopwatch, table
 
 import floatplan as fp
-from floatplan.studies import rows
-from floatplan.studies import study as running
+from floatplan.studies import page, rows
 from floatplan.studies.file import load_study_file
 
 ASKED = f"""
@@ -37,7 +36,7 @@ def studies(counts: Counts) -> None:
             began = time.perf_counter()
             fp.plan_many(study.family(0, len(study)))
             planning = time.perf_counter() - began
-            parts = stopwatch(rows, ["plan_many"]), stopwatch(rows, ["many_peaks"]), stopwatch(running, ["write_maps"])
+            parts = stopwatch(rows, ["plan_many"]), stopwatch(rows, ["many_peaks"]), stopwatch(page, ["write_maps"])
             with parts[0] as inside, parts[1] as peaks, parts[2] as maps:
                 began = time.perf_counter()
                 fp.study(asked, folder=folder, restart=True, jobs=1)

@@ -19,6 +19,7 @@ FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and 
 MOST_IN_CHUNK = 32_768  # rows
 GROWTH = 8  # times that a chunk may be larger than the one that its speed was measured with
 AHEAD = 2  # chunks given to each process, so that none waits
+SHORTEST = 1 / 16  # [-] of a chunk, at the end: what is handed out costs a little too
 DIED = "The system ended the process that planned this row: it crashed, or memory ran out."
 
 
@@ -103,7 +104,8 @@ class _Run:
         """Take a chunk from what is waiting: about a second of work, less at the end, so that all end together."""
         first, stop = waiting.pop()
         left = stop - first + sum(end - begin for begin, end in waiting)
-        size = max(min(self._size, -(-left // slots)), self._least)
+        shortest = max(self._least, int(SHORTEST * self._size))
+        size = max(min(self._size, -(-left // slots)), shortest)
         if stop - first > size:
             waiting.append((first + size, stop))
             stop = first + size

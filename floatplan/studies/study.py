@@ -23,7 +23,6 @@ from floatplan.studies.engines import started
 from floatplan.studies.file import StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
 from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
-from floatplan.studies.page import write_maps
 from floatplan.studies.rows import arrow, row_seed
 
 if TYPE_CHECKING:
@@ -183,8 +182,10 @@ def study(
                 fill(asked, place, gaps, chosen, progress)
         done = Study(asked, place, place.merge())
         if asked.map:
+            from floatplan.studies import page  # slow to load
+
             with naming_the_folder(place.path):
-                done.files += write_maps(asked, done.table, place.path)
+                done.files += page.write_maps(asked, done.table, place.path)
     return done
 
 

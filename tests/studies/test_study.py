@@ -42,7 +42,7 @@ def without_maps(request, monkeypatch):
     """Their files are what test_maps.py is about, and half of the time of a small study."""
     if "done" in request.fixturenames:
         request.getfixturevalue("done")
-    monkeypatch.setattr("floatplan.studies.study.write_maps", lambda *_: [])
+    monkeypatch.setattr("floatplan.studies.page.write_maps", lambda *_: [])
 
 
 def timeless(table):
@@ -239,7 +239,7 @@ def test_a_disk_that_is_full_when_maps_are_drawn_is_told_too(done, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("floatplan.studies.study.write_maps", full)
+    monkeypatch.setattr("floatplan.studies.page.write_maps", full)
     with pytest.raises(InputError, match="No space left") as told:
         fp.study(path, folder=study.folder, jobs=1)
     assert str(study.folder) in str(told.value)

@@ -2,20 +2,21 @@
 /* Puts the page together. Whatever comes from a file is written as text, never as markup. */
 
 class Rows {
-  constructor(data) {
+  constructor(data, numbers) {
     this.data = data;
+    this.numbers = numbers;
     this.count = data.count;
-    this.status = new Uint8Array(unpacked(data.status));
+    this.status = new Uint8Array(numbers, ...data.status);
     this.statuses = data.colours.statuses;
     this.scale = data.colours.scale;
     this.columns = {};
     this.axes = Object.fromEntries(data.axes.map((axis) => [axis.key, { ...axis, label: this.label(axis.key) }]));
-    this.explanation = new Uint32Array(unpacked(data.explanation.index));
-    this.coefficients = new Float32Array(unpacked(data.coefficients.values));
+    this.explanation = new Uint32Array(numbers, ...data.explanation.index);
+    this.coefficients = new Float32Array(numbers, ...data.coefficients.values);
   }
 
   column(name) {
-    this.columns[name] ??= new Float32Array(unpacked(this.data.columns[name].values));
+    this.columns[name] ??= new Float32Array(this.numbers, ...this.data.columns[name].values);
     return this.columns[name];
   }
 
@@ -48,9 +49,12 @@ class Rows {
   }
 }
 
+/* The bytes that base64 stands for. */
 function unpacked(text) {
-  const bytes = atob(text);
-  return Uint8Array.from(bytes, (letter) => letter.charCodeAt(0)).buffer;
+  const letters = atob(text);
+  const bytes = new Uint8Array(letters.length);
+  for (let index = 0; index < bytes.length; index++) bytes[index] = letters.charCodeAt(index);
+  return bytes.buffer;
 }
 
 function make(tag, name, text) {
@@ -70,9 +74,9 @@ function fillSelect(select, options, chosen) {
 }
 
 class Page {
-  constructor(data) {
+  constructor(data, numbers) {
     this.data = data;
-    this.rows = new Rows(data);
+    this.rows = new Rows(data, numbers);
     this.flight = data.flight && new Flight(data.flight);
     this.holder = document.getElementById("map");
     this.tip = document.getElementById("tip");
@@ -240,4 +244,5 @@ class Page {
   }
 }
 
-window.floatplan = new Page(JSON.parse(document.getElementById("data").textContent));
+const [data, numbers] = ["data", "numbers"].map((id) => document.getElementById(id).textContent);
+window.floatplan = new Page(JSON.parse(data), unpacked(numbers));
