@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import IntArray
 from floatplan.files import write_atomically
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.plans.plan import Plan
@@ -79,7 +81,7 @@ def _axis(asked: StudyFile, path: str) -> dict[str, Any]:
     return {"key": path, "factor": asked.factors[path], "edges": edges.tolist(), "values": middles.tolist()}
 
 
-def _in_fractions(asked: StudyFile, table: Any) -> Array:
+def _in_fractions(asked: StudyFile, table: Any) -> npt.NDArray[np.float32]:
     """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
     column = table["coefficients"].combine_chunks()
     sizes, joints = _unfolded(column)
@@ -88,14 +90,19 @@ def _in_fractions(asked: StudyFile, table: Any) -> Array:
     sizes, values = _unfolded(joints)
     sizes = sizes.reshape(-1, n)
     size = int(sizes.max(initial=0))
-    found = np.full((len(table), n, size), np.nan)
-    inside = np.zeros(found.shape, dtype=np.bool_)
-    inside[there] = np.arange(size) < sizes[..., None]
-    found[inside] = values.to_numpy()
+    shape = len(table), n, size
+    found = values.to_numpy()
+    if found.size < math.prod(shape):
+        inside = np.zeros(shape, dtype=np.bool_)
+        inside[there] = np.arange(size) < sizes[..., None]
+        found = np.full(shape, np.nan)
+        found[inside] = values.to_numpy()
     varied = "flight.duration" in asked.paths
     duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), asked.base.flight.duration)
     powers = np.vander(duration, size, increasing=True)
-    return np.asarray(found * powers[:, None]).reshape(len(table), n * size)
+    fractions = np.empty(shape, dtype="<f4")
+    np.multiply(found.reshape(shape), powers[:, None], out=fractions, casting="same_kind")
+    return fractions.reshape(len(table), n * size)
 
 
 def _unfolded(lists: Any) -> tuple[IntArray, Any]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import platform
+import threading
 import time
 from collections.abc import Callable
 from functools import cached_property
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -177,12 +179,14 @@ def study(
     with place.locked():
         place.open(asked.digest(), facts(asked), restart)
         gaps = place.missing()
+        if asked.map:  # while others plan
+            threading.Thread(target=import_module, args=("floatplan.studies.page",), daemon=True).start()
         if gaps:
             with started(engine, jobs, scheduler) as chosen:
                 fill(asked, place, gaps, chosen, progress)
         done = Study(asked, place, place.merge())
         if asked.map:
-            from floatplan.studies import page  # slow to load
+            from floatplan.studies import page
 
             with naming_the_folder(place.path):
                 done.files += page.write_maps(asked, done.table, place.path)

@@ -179,8 +179,8 @@ class Fragile:
             future.set_result(call(work, first, values))
         return future
 
-    def slots(self):
-        return 1
+    def places(self):
+        return 2
 
     def renew(self):
         pass

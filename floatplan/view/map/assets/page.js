@@ -39,7 +39,8 @@ class Rows {
 
   shown(name, row) {
     const value = this.column(name)[row];
-    return Number.isNaN(value) ? "–" : `${shortNumber(value)} ${this.unit(name)}`.trim();
+    const digits = name in this.axes ? 6 : 4; // what was asked for, and what was found
+    return Number.isNaN(value) ? "–" : `${shortNumber(value, digits)} ${this.unit(name)}`.trim();
   }
 
   coefficientsOf(row) {
@@ -55,6 +56,11 @@ function unpacked(text) {
   const bytes = new Uint8Array(letters.length);
   for (let index = 0; index < bytes.length; index++) bytes[index] = letters.charCodeAt(index);
   return bytes.buffer;
+}
+
+/* Whether the reader asks for less motion. */
+function isCalm() {
+  return matchMedia("(prefers-reduced-motion: reduce)").matches;
 }
 
 function make(tag, name, text) {
@@ -137,7 +143,9 @@ class Page {
     this.holder.addEventListener("pointerleave", () => this.leave());
     this.holder.addEventListener("click", (event) => {
       const place = this.map.at(...this.inside(event));
-      if (place !== null) this.choose(this.map.row[place]);
+      if (place === null) return;
+      this.choose(this.map.row[place]);
+      document.getElementById("stage").scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
     });
     this.holder.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
@@ -240,7 +248,7 @@ class Page {
       this.player.controls.scrub.max = motion.duration;
       this.player.seek(0);
     }
-    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.player.play();
+    if (!isCalm()) this.player.play();
   }
 }
 
