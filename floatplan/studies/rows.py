@@ -103,7 +103,7 @@ def planned_rows(packed: bytes, first: int, values: Values) -> Planned:
 
 @dataclass(eq=False)
 class _Columns:
-    """What was found of N rows; ``peaks`` (N, m) N m, words as pyarrow's arrays.
+    """What was found of N rows; ``peaks`` (N, m) N m, words as pyarrow's arrays, ``verdict`` None without proofs.
 
     ``coefficients`` are (N, n, k+1), NaN where there is none; or a list (n) of lists for each, or None.
     """
@@ -143,7 +143,7 @@ def _together(work: Work, problems: Family) -> _Columns | None:
         starts=plans.starts,
         milliseconds=milliseconds,
         coefficients=plans.coefficients,
-        verdict=_chosen(VERDICTS, plans.verdict),
+        verdict=_chosen(VERDICTS, plans.verdict) if work.prove else None,
     )
 
 
@@ -245,19 +245,22 @@ def _statuses(plans: Plans) -> Any:
 
 def _explanations(plans: Plans) -> Any:
     """Explanations of N rows: few differ."""
-    pa, _ = arrow()
     numbers = {GOAL_MET: 0}
     which = np.zeros(len(plans), dtype=np.int64)
     for index, message in plans.messages.items():
         which[index] = numbers.setdefault(message, len(numbers))
-    return pa.array([printable(each, LONGEST_EXPLANATION) for each in numbers]).take(pa.array(which))
+    return _taken([printable(each, LONGEST_EXPLANATION) for each in numbers], which)
 
 
 def _chosen(words: Sequence[str], each: npt.NDArray[np.str_]) -> Any:
     """Words (N,), each among a few."""
+    return _taken(words, np.select([each == word for word in words], range(len(words)), default=len(words)))
+
+
+def _taken(words: Sequence[str], which: IntArray) -> Any:
+    """Words (N,) by their places; pyarrow's own ``take`` is slow to load."""
     pa, _ = arrow()
-    which = np.select([each == word for word in words], range(len(words)), default=-1)
-    return pa.array(words).take(pa.array(which))
+    return pa.array(np.array(words, dtype=object)[which], type=pa.string())
 
 
 def _status(answer: Answer) -> str:
