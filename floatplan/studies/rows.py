@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import io
 import pickle
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import FloatplanError, printable
 from floatplan.kernel.peaks import many_peaks
 from floatplan.kernel.rows import is_plain_family
-from floatplan.optional import import_optional
 from floatplan.planning.many import plan_many
 from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.measures import Utilisation
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
+from floatplan.studies.columns import arrow, as_column, chosen, taken, written
 from floatplan.studies.file import StudyFile, family, versions
 from floatplan.studies.sampling import Values
 from floatplan.tables import OBJECTIVE_TABLE
@@ -31,8 +29,6 @@ from floatplan.tables import OBJECTIVE_TABLE
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 VERDICTS = ("", "proved", "undecided", "refuted")
 LONGEST_EXPLANATION = 400  # characters
-ROW_GROUP = 65_536  # rows
-WORDS = ("status", "explanation", "verdict")  # columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,20 +59,6 @@ class Planned:
 
     content: bytes
     seconds: float
-
-
-def arrow() -> tuple[Any, ...]:
-    """Return pyarrow and pyarrow.parquet.
-
-    Raises
-    ------
-    InputError
-        They are not installed.
-    """
-    return tuple(
-        import_optional(module, name="pyarrow", element="study", extra="study")
-        for module in ("pyarrow", "pyarrow.parquet")
-    )
 
 
 @lru_cache(maxsize=4)
@@ -143,7 +125,7 @@ def _together(work: Work, problems: Family) -> _Columns | None:
         starts=plans.starts,
         milliseconds=milliseconds,
         coefficients=plans.coefficients,
-        verdict=_chosen(VERDICTS, plans.verdict) if work.prove else None,
+        verdict=chosen(VERDICTS, plans.verdict) if work.prove else None,
     )
 
 
@@ -240,7 +222,7 @@ def row_seed(seed: int, index: int) -> int:
 
 def _statuses(plans: Plans) -> Any:
     refuted = plans.verdict == "refuted"
-    return _chosen(STATUSES, np.where(refuted & np.isin(plans.status, SOLVED), "not_found", plans.status))
+    return chosen(STATUSES, np.where(refuted & np.isin(plans.status, SOLVED), "not_found", plans.status))
 
 
 def _explanations(plans: Plans) -> Any:
@@ -249,18 +231,7 @@ def _explanations(plans: Plans) -> Any:
     which = np.zeros(len(plans), dtype=np.int64)
     for index, message in plans.messages.items():
         which[index] = numbers.setdefault(message, len(numbers))
-    return _taken([printable(each, LONGEST_EXPLANATION) for each in numbers], which)
-
-
-def _chosen(words: Sequence[str], each: npt.NDArray[np.str_]) -> Any:
-    """Words (N,), each among a few."""
-    return _taken(words, np.select([each == word for word in words], range(len(words)), default=len(words)))
-
-
-def _taken(words: Sequence[str], which: IntArray) -> Any:
-    """Words (N,) by their places; pyarrow's own ``take`` is slow to load."""
-    pa, _ = arrow()
-    return pa.array(np.array(words, dtype=object)[which], type=pa.string())
+    return taken([printable(each, LONGEST_EXPLANATION) for each in numbers], which)
 
 
 def _status(answer: Answer) -> str:
@@ -313,52 +284,9 @@ def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:
     ]
     if work.prove:
         given.append(("verdict", columns.verdict, None, ""))
-    arrays = [_column(pa, values, kind) for _, values, kind, _ in given]
+    arrays = [as_column(pa, values, kind) for _, values, kind, _ in given]
     fields = [
         pa.field(name, array.type, metadata={"unit": unit} if unit else None)
         for (name, _, _, unit), array in zip(given, arrays, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-
-
-def written(table: Any) -> bytes:
-    """A table as a Parquet file, whose damage would be seen."""
-    _, pq = arrow()
-    stream = io.BytesIO()
-    names = table.column_names
-    pq.write_table(
-        table,
-        stream,
-        row_group_size=ROW_GROUP,
-        compression="snappy",
-        use_dictionary=[name for name in WORDS if name in names],  # numbers hardly ever repeat
-        write_statistics=[name for name in names if name != "coefficients"],  # by which nobody looks for a row
-        write_page_checksum=True,
-    )
-    return stream.getvalue()
-
-
-def _column(pa: Any, values: Any, kind: Any) -> Any:
-    if isinstance(values, pa.Array):
-        return values
-    if not isinstance(values, np.ndarray):
-        return pa.array(values, type=kind)
-    return pa.array(values, type=kind, from_pandas=True) if values.ndim == 1 else _lists(pa, values)
-
-
-def _lists(pa: Any, values: Array) -> Any:
-    """Lists (n) of lists from (N, n, k+1), without what is NaN: joints of unlike degrees, or rows without a motion."""
-    count, n, size = values.shape
-    finite = np.isfinite(values)
-    if finite.all():
-        inner = pa.ListArray.from_arrays(_offsets(np.full(count * n, size)), values.ravel())
-        return pa.ListArray.from_arrays(_offsets(np.full(count, n)), inner)
-    there = finite.any(axis=(1, 2))
-    inner = pa.ListArray.from_arrays(_offsets(finite[there].sum(axis=2).ravel()), values[finite])
-    missing = np.append(~there, False)
-    return pa.ListArray.from_arrays(pa.array(_offsets(n * there), mask=missing), inner)
-
-
-def _offsets(lengths: IntArray) -> npt.NDArray[np.int32]:
-    """Where lists that follow each other begin, and where the last one ends."""
-    return np.concatenate(([0], np.cumsum(lengths)), dtype=np.int32, casting="unsafe")

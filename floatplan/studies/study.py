@@ -20,12 +20,13 @@ from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
+from floatplan.studies.columns import arrow
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started
 from floatplan.studies.file import StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
 from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
-from floatplan.studies.rows import arrow, row_seed
+from floatplan.studies.rows import row_seed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,7 +21,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan import InputError, files
-from floatplan.studies import driver, engines, page, rows
+from floatplan.studies import columns, driver, engines, page, rows
 from floatplan.studies.file import load_study_file
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
@@ -113,10 +113,10 @@ def test_joints_of_unlike_degrees_have_lists_of_unlike_lengths():
     values = np.arange(24.0).reshape(3, 2, 4)
     values[0, 1, 2:] = values[1] = np.nan
     wanted = [[[0, 1, 2, 3], [4, 5]], None, [[16, 17, 18, 19], [20, 21, 22, 23]]]
-    assert rows._lists(pyarrow, values).to_pylist() == wanted
-    whole = rows._lists(pyarrow, values[2:])
+    assert columns.lists(pyarrow, values).to_pylist() == wanted
+    whole = columns.lists(pyarrow, values[2:])
     assert whole.to_pylist() == wanted[2:]
-    assert whole.type == rows._lists(pyarrow, values).type == pyarrow.list_(pyarrow.list_(pyarrow.float64()))
+    assert whole.type == columns.lists(pyarrow, values).type == pyarrow.list_(pyarrow.list_(pyarrow.float64()))
 
 
 def test_the_best_rows_hold_plans_that_are_proved(done):
