@@ -7,15 +7,19 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from measuring import PROBLEMS, Counts, heading, stopwatch, table
 
 import floatplan as fp
-from floatplan.studies import rows
-from floatplan.studies import study as running
+from floatplan.studies import page, rows
 from floatplan.studies.file import load_study_file
+from floatplan.studies.folder import StudyFolder
 
 ASKED = f"""
 problem = "{PROBLEMS / "somersault.toml"}"
@@ -23,38 +27,81 @@ problem = "{PROBLEMS / "somersault.toml"}"
 "flight.angular_momentum" = {{ from = 2.8, to = 4.4, count = COUNT }}
 "flight.duration" = {{ from = 0.9, to = 1.4, count = 250 }}
 """
+CALL = 16_384  # rows
 
 
 def studies(counts: Counts) -> None:
-    """Study beside ``plan_many`` for the same rows, taking turns, in one process."""
+    """Study beside ``plan_many`` alone for the same rows, in one process; then the command."""
     heading(f"studies: {250 * counts.across} somersaults over h and T, one core")
     with tempfile.TemporaryDirectory() as made:
         asked, folder = Path(made) / "asked.toml", Path(made) / "out"
         asked.write_text(ASKED.replace("COUNT", str(counts.across)), encoding="utf-8")
         study = load_study_file(asked)
-        turns: list[tuple[float, ...]] = []
-        for _ in range(counts.slow_turns):
-            began = time.perf_counter()
-            fp.plan_many(study.family(0, len(study)))
-            planning = time.perf_counter() - began
-            parts = stopwatch(rows, ["plan_many"]), stopwatch(rows, ["many_peaks"]), stopwatch(running, ["write_maps"])
-            with parts[0] as inside, parts[1] as peaks, parts[2] as maps:
-                began = time.perf_counter()
-                fp.study(asked, folder=folder, restart=True, jobs=1)
-                whole = time.perf_counter() - began
-            turns.append((planning, inside["seconds"], peaks["seconds"], maps["seconds"], whole))
+        family = study.family(0, len(study))
+        turns = [_turn(asked, folder, family) for _ in range(counts.slow_turns)]
         command = [sys.executable, "-m", "floatplan", "study", str(asked), "-o", str(folder), "--restart", "-q"]
+        began = time.perf_counter()
         subprocess.run(command, check=True)
+        seconds = time.perf_counter() - began
     memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024  # [MB] of the largest process
-    medians = np.median([_shares(*turn) for turn in turns], axis=0).tolist()
-    rate = len(study) / np.median([turn[-1] for turn in turns])
-    header = ["rows/s", "overhead %", "inside %", "of this maps %", "peaks %", "largest process MB"]
-    table(header, [[f"{rate:.0f}", *(f"{share:.1f}" for share in medians), f"{memory:.0f}"]])
-    print("  overhead: study without peaks of torque, less plan_many for the same rows in one call, over that;")
+    medians = np.median([turn.shares() for turn in turns], axis=0).tolist()
+    header = ["overhead %", "inside %", "of this maps %", "peaks %", "rows/s", "command s", "largest process MB"]
+    rate = len(study) / np.median([turn.whole for turn in turns])
+    table(header, [[*(f"{share:.1f}" for share in medians), f"{rate:.0f}", f"{seconds:.1f}", f"{memory:.0f}"]])
+    print("  in processor time; the command, with all of its start, on all processors by the clock;")
+    print("  overhead: study without peaks of torque, less plan_many alone for the same rows, over that;")
     print("  inside: all of a study but planning and peaks, over its own planning in chunks\n")
 
 
-def _shares(planning: float, inside: float, peaks: float, maps: float, whole: float) -> list[float]:
-    rest = whole - peaks
-    shares = (rest - planning) / planning, (rest - inside) / inside, maps / inside, peaks / inside
-    return [100 * share for share in shares]
+@dataclass(frozen=True)
+class _Turn:
+    """Seconds of the processor: of ``plan_many`` alone, and of a study and parts of it."""
+
+    alone: float
+    inside: float
+    peaks: float
+    maps: float
+    whole: float
+
+    def shares(self) -> list[float]:
+        """Of what is planned, in percent."""
+        rest = self.whole - self.peaks
+        against_alone = (rest - self.alone) / self.alone
+        parts = against_alone, *(part / self.inside for part in (rest - self.inside, self.maps, self.peaks))
+        return [100 * part for part in parts]
+
+
+def _turn(asked: Path, folder: Path, family: fp.Family) -> _Turn:
+    """Time a study and ``plan_many`` for its rows in processor time: what else the machine does is no part of either.
+
+    They take turns of about a second, so that a machine which changes its speed changes it for both.
+    """
+    clock = time.process_time
+    timed = ((rows, ["plan_many"]), (rows, ["many_peaks"]), (page, ["write_maps"]))
+    with ExitStack() as stack:
+        inside, peaks, maps = (stack.enter_context(stopwatch(*each, clock)) for each in timed)
+        alone = stack.enter_context(_alone(family))
+        began = clock()
+        fp.study(asked, folder=folder, restart=True, jobs=1)
+        whole = clock() - began - alone["seconds"]
+    return _Turn(alone["seconds"], inside["seconds"], peaks["seconds"], maps["seconds"], whole)
+
+
+@contextmanager
+def _alone(family: fp.Family) -> Iterator[dict[str, float]]:
+    """Plan a study's rows once more in few calls, as far as it has come; add up their seconds of the processor."""
+    total = {"seconds": 0.0}
+    keep = StudyFolder.keep
+    planned = 0
+
+    def keep_and_plan(folder: StudyFolder, first: int, stop: int, content: bytes) -> None:
+        nonlocal planned
+        keep(folder, first, stop, content)
+        began = time.process_time()
+        while planned + CALL <= stop or planned < stop == len(family):
+            fp.plan_many(family[planned : planned + CALL])
+            planned = min(planned + CALL, stop)
+        total["seconds"] += time.process_time() - began
+
+    with patch.object(StudyFolder, "keep", keep_and_plan):
+        yield total

@@ -18,7 +18,7 @@ CHUNK_SECONDS = 1.0  # [s] of work
 FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and of whole searches
 MOST_IN_CHUNK = 32_768  # rows
 GROWTH = 8  # times that a chunk may be larger than the one that its speed was measured with
-AHEAD = 2  # chunks given to each process, so that none waits
+SHORTEST = 1 / 16  # [-] of a chunk, at the end: what is handed out costs a little too
 DIED = "The system ended the process that planned this row: it crashed, or memory ran out."
 
 
@@ -74,7 +74,7 @@ class _Run:
         self._missing, self._done, self._began = missing, 0, time.monotonic()
 
     def run(self, gaps: list[Range]) -> None:
-        """Keep every slot busy until nothing is left."""
+        """Keep every process busy until nothing is left."""
         waiting = list(reversed(gaps))
         running: dict[Future[Planned], Range] = {}
         lost: list[Range] = []
@@ -84,9 +84,9 @@ class _Run:
                 for chunk in lost:
                     self._alone(chunk)
                 lost = []
-            slots = AHEAD * self._engine.slots()
-            while waiting and len(running) < slots and not lost:
-                chunk = self._next(waiting, slots)
+            places = self._engine.places()
+            while waiting and len(running) < places and not lost:
+                chunk = self._next(waiting, places)
                 try:
                     running[self._submit(self._engine.executor, chunk)] = chunk
                 except BrokenExecutor:
@@ -99,11 +99,12 @@ class _Run:
                 else:
                     self._keep(chunk, future.result())
 
-    def _next(self, waiting: list[Range], slots: int) -> Range:
+    def _next(self, waiting: list[Range], places: int) -> Range:
         """Take a chunk from what is waiting: about a second of work, less at the end, so that all end together."""
         first, stop = waiting.pop()
         left = stop - first + sum(end - begin for begin, end in waiting)
-        size = max(min(self._size, -(-left // slots)), self._least)
+        shortest = max(self._least, int(SHORTEST * self._size))
+        size = max(min(self._size, -(-left // places)), shortest)
         if stop - first > size:
             waiting.append((first + size, stop))
             stop = first + size

@@ -16,6 +16,7 @@ from floatplan.studies.processes import processes
 
 ENGINES = ("processes", "dask")
 PATIENCE = 30  # [s] for a scheduler to answer
+AHEAD = 2  # chunks given to each process, so that none waits
 
 
 class Engine(Protocol):
@@ -25,8 +26,8 @@ class Engine(Protocol):
     def executor(self) -> Executor:
         """Takes chunks."""
 
-    def slots(self) -> int:
-        """How many it plans at a time."""
+    def places(self) -> int:
+        """How many it takes at a time."""
 
     def renew(self) -> None:
         """Put another executor in the place of one that a dead process has broken."""
@@ -88,7 +89,7 @@ class _Inline:
     def __init__(self) -> None:
         self.executor: Executor = Here()
 
-    def slots(self) -> int:
+    def places(self) -> int:
         return 1
 
     def renew(self) -> None:
@@ -112,8 +113,8 @@ class _Pool:
         self._open = ExitStack()
         self.executor = self._open.enter_context(processes(self._count))
 
-    def slots(self) -> int:
-        return self._count
+    def places(self) -> int:
+        return AHEAD * self._count
 
     def renew(self) -> None:
         self.close()
@@ -142,8 +143,8 @@ class _Dask:
             raise InputError(f"no scheduler answers: {error}", element="scheduler") from None
         self.executor: Executor = self._client.get_executor(pure=False)
 
-    def slots(self) -> int:
-        return max(int(sum(self._client.nthreads().values())), 1)
+    def places(self) -> int:
+        return AHEAD * max(int(sum(self._client.nthreads().values())), 1)
 
     def renew(self) -> None:
         """The scheduler starts workers anew."""

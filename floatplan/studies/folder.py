@@ -14,7 +14,7 @@ from typing import Any
 
 from floatplan.errors import InputError
 from floatplan.files import read_text, write_atomically
-from floatplan.studies.rows import arrow, written
+from floatplan.studies.columns import arrow, written
 
 FORMAT = "floatplan.study/1"
 STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"

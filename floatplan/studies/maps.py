@@ -77,9 +77,8 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
 
 def words(table: Any, column: str) -> tuple[list[str], IntArray]:
     """Words of a column of a table, in the order in which they appear, and which (N,) each row has."""
-    numbers: dict[str, int] = {}
-    which = [numbers.setdefault(word, len(numbers)) for word in table[column].to_numpy()]
-    return list(numbers), np.array(which, dtype=np.int64)
+    encoded = table[column].combine_chunks().dictionary_encode()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
 
 
 def units_of(table: Any) -> dict[str, str]:

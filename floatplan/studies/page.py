@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.arrays import IntArray
 from floatplan.files import write_atomically
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.plans.plan import Plan
@@ -15,7 +17,7 @@ from floatplan.studies.file import StudyFile, coloured, versions
 from floatplan.studies.maps import draw, drawn_map, edges_of, units_of, words
 from floatplan.studies.rows import STATUSES
 from floatplan.view.figures.figures import rendered
-from floatplan.view.map.page import colours, flight_data, map_page, packed
+from floatplan.view.map.page import PackedNumbers, colours, flight_data, map_page
 from floatplan.view.style import styled
 
 DPI_OF_MAPS = 200  # [1/in]
@@ -36,13 +38,15 @@ def write_maps(asked: StudyFile, table: Any, folder: Path) -> list[Path]:
 
 def write_page(asked: StudyFile, table: Any, path: Path) -> Path:
     """Write the page, whole or not at all."""
-    return write_atomically(path, map_page(f"{asked.name}: map", page_data(asked, table)))
+    numbers = PackedNumbers()
+    data = page_data(asked, table, numbers)
+    return write_atomically(path, map_page(f"{asked.name}: map", data, numbers))
 
 
-def page_data(asked: StudyFile, table: Any) -> dict[str, Any]:
-    """Return all that the page shows."""
+def page_data(asked: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str, Any]:
+    """Return all that the page shows; what it shows of each row goes into ``numbers``."""
     units = units_of(table)
-    names = [*asked.paths, *coloured(asked.base)]
+    names = [*asked.paths, *(name for name in coloured(asked.base) if _is_shown(asked, table, name))]
     explanations, explanation = words(table, "explanation")
     statuses, status = words(table, "status")
     coefficients = _in_fractions(asked, table)
@@ -54,14 +58,20 @@ def page_data(asked: StudyFile, table: Any) -> dict[str, Any]:
         "map": asked.map,
         "axes": [_axis(asked, path) for path in asked.paths],
         "columns": {
-            name: {"unit": units.get(name, ""), "values": packed(table[name].to_numpy(), "<f4")} for name in names
+            name: {"unit": units.get(name, ""), "values": numbers.add(table[name].to_numpy(), "<f4")} for name in names
         },
-        "status": packed(np.array([STATUSES.index(name) for name in statuses])[status], "<u1"),
-        "explanation": {"texts": explanations, "index": packed(explanation, "<u4")},
-        "coefficients": {"size": coefficients.shape[1], "values": packed(coefficients, "<f4")},
+        "status": numbers.add(np.array([STATUSES.index(name) for name in statuses])[status], "<u1"),
+        "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
+        "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
         "colours": colours(),
         "flight": flight_data(_base_plan(asked)),
     }
+
+
+def _is_shown(asked: StudyFile, table: Any, name: str) -> bool:
+    """Whether a column has anything to show, or is asked for."""
+    assert asked.map is not None, "asked for"
+    return name == asked.map[2] or table[name].null_count < len(table)
 
 
 def _axis(asked: StudyFile, path: str) -> dict[str, Any]:
@@ -71,7 +81,7 @@ def _axis(asked: StudyFile, path: str) -> dict[str, Any]:
     return {"key": path, "factor": asked.factors[path], "edges": edges.tolist(), "values": middles.tolist()}
 
 
-def _in_fractions(asked: StudyFile, table: Any) -> Array:
+def _in_fractions(asked: StudyFile, table: Any) -> npt.NDArray[np.float32]:
     """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
     column = table["coefficients"].combine_chunks()
     sizes, joints = _unfolded(column)
@@ -80,25 +90,25 @@ def _in_fractions(asked: StudyFile, table: Any) -> Array:
     sizes, values = _unfolded(joints)
     sizes = sizes.reshape(-1, n)
     size = int(sizes.max(initial=0))
-    found = np.full((len(table), n, size), np.nan)
-    inside = np.arange(size) < sizes[..., None]
-    found[there] = _placed(inside, values.to_numpy())
+    shape = len(table), n, size
+    found = values.to_numpy()
+    if found.size < math.prod(shape):
+        inside = np.zeros(shape, dtype=np.bool_)
+        inside[there] = np.arange(size) < sizes[..., None]
+        found = np.full(shape, np.nan)
+        found[inside] = values.to_numpy()
     varied = "flight.duration" in asked.paths
     duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), asked.base.flight.duration)
-    return np.asarray(found * duration[:, None, None] ** np.arange(size)).reshape(len(table), n * size)
+    powers = np.vander(duration, size, increasing=True)
+    fractions = np.empty(shape, dtype="<f4")
+    np.multiply(found.reshape(shape), powers[:, None], out=fractions, casting="same_kind")
+    return fractions.reshape(len(table), n * size)
 
 
 def _unfolded(lists: Any) -> tuple[IntArray, Any]:
     """Lengths of the lists in an array, none where there is no list, and what they hold, one after the other."""
     offsets = lists.offsets.to_numpy()
     return np.diff(offsets), lists.values[offsets[0] : offsets[-1]]
-
-
-def _placed(inside: BoolArray, values: Array) -> Array:
-    """Values one after the other, put where ``inside`` is true; NaN elsewhere."""
-    found = np.full(inside.shape, np.nan)
-    found[inside] = values
-    return found
 
 
 def _base_plan(asked: StudyFile) -> Plan:

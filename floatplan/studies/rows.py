@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import pickle
 import time
 from collections.abc import Mapping
@@ -16,21 +15,20 @@ from floatplan.arrays import Array, IntArray
 from floatplan.errors import FloatplanError, printable
 from floatplan.kernel.peaks import many_peaks
 from floatplan.kernel.rows import is_plain_family
-from floatplan.optional import import_optional
 from floatplan.planning.many import plan_many
 from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.measures import Utilisation
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
+from floatplan.studies.columns import arrow, as_column, chosen, taken, written
 from floatplan.studies.file import StudyFile, family, versions
 from floatplan.studies.sampling import Values
 from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
+VERDICTS = ("", "proved", "undecided", "refuted")
 LONGEST_EXPLANATION = 400  # characters
-ROW_GROUP = 65_536  # rows
-WORDS = ("status", "explanation", "verdict")  # columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,20 +61,6 @@ class Planned:
     seconds: float
 
 
-def arrow() -> tuple[Any, ...]:
-    """Return pyarrow and pyarrow.parquet.
-
-    Raises
-    ------
-    InputError
-        They are not installed.
-    """
-    return tuple(
-        import_optional(module, name="pyarrow", element="study", extra="study")
-        for module in ("pyarrow", "pyarrow.parquet")
-    )
-
-
 @lru_cache(maxsize=4)
 def _unpacked(work: bytes) -> Work:
     """The work, unpacked once in each process."""
@@ -101,19 +85,22 @@ def planned_rows(packed: bytes, first: int, values: Values) -> Planned:
 
 @dataclass(eq=False)
 class _Columns:
-    """What was found of N rows; ``peaks`` (N, m) N m, ``coefficients`` a list (n) of lists for each, or None."""
+    """What was found of N rows; ``peaks`` (N, m) N m, words as pyarrow's arrays, ``verdict`` None without proofs.
 
-    status: list[str]
+    ``coefficients`` are (N, n, k+1), NaN where there is none; or a list (n) of lists for each, or None.
+    """
+
+    status: Any
     objective: Array
     angular_momentum: Array
     peaks: Array
     utilisation: Array
     clearance: Array
-    explanation: list[str]
-    starts: list[int]
+    explanation: Any
+    starts: IntArray
     milliseconds: Array
     coefficients: list[list[list[float]] | None] | Array
-    verdict: list[str]
+    verdict: Any
 
 
 def _together(work: Work, problems: Family) -> _Columns | None:
@@ -134,11 +121,11 @@ def _together(work: Work, problems: Family) -> _Columns | None:
         peaks=peaks,
         utilisation=use,
         clearance=np.full(len(plans), np.nan),
-        explanation=[plans.messages.get(index, GOAL_MET) for index in range(len(plans))],
-        starts=plans.starts.tolist(),
+        explanation=_explanations(plans),
+        starts=plans.starts,
         milliseconds=milliseconds,
         coefficients=plans.coefficients,
-        verdict=plans.verdict.tolist(),
+        verdict=chosen(VERDICTS, plans.verdict) if work.prove else None,
     )
 
 
@@ -166,6 +153,7 @@ def _measured_together(problems: Family, plans: Plans, found: IntArray) -> tuple
 
 def _one_by_one(work: Work, problems: Family, first: int) -> _Columns:
     """Plan rows by the whole search, each with a seed of its own; an error of any kind is the row's alone."""
+    pa, _ = arrow()
     rows = [_alone(work, problems[index : index + 1], first + index) for index in range(len(problems))]
     peaks = [peaks for _, peaks, _ in rows]
     answers = [answer for answer, _, _ in rows]
@@ -175,17 +163,17 @@ def _one_by_one(work: Work, problems: Family, first: int) -> _Columns:
         return np.array([getattr(peak, name) if peak else np.nan for peak in peaks], dtype=np.float64)
 
     return _Columns(
-        status=[_status(answer) for answer in answers],
+        status=pa.array([_status(answer) for answer in answers]),
         objective=np.array([answer.objective if peak else np.nan for answer, peak, _ in rows]),
         angular_momentum=np.array([answer.angular_momentum for answer in answers]),
         peaks=np.array([peak.torque if peak else missing for peak in peaks]).reshape(len(rows), len(missing)),
         utilisation=measured("utilisation"),
         clearance=measured("clearance"),
-        explanation=[answer.message or GOAL_MET for answer in answers],
-        starts=[answer.starts for answer in answers],
+        explanation=pa.array([printable(answer.message or GOAL_MET, LONGEST_EXPLANATION) for answer in answers]),
+        starts=np.array([answer.starts for answer in answers]),
         milliseconds=np.array([milliseconds for _, _, milliseconds in rows]),
         coefficients=[answer.coefficients.tolist() if answer.coefficients.size else None for answer in answers],
-        verdict=[answer.verdict for answer in answers],
+        verdict=pa.array([answer.verdict for answer in answers]),
     )
 
 
@@ -232,9 +220,18 @@ def row_seed(seed: int, index: int) -> int:
     return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) & LARGEST_SEED
 
 
-def _statuses(plans: Plans) -> list[str]:
+def _statuses(plans: Plans) -> Any:
     refuted = plans.verdict == "refuted"
-    return [str(status) for status in np.where(refuted & np.isin(plans.status, SOLVED), "not_found", plans.status)]
+    return chosen(STATUSES, np.where(refuted & np.isin(plans.status, SOLVED), "not_found", plans.status))
+
+
+def _explanations(plans: Plans) -> Any:
+    """Explanations of N rows: few differ."""
+    numbers = {GOAL_MET: 0}
+    which = np.zeros(len(plans), dtype=np.int64)
+    for index, message in plans.messages.items():
+        which[index] = numbers.setdefault(message, len(numbers))
+    return taken([printable(each, LONGEST_EXPLANATION) for each in numbers], which)
 
 
 def _status(answer: Answer) -> str:
@@ -245,15 +242,16 @@ def _status(answer: Answer) -> str:
 def lost_row(work: bytes, index: int, values: Values, reason: str) -> Planned:
     """A row that ends the process which plans it, as a chunk."""
     unpacked = _unpacked(work)
+    pa, _ = arrow()
     columns = _Columns(
-        status=["error"],
+        status=pa.array(["error"]),
         **{name: np.full(1, np.nan) for name in ("objective", "angular_momentum", "utilisation", "clearance")},
         peaks=np.full((1, len(unpacked.base.robot.motors)), np.nan),
-        explanation=[reason],
-        starts=[0],
+        explanation=pa.array([reason]),
+        starts=np.zeros(1, dtype=np.int64),
         milliseconds=np.full(1, np.nan),
         coefficients=[None],
-        verdict=[""],
+        verdict=pa.array([""]),
     )
     return Planned(written(_table(unpacked, index, values, columns)), 0.0)
 
@@ -263,60 +261,32 @@ def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:
     pa, _ = arrow()
     count = len(columns.status)
     objective = OBJECTIVE_TABLE[work.base.motion.objective].unit
-    number, word = pa.float64(), pa.string()
+    number = pa.float64()
     there = np.isfinite(columns.peaks).all(axis=1)
     largest = np.where(there, columns.peaks.max(axis=1, initial=-np.inf), np.nan)
     given: list[tuple[str, Any, Any, str]] = [("index", np.arange(first, first + count), pa.int64(), "")]
     given += [(path, column, None, work.units[path]) for path, column in values.items()]
     given += [
-        ("status", columns.status, word, ""),
+        ("status", columns.status, None, ""),
         ("objective", columns.objective, number, objective),
         ("angular_momentum", columns.angular_momentum, number, "kg m^2/s"),
         ("torque_peak", largest, number, "N m"),
     ]
-    shown = {each: printable(each, LONGEST_EXPLANATION) for each in set(columns.explanation)}
     motors = zip(work.base.robot.motors, columns.peaks.T, strict=True)
     given += [(f"torque_peak.{motor}", column, number, "N m") for motor, column in motors]
     given += [
         ("utilisation", columns.utilisation, number, ""),
         ("clearance", columns.clearance, number, "m"),
-        ("explanation", [shown[each] for each in columns.explanation], word, ""),
+        ("explanation", columns.explanation, None, ""),
         ("starts", columns.starts, pa.int32(), ""),
         ("milliseconds", columns.milliseconds, number, "ms"),
         ("coefficients", columns.coefficients, pa.list_(pa.list_(number)), "rad/s^k"),
     ]
     if work.prove:
-        given.append(("verdict", columns.verdict, word, ""))
-    arrays = [_column(pa, values, kind) for _, values, kind, _ in given]
+        given.append(("verdict", columns.verdict, None, ""))
+    arrays = [as_column(pa, values, kind) for _, values, kind, _ in given]
     fields = [
         pa.field(name, array.type, metadata={"unit": unit} if unit else None)
         for (name, _, _, unit), array in zip(given, arrays, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-
-
-def written(table: Any) -> bytes:
-    """A table as a Parquet file, whose damage would be seen."""
-    _, pq = arrow()
-    stream = io.BytesIO()
-    words = [name for name in WORDS if name in table.column_names]  # numbers hardly ever repeat
-    pq.write_table(
-        table, stream, row_group_size=ROW_GROUP, compression="zstd", use_dictionary=words, write_page_checksum=True
-    )
-    return stream.getvalue()
-
-
-def _column(pa: Any, values: Any, kind: Any) -> Any:
-    if not isinstance(values, np.ndarray):
-        return pa.array(values, type=kind)
-    if values.ndim == 1:
-        return pa.array(values, type=kind, from_pandas=True)
-    count, n, size = values.shape
-    if not np.isfinite(values).all():  # joints of unlike degrees, or rows without a motion
-        return pa.array([_of_row(row) for row in values], type=kind)
-    inner = pa.ListArray.from_arrays(np.arange(0, count * n * size + 1, size, dtype=np.int32), values.ravel())
-    return pa.ListArray.from_arrays(np.arange(0, count * n + 1, n, dtype=np.int32), inner)
-
-
-def _of_row(coefficients: Array) -> list[list[float]] | None:
-    return [joint[np.isfinite(joint)].tolist() for joint in coefficients] if np.isfinite(coefficients).any() else None

@@ -10,7 +10,6 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from floatplan.arrays import Array
 from floatplan.studies.numbers import Quantity
@@ -61,5 +60,7 @@ class Samples:
         """Shares (count, axes) of the ranges, from 0 to 1."""
         if self.kind == "random":
             return np.random.default_rng(self.seed).random((self.count, len(self.axes)))
+        from scipy.stats import qmc  # slow to load
+
         sequence = qmc.Sobol(len(self.axes), scramble=True, rng=np.random.default_rng(self.seed))
         return np.asarray(sequence.random_base2(math.ceil(math.log2(self.count)))[: self.count])

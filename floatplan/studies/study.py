@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import platform
+import threading
 import time
 from collections.abc import Callable
 from functools import cached_property
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,13 +20,13 @@ from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
+from floatplan.studies.columns import arrow
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started
 from floatplan.studies.file import StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
 from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
-from floatplan.studies.page import write_maps
-from floatplan.studies.rows import arrow, row_seed
+from floatplan.studies.rows import row_seed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -178,13 +180,17 @@ def study(
     with place.locked():
         place.open(asked.digest(), facts(asked), restart)
         gaps = place.missing()
+        if asked.map:  # while others plan
+            threading.Thread(target=import_module, args=("floatplan.studies.page",), daemon=True).start()
         if gaps:
             with started(engine, jobs, scheduler) as chosen:
                 fill(asked, place, gaps, chosen, progress)
         done = Study(asked, place, place.merge())
         if asked.map:
+            from floatplan.studies import page
+
             with naming_the_folder(place.path):
-                done.files += write_maps(asked, done.table, place.path)
+                done.files += page.write_maps(asked, done.table, place.path)
     return done
 
 

@@ -37,6 +37,16 @@ KEY = """
     const entries = [...document.querySelectorAll("#key li")];
     return entries.filter((one) => one.offsetParent).map((one) => one.textContent);
 """
+STAGE_IS_SEEN = """
+    const box = document.getElementById("stage").getBoundingClientRect();
+    return box.top >= 0 && box.bottom <= innerHeight;
+"""
+TAP = """
+    const [map, place] = [document.getElementById("map"), floatplan.map.placeOf(arguments[0])];
+    const [edge, [x, y, width, height]] = [map.getBoundingClientRect(), floatplan.map.box(place)];
+    const at = { clientX: edge.left + x + width / 2, clientY: edge.top + y + height / 2 };
+    map.dispatchEvent(new MouseEvent("click", { ...at, bubbles: true }));
+"""
 PRESS = """
     const event = new KeyboardEvent("keydown", { key: arguments[0], bubbles: true });
     document.getElementById("map").dispatchEvent(event);
@@ -160,6 +170,27 @@ class TestPage:
         seen = browser.run("return floatplan.map.range")
         values = [value for value in study.table["objective"].to_pylist() if value is not None]
         np.testing.assert_allclose(seen, [min(values), max(values)], rtol=1e-6)
+
+    def test_a_tap_on_a_phone_brings_the_flight_into_view(self, browser, study):
+        from selenium.webdriver.support.wait import WebDriverWait
+
+        browser.driver.set_window_size(390, 700)
+        browser.open(study.folder / "map.html")
+        assert not browser.run(STAGE_IS_SEEN)
+        browser.run(TAP, study.table["status"].to_pylist().index("optimal"))
+        WebDriverWait(browser.driver, 10).until(lambda _: browser.run(STAGE_IS_SEEN))
+        assert browser.run("return document.getElementById('map').getBoundingClientRect().bottom > 0")
+
+    def test_holds_the_table_s_numbers(self, browser, study):
+        browser.open(study.folder / "map.html")
+        shown = browser.run("return Object.keys(floatplan.data.columns)")
+        assert {"objective", "torque_peak.q1", "milliseconds"} <= set(shown)
+        assert "clearance" not in shown  # no row has one
+        for name in shown:
+            seen = browser.run("return Array.from(floatplan.rows.column(arguments[0]), String)", name)
+            np.testing.assert_array_equal(
+                np.array(seen, dtype=np.float64), study.table[name].to_numpy().astype(np.float32)
+            )
 
     def test_keys_move_from_cell_to_cell(self, browser, study):
         browser.open(study.folder / "map.html")

@@ -21,7 +21,8 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan import InputError, files
-from floatplan.studies import driver, engines, rows
+from floatplan.studies import columns, driver, engines, page, rows
+from floatplan.studies.file import load_study_file
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,7 +43,7 @@ def without_maps(request, monkeypatch):
     """Their files are what test_maps.py is about, and half of the time of a small study."""
     if "done" in request.fixturenames:
         request.getfixturevalue("done")
-    monkeypatch.setattr("floatplan.studies.study.write_maps", lambda *_: [])
+    monkeypatch.setattr("floatplan.studies.page.write_maps", lambda *_: [])
 
 
 def timeless(table):
@@ -94,6 +95,28 @@ def test_rows_are_what_plan_many_and_plans_say(done):
     for row in table:
         if row["status"] == "not_found":
             assert row["torque_peak"] is row["objective"] is row["utilisation"] is None
+
+
+def test_rows_without_a_motion_have_no_coefficients(study_file, tmp_path):
+    path = study_file('[vary]\n"goal.positions.q1" = [-60, 200]\n"flight.duration" = [1, 1.1]\n')
+    study = fp.study(path, folder=tmp_path / "out", jobs=1)
+    assert study.table["status"].to_pylist() == ["optimal", "optimal", "error", "error"]
+    assert study.table["coefficients"].to_pylist()[2:] == [None, None]
+    asked, plan = load_study_file(path), study.plan(1)
+    np.testing.assert_array_equal(plan.coefficients, fp.plan_many(asked.family(0, 4))[1].coefficients)
+    in_page = page._in_fractions(asked, study.table).reshape(4, 2, -1)
+    np.testing.assert_allclose(in_page[1], plan.coefficients * 1.1 ** np.arange(in_page.shape[2]), rtol=1e-6)
+    assert np.isnan(in_page[2:]).all()
+
+
+def test_joints_of_unlike_degrees_have_lists_of_unlike_lengths():
+    values = np.arange(24.0).reshape(3, 2, 4)
+    values[0, 1, 2:] = values[1] = np.nan
+    wanted = [[[0, 1, 2, 3], [4, 5]], None, [[16, 17, 18, 19], [20, 21, 22, 23]]]
+    assert columns.lists(pyarrow, values).to_pylist() == wanted
+    whole = columns.lists(pyarrow, values[2:])
+    assert whole.to_pylist() == wanted[2:]
+    assert whole.type == columns.lists(pyarrow, values).type == pyarrow.list_(pyarrow.list_(pyarrow.float64()))
 
 
 def test_the_best_rows_hold_plans_that_are_proved(done):
@@ -179,8 +202,8 @@ class Fragile:
             future.set_result(call(work, first, values))
         return future
 
-    def slots(self):
-        return 1
+    def places(self):
+        return 2
 
     def renew(self):
         pass
@@ -239,7 +262,7 @@ def test_a_disk_that_is_full_when_maps_are_drawn_is_told_too(done, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("floatplan.studies.study.write_maps", full)
+    monkeypatch.setattr("floatplan.studies.page.write_maps", full)
     with pytest.raises(InputError, match="No space left") as told:
         fp.study(path, folder=study.folder, jobs=1)
     assert str(study.folder) in str(told.value)

@@ -82,7 +82,7 @@ def heatmap(shown: HeatMap) -> Figure:
             _draw_bar(figure, axes, scale, shown.label)
         # one image: it is drawn many times faster than as many rectangles
         image = axes.pcolorfast(shown.x.edges, shown.y.edges, cells)
-        image.set(interpolation="nearest")
+        image.set(interpolation="none")
         axes.set(xlabel=shown.x.label, ylabel=shown.y.label)
         if shown.title:
             axes.set_title(shown.title, fontsize=8)

@@ -27,7 +27,32 @@ SCRIPTS = ("flight.js", "heatmap.js", "page.js")
 COLOURS = 64
 
 
-def map_page(title: str, data: Mapping[str, Any]) -> str:
+class PackedNumbers:
+    """Arrays as the page reads them, one after the other in one block of bytes; what is given twice is in it once."""
+
+    def __init__(self) -> None:
+        self._places: dict[bytes, int] = {}
+        self._size = 0
+
+    def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
+        """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
+        array = np.ascontiguousarray(values, dtype=kind)
+        content = array.tobytes()
+        if content not in self._places:
+            self._size += -self._size % array.itemsize
+            self._places[content] = self._size
+            self._size += len(content)
+        return [self._places[content], array.size]
+
+    def in_base64(self) -> bytes:
+        """All of them."""
+        block = bytearray(self._size)
+        for content, first in self._places.items():
+            block[first : first + len(content)] = content
+        return base64.b64encode(block)
+
+
+def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
     """Return the page, as HTML."""
     scripts = [*map(asset, SHARED_SCRIPTS), *map(_own, SCRIPTS)]
     parts = {
@@ -37,12 +62,8 @@ def map_page(title: str, data: Mapping[str, Any]) -> str:
         "data": escaped_json(plain(data)),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
     }
-    return filled(_own("map.html"), parts)
-
-
-def packed(values: npt.ArrayLike, kind: str) -> str:
-    """Numbers as the page reads them: little-endian, of a NumPy kind such as "<f4", in base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+    before, after = (filled(part, parts).encode() for part in _own("map.html").split("{{numbers}}"))
+    return b"".join((before, numbers.in_base64(), after))
 
 
 def flight_data(plan: Plan) -> dict[str, Any]:

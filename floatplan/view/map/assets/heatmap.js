@@ -52,13 +52,8 @@ class HeatMap {
   }
 
   findRange(cut) {
-    const shown = [];
-    if (this.values) {
-      for (const row of this.row) {
-        if (row >= 0 && this.rows.status[row] < SOLVED && Number.isFinite(this.values[row])) shown.push(this.values[row]);
-      }
-    }
-    shown.sort((a, b) => a - b);
+    const hasColour = (row) => row >= 0 && this.rows.status[row] < SOLVED && Number.isFinite(this.values[row]);
+    const shown = Float32Array.from(this.values ? this.row.filter(hasColour) : [], (row) => this.values[row]).sort();
     this.range = shown.length ? [shown[0], shown[Math.floor((cut ? 0.98 : 1) * (shown.length - 1))]] : null;
     this.isLogarithmic = this.range !== null && this.range[0] > 0 && this.range[1] > LOGARITHMIC * this.range[0];
     this.isCut = cut && shown.length > 0 && this.range[1] < shown[shown.length - 1];
@@ -122,13 +117,24 @@ class HeatMap {
 
   drawCells() {
     const pen = this.pen(this.cells);
-    for (let place = 0; place < this.row.length; place++) {
-      if (this.row[place] < 0) continue;
-      const [left, top, width, height] = this.box(place);
-      pen.fillStyle = this.colour(this.row[place]);
-      const [x, y] = [Math.round(left * this.ratio) / this.ratio, Math.round(top * this.ratio) / this.ratio];
-      const [right, low] = [left + width, top + height].map((end) => Math.round(end * this.ratio) / this.ratio);
-      pen.fillRect(x, y, right - x, low - y);
+    const sharp = (place) => Math.round(place * this.ratio) / this.ratio;
+    const across = Array.from(this.x.edges, (edge) => sharp(this.across(edge)));
+    const up = Array.from(this.y.edges, (edge) => sharp(this.up(edge)));
+    const colourOf = (column, line) => {
+      const row = this.row[line * this.width + column];
+      return row < 0 ? null : this.colour(row);
+    };
+    for (let line = 0; line < this.height; line++) {
+      let colour = colourOf(0, line);
+      for (let first = 0, column = 1; column <= this.width; column++) {
+        const next = column < this.width ? colourOf(column, line) : undefined;
+        if (next === colour) continue; // cells of one colour are drawn together
+        if (colour) {
+          pen.fillStyle = colour;
+          pen.fillRect(across[first], up[line + 1], across[column] - across[first], up[line] - up[line + 1]);
+        }
+        [first, colour] = [column, next];
+      }
     }
     const [left, top, right, low] = this.plot;
     pen.strokeStyle = pen.fillStyle = tone("ink");

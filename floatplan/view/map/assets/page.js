@@ -2,20 +2,21 @@
 /* Puts the page together. Whatever comes from a file is written as text, never as markup. */
 
 class Rows {
-  constructor(data) {
+  constructor(data, numbers) {
     this.data = data;
+    this.numbers = numbers;
     this.count = data.count;
-    this.status = new Uint8Array(unpacked(data.status));
+    this.status = new Uint8Array(numbers, ...data.status);
     this.statuses = data.colours.statuses;
     this.scale = data.colours.scale;
     this.columns = {};
     this.axes = Object.fromEntries(data.axes.map((axis) => [axis.key, { ...axis, label: this.label(axis.key) }]));
-    this.explanation = new Uint32Array(unpacked(data.explanation.index));
-    this.coefficients = new Float32Array(unpacked(data.coefficients.values));
+    this.explanation = new Uint32Array(numbers, ...data.explanation.index);
+    this.coefficients = new Float32Array(numbers, ...data.coefficients.values);
   }
 
   column(name) {
-    this.columns[name] ??= new Float32Array(unpacked(this.data.columns[name].values));
+    this.columns[name] ??= new Float32Array(this.numbers, ...this.data.columns[name].values);
     return this.columns[name];
   }
 
@@ -38,7 +39,8 @@ class Rows {
 
   shown(name, row) {
     const value = this.column(name)[row];
-    return Number.isNaN(value) ? "–" : `${shortNumber(value)} ${this.unit(name)}`.trim();
+    const digits = name in this.axes ? 6 : 4; // what was asked for, and what was found
+    return Number.isNaN(value) ? "–" : `${shortNumber(value, digits)} ${this.unit(name)}`.trim();
   }
 
   coefficientsOf(row) {
@@ -48,9 +50,17 @@ class Rows {
   }
 }
 
+/* The bytes that base64 stands for. */
 function unpacked(text) {
-  const bytes = atob(text);
-  return Uint8Array.from(bytes, (letter) => letter.charCodeAt(0)).buffer;
+  const letters = atob(text);
+  const bytes = new Uint8Array(letters.length);
+  for (let index = 0; index < bytes.length; index++) bytes[index] = letters.charCodeAt(index);
+  return bytes.buffer;
+}
+
+/* Whether the reader asks for less motion. */
+function isCalm() {
+  return matchMedia("(prefers-reduced-motion: reduce)").matches;
 }
 
 function make(tag, name, text) {
@@ -70,9 +80,9 @@ function fillSelect(select, options, chosen) {
 }
 
 class Page {
-  constructor(data) {
+  constructor(data, numbers) {
     this.data = data;
-    this.rows = new Rows(data);
+    this.rows = new Rows(data, numbers);
     this.flight = data.flight && new Flight(data.flight);
     this.holder = document.getElementById("map");
     this.tip = document.getElementById("tip");
@@ -133,7 +143,9 @@ class Page {
     this.holder.addEventListener("pointerleave", () => this.leave());
     this.holder.addEventListener("click", (event) => {
       const place = this.map.at(...this.inside(event));
-      if (place !== null) this.choose(this.map.row[place]);
+      if (place === null) return;
+      this.choose(this.map.row[place]);
+      document.getElementById("stage").scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
     });
     this.holder.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
@@ -236,8 +248,9 @@ class Page {
       this.player.controls.scrub.max = motion.duration;
       this.player.seek(0);
     }
-    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.player.play();
+    if (!isCalm()) this.player.play();
   }
 }
 
-window.floatplan = new Page(JSON.parse(document.getElementById("data").textContent));
+const [data, numbers] = ["data", "numbers"].map((id) => document.getElementById(id).textContent);
+window.floatplan = new Page(JSON.parse(data), unpacked(numbers));
