@@ -59,11 +59,15 @@ class Look:
         """The robot."""
         return Flyer(self.plan.robot)
 
+    @cached_property
+    def derivatives(self) -> list[np.ndarray]:
+        """Coefficients of p(t) of (12) and of its first two derivatives."""
+        return [polynomial.polyder(self.plan.coefficients.T, order) for order in range(3)]
+
     def joints_at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, velocities, accelerations (K, n) by (12)."""
         plan = self.plan
-        b = plan.coefficients.T
-        p, rate, curvature = (polynomial.polyval(times, polynomial.polyder(b, order)).T for order in range(3))
+        p, rate, curvature = (polynomial.polyval(times, coefficients).T for coefficients in self.derivatives)
         sine, cosine = np.sin(p), np.cos(p)
         return (
             plan.centre + plan.amplitude * sine,

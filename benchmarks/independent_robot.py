@@ -20,6 +20,7 @@ import floatplan as fp
 from floatplan.certificate.certify import shapes_of
 
 POSE, TWIST = 7, 6  # coordinates and velocities of a free-flyer
+UPPER = np.triu(np.ones((TWIST, TWIST), dtype=bool))  # what Pinocchio fills of an inertia
 
 
 def motor_map(robot: fp.Robot, names: list[str]) -> np.ndarray:
@@ -98,7 +99,7 @@ class Flyer:
         )
         velocity[3:TWIST] = rate * self.normal
         inertia = pin.crba(self.model, self.data, full)[:TWIST, :TWIST]
-        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+        inertia = np.where(UPPER, inertia, inertia.T)
         wrench = self.free.T @ pin.rnea(self.model, self.data, full, velocity, acceleration)[:TWIST]
         acceleration[:TWIST] = -self.free @ np.linalg.solve(self.free.T @ inertia @ self.free, wrench)
         return np.array(pin.rnea(self.model, self.data, full, velocity, acceleration)[self.columns])

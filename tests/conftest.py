@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from floatplan import Plan, Robot
 
 ROOT = Path(__file__).resolve().parents[1]
+PATIENT = 60.0  # [s] of search: a slow machine is no reason to fail
 TREES = {  # plane, normal and seed of trees that stay well enough in their plane
     "tree xz": ("xz", "y", 20),
     "tree zy": ("zy", "x", 21),
@@ -78,8 +81,23 @@ def any_robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 @pytest.fixture(scope="session")
-def planned() -> Callable[[str], Plan]:
-    """The plan of a problem file, by the file's name; made once."""
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Plan]:
+    """The plan of a problem file, by its path in ``problems/`` without the ending; made once in all processes."""
     from floatplan import load_problem, plan
+    from floatplan.files import write_atomically
 
-    return cache(lambda name: plan(load_problem(ROOT / "problems" / f"{name}.toml")))
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+
+    @cache
+    def plan_of(name: str) -> Plan:
+        path = folder / "planned" / f"{name}.pickle"
+        if path.is_file():
+            made: Plan = pickle.loads(path.read_bytes())
+        else:
+            made = plan(load_problem(ROOT / "problems" / f"{name}.toml"), budget=PATIENT)
+            write_atomically(path, pickle.dumps(made))
+        return made
+
+    return plan_of

@@ -28,16 +28,9 @@ IN_MUJOCO = ("a1", "bolt", "go2", "human", "solo12", "talos")
 pytestmark = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
 
-@pytest.fixture(scope="module")
-def plans():
-    found: dict[str, fp.Plan] = {}
-
-    def get(name: str) -> fp.Plan:
-        if name not in found:
-            found[name] = fp.plan(fp.load_problem(GALLERY / f"{name}.toml"))
-        return found[name]
-
-    return get
+@pytest.fixture
+def plans(planned):
+    return lambda name: planned(f"gallery/{name}")
 
 
 @pytest.mark.parametrize("name", NAMES)

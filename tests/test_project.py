@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -103,39 +102,6 @@ def test_no_test_imports_another() -> None:
         modules = [alias.name for node in imports for alias in node.names if isinstance(node, ast.Import)]
         modules += [node.module or "" for node in imports if isinstance(node, ast.ImportFrom)]
         assert not {part for module in modules for part in module.split(".")} & {*names, "tests"}, path
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
-    python("-m", "hatchling", "build", "-t", "wheel", "-d", str(folder))
-    (path,) = folder.glob("*.whl")
-    return path
-
-
-class TestWheel:
-    def test_holds_robots_and_problems(self, wheel: Path) -> None:
-        names = set(zipfile.ZipFile(wheel).namelist())
-        for kind, ending in (("urdf", "urdf"), ("problems", "toml")):
-            files = {path.name for path in (ROOT / kind).glob(f"*.{ending}")}
-            assert files
-            assert {f"floatplan/data/{kind}/{name}" for name in files} <= names
-
-    def test_holds_no_tests_and_no_scripts(self, wheel: Path) -> None:
-        tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-        assert tops == {"floatplan", f"floatplan-{floatplan.__version__}.dist-info"}
-
-    def test_its_problems_find_its_robots(self, wheel: Path, tmp_path: Path) -> None:
-        zipfile.ZipFile(wheel).extractall(tmp_path)
-        code = (
-            "import floatplan as fp, pathlib; folder = pathlib.Path(fp.__file__).parent\n"
-            "for path in sorted(folder.glob('data/problems/*.toml')):\n"
-            "    robot = fp.load_problem(path).robot\n"
-            "    assert robot.path.resolve().is_relative_to(folder), robot.path\n"
-            "    print(path.stem)"
-        )
-        names = python("-c", code, cwd=tmp_path, PYTHONPATH=str(tmp_path)).split()
-        assert names == sorted(path.stem for path in (ROOT / "problems").glob("*.toml"))
 
 
 class TestScripts:

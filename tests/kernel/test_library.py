@@ -135,19 +135,6 @@ def test_a_compiler_that_fails_is_as_good_as_none(checkout):
     assert wheel_of(checkout, CXX=str(broken)).endswith("-py3-none-any.whl")
 
 
-def test_with_a_compiler_the_wheel_is_for_this_platform(checkout):
-    if build.compiler() is None:
-        skip_or_fail("no C++ compiler")
-    name = wheel_of(checkout)
-    assert "-py3-none-" in name
-    assert "any" not in name
-    assert describe(checkout).startswith("compiled kernel (")
-    assert "switched off by FLOATPLAN_KERNEL" in describe(checkout, FLOATPLAN_KERNEL="off")
-    with (checkout / "floatplan" / "kernel" / "batch.hpp").open("a") as source:
-        source.write("// changed\n")
-    assert "compiled from other sources" in describe(checkout)
-
-
 def test_a_library_that_is_none_is_not_used(checkout):
     (checkout / "floatplan" / "kernel" / build.LIBRARY).write_bytes(b"\0" * 100)
     assert "cannot be loaded" in describe(checkout)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 from forward_problems import GRADES, forward_problem
-from independent import INSTANTS, Look, clearance, violations_seen
+from independent import Look, clearance, violations_seen
 
 import floatplan as fp
 from floatplan.motion.planar.ballistics import ballistics
@@ -22,16 +21,12 @@ NAMES = [path.stem for path in PROBLEMS]
 BUDGET = 60.0  # s: a slow machine is no reason to fail
 HOLDS = 1e-6  # m, N m, rad/s, rad
 AT_EDGE = 1e-7  # m
-DENSE = 8_001  # instants at which drawn problems are looked at
+DENSE = 4_001  # instants, beside those about the extremes
+Planned = Callable[[str], fp.Plan]
 
 
 def problem_of(name: str) -> fp.Problem:
     return fp.load_problem(next(path for path in PROBLEMS if path.stem == name))
-
-
-@cache
-def plan_of(name: str) -> fp.Plan:
-    return fp.plan(problem_of(name), budget=BUDGET)
 
 
 def closer(look: Look, index: int) -> Look:
@@ -54,11 +49,14 @@ def least_clearance(look: Look) -> float:
     return min([float(values.min()), *(float(clearance(closer(look, index)).min()) for index in lowest)])
 
 
-def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
+def check_plan(plan: fp.Plan, folder: Path) -> None:
     """Everything holds, and what the plan file says of it is so."""
     assert plan.ok, plan.explanation
-    look = Look(plan, np.linspace(0, plan.duration, instants))
-    for worst in violations_seen(look):
+    look = Look(plan, np.linspace(0, plan.duration, DENSE))
+    step = plan.duration / (DENSE - 1)
+    near = [np.linspace(worst.time - step, worst.time + step, 41) for worst in violations_seen(look)]
+    times = np.clip(np.concatenate([*near, [0.0, plan.duration]]), 0.0, plan.duration)
+    for worst in (*violations_seen(look), *violations_seen(Look(plan, np.unique(times)))):
         assert worst.amount < HOLDS, worst
     record = json.loads(plan.save(folder / "plan.json").read_text())
     np.testing.assert_allclose(record["torque_peak"], peak(look, lambda at: at.torques), rtol=1e-6, atol=HOLDS)
@@ -70,8 +68,8 @@ def check_plan(plan: fp.Plan, folder: Path, instants: int = INSTANTS) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_problem_file_is_planned_and_holds_at_every_instant(name: str, tmp_path: Path) -> None:
-    check_plan(plan_of(name), tmp_path)
+def test_problem_file_is_planned_and_holds_at_every_instant(planned: Planned, name: str, tmp_path: Path) -> None:
+    check_plan(planned(name), tmp_path)
 
 
 @pytest.mark.parametrize("grade", GRADES)
@@ -79,7 +77,7 @@ def test_problems_built_around_a_motion_are_solved(grade: str, tmp_path: Path) -
     """Among them two where links sweep past an obstacle so fast that a coarse look misses it."""
     problems = (forward_problem(seed, grade) for seed in range(200, 260))
     for problem in islice(filter(None, problems), 4):
-        check_plan(fp.plan(problem, budget=BUDGET), tmp_path, DENSE)
+        check_plan(fp.plan(problem, budget=BUDGET), tmp_path)
 
 
 class TestKnownAnswers:
@@ -89,20 +87,20 @@ class TestKnownAnswers:
         ("name", "cost"),
         [("obstacle", 29.48), ("torque_limited", 27.0), ("moving_hoop", 36.0), ("handstand_ground", 29.7)],
     )
-    def test_cost_is_as_low_as_is_known(self, name: str, cost: float) -> None:
-        assert plan_of(name).objective_value <= cost
+    def test_cost_is_as_low_as_is_known(self, planned: Planned, name: str, cost: float) -> None:
+        assert planned(name).objective_value <= cost
 
     @pytest.mark.parametrize(("name", "cost"), [("handstand_ground", 8.0), ("obstacle", 20.0)])
-    def test_more_starts_find_far_less(self, name: str, cost: float) -> None:
+    def test_more_starts_find_far_less(self, planned: Planned, name: str, cost: float) -> None:
         several = fp.plan(problem_of(name), starts=4, budget=BUDGET)
         assert several.ok
-        assert several.objective_value <= cost < plan_of(name).objective_value / 1.4
+        assert several.objective_value <= cost < planned(name).objective_value / 1.4
 
-    def test_example_b_without_its_obstacle_hits_it(self) -> None:
+    def test_example_b_without_its_obstacle_hits_it(self, planned: Planned) -> None:
         problem = problem_of("obstacle")
         blind = replace(fp.plan(replace(problem, obstacles=())), problem=problem)
         assert blind.peaks.clearance < problem.obstacles[0].margin - 0.01
-        assert plan_of("obstacle").peaks.clearance == pytest.approx(0.02, abs=HOLDS)
+        assert planned("obstacle").peaks.clearance == pytest.approx(0.02, abs=HOLDS)
 
     @pytest.mark.parametrize(("name", "distance"), [("obstacle", 0.4), ("obstacle_hard", 0.3)])
     def test_poles_stand_where_their_files_say(self, name: str, distance: float) -> None:
@@ -113,8 +111,8 @@ class TestKnownAnswers:
         left = np.array([-velocity[1], velocity[0]]) / np.linalg.norm(velocity)
         np.testing.assert_allclose(problem.obstacles[0].center, place + distance * left, atol=5e-4)
 
-    def test_degree_is_raised_where_no_motion_of_degree_7_has_torques_so_low(self) -> None:
-        assert plan_of("torque_limited_hard").coefficients.shape[1] > 8
+    def test_degree_is_raised_where_no_motion_of_degree_7_has_torques_so_low(self, planned: Planned) -> None:
+        assert planned("torque_limited_hard").coefficients.shape[1] > 8
 
     def test_hoop_is_hit_where_it_is_not_looked_at(self) -> None:
         problem = problem_of("moving_hoop")
@@ -131,8 +129,8 @@ class TestKnownAnswers:
 class TestContact:
     """The ground at height 0, margin 0: foot and hand are on it at takeoff and landing."""
 
-    def test_ground_is_touched_at_both_ends_and_nowhere_else(self) -> None:
-        plan = plan_of("handstand_ground")
+    def test_ground_is_touched_at_both_ends_and_nowhere_else(self, planned: Planned) -> None:
+        plan = planned("handstand_ground")
         times = np.linspace(0, plan.duration, 2001)
         height = plan.clearances(times)
         assert np.abs(height[[0, -1]]).max() < 1e-9
@@ -203,15 +201,15 @@ class TestWindows:
 
 
 class TestMovingObstacles:
-    def test_one_that_flies_beside_the_robot_is_as_one_that_stands_where_it_flies(self) -> None:
+    def test_one_that_flies_beside_the_robot_is_as_one_that_stands_where_it_flies(self, planned: Planned) -> None:
         """Seen from the obstacle: velocity of the obstacle against that of the robot."""
         problem = problem_of("obstacle")
         pole = problem.obstacles[0]
         still = replace(problem, flight=replace(problem.flight, horizontal_velocity=0.0))
         moved = replace(still, obstacles=(replace(pole, velocity=(-2.0, 0.0)),))
         plan = fp.plan(moved, budget=BUDGET)
-        assert plan.objective_value == pytest.approx(plan_of("obstacle").objective_value, rel=1e-6)
-        np.testing.assert_allclose(plan.coefficients, plan_of("obstacle").coefficients, atol=1e-5)
+        assert plan.objective_value == pytest.approx(planned("obstacle").objective_value, rel=1e-6)
+        np.testing.assert_allclose(plan.coefficients, planned("obstacle").coefficients, atol=1e-5)
 
 
 class TestObjectives:
@@ -231,18 +229,18 @@ class TestObjectives:
         low, high = free.angular_momentum_bounds
         assert low <= free.angular_momentum <= high
 
-    def test_somersault_of_least_torque(self) -> None:
-        free, given = plan_of("somersault_low_torque"), plan_of("somersault")
+    def test_somersault_of_least_torque(self, planned: Planned) -> None:
+        free, given = planned("somersault_low_torque"), planned("somersault")
         times = np.linspace(0, free.duration, 4001)
         assert (free.at(times).torques ** 2).mean() < 0.7 * (given.at(times).torques ** 2).mean()
 
 
 class TestJobs:
     @pytest.mark.parametrize("name", ["obstacle_hard", "falling_cat_apart"])
-    def test_several_processes_find_the_same_plan(self, name: str) -> None:
+    def test_several_processes_find_the_same_plan(self, planned: Planned, name: str) -> None:
         together = fp.plan(problem_of(name), jobs=2, budget=BUDGET)
-        assert together.solver["starts"] == plan_of(name).solver["starts"]
-        assert together.objective_value == pytest.approx(plan_of(name).objective_value, rel=1e-8)
+        assert together.solver["starts"] == planned(name).solver["starts"]
+        assert together.objective_value == pytest.approx(planned(name).objective_value, rel=1e-8)
         times = np.linspace(0, together.duration, 101)
-        alone = plan_of(name).at(times)
+        alone = planned(name).at(times)
         np.testing.assert_allclose(together.at(times).positions, alone.positions, atol=1e-5)

@@ -11,7 +11,7 @@ from witness_problems import VERIFIED, Witness, verified, witness_problem
 
 import floatplan as fp
 
-SEEDS = range(16)
+SEEDS = (3, 6, 8, 11, 12, 14)
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +48,9 @@ def test_together_they_have_every_feature(drawn: list[Witness]) -> None:
 
 
 def test_a_seed_draws_one_problem(drawn: list[Witness], tmp_path: Path) -> None:
-    again = witness_problem(3, tmp_path)
-    assert again.problem.robot.xml == drawn[3].problem.robot.xml
-    np.testing.assert_array_equal(again.plan.coefficients, drawn[3].plan.coefficients)
+    again = witness_problem(SEEDS[0], tmp_path)
+    assert again.problem.robot.xml == drawn[0].problem.robot.xml
+    np.testing.assert_array_equal(again.plan.coefficients, drawn[0].plan.coefficients)
 
 
 def test_verification_sees_a_witness_that_misses(drawn: list[Witness]) -> None:

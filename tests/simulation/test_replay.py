@@ -21,25 +21,13 @@ PROBLEMS = sorted((Path(__file__).parents[2] / "problems").glob("*.toml"))
 
 
 @pytest.fixture(scope="module")
-def plans():
-    found = {}
-
-    def get(name):
-        if name not in found:
-            found[name] = fp.plan(fp.load_problem(next(path for path in PROBLEMS if path.stem == name)))
-        return found[name]
-
-    return get
-
-
-@pytest.fixture(scope="module")
-def handstand(plans):
-    return plans("handstand")
+def handstand(planned):
+    return planned("handstand")
 
 
 @pytest.mark.parametrize("name", [path.stem for path in PROBLEMS])
-def test_every_problem_lands_where_its_plan_says(plans, name):
-    plan = plans(name)
+def test_every_problem_lands_where_its_plan_says(planned, name):
+    plan = planned(name)
     flown = fp.replay(plan)
     assert flown.landed
     assert flown.orientation_error < 1e-8
@@ -81,11 +69,11 @@ def test_feedback_changes_nothing_where_nothing_is_wrong(handstand):
 
 
 @pytest.mark.parametrize("name", ["handstand", "high_jump"])
-def test_mujoco_agrees_and_converges_with_fourth_order(plans, name):
+def test_mujoco_agrees_and_converges_with_fourth_order(planned, name):
     pytest.importorskip("mujoco")
     errors = []
     for step in (2e-3, 1e-3, 5e-4):
-        flown = fp.replay(plans(name), engine="mujoco", step=step)
+        flown = fp.replay(planned(name), engine="mujoco", step=step)
         errors.append(max(flown.orientation_error, *flown.position_error, flown.com_error))
         assert (flown.engine, flown.step) == ("mujoco", step)
     assert errors[-1] < 1e-8

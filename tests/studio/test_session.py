@@ -22,6 +22,7 @@ from floatplan.studio.session.saving import Saving
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.around import COLUMNS, ROWS, Map
 from floatplan.studio.work.flown import body_poses, flown
+from floatplan.studio.work.planning import LAST
 from floatplan.studio.work.tasks import Cells, Failure, Quick, words_of
 from floatplan.studio.work.worker import StoppedError, Worker, packed, unpacked
 
@@ -226,6 +227,13 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
         worker.close()
     with pytest.raises(StoppedError):
         worker.ask(Quick(problem, 5.0))
+
+
+def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
+    assert session.wait(lambda view: view.flown is not None and view.flown.settled, PATIENCE)
+    quick, thorough = (os.getpriority(os.PRIO_PROCESS, number) for number in session.process_ids)
+    assert quick == os.getpriority(os.PRIO_PROCESS, 0)
+    assert thorough == min(quick + LAST, 19)
 
 
 SCRIPT = """

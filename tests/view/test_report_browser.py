@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from floatplan.view.scene.scene import write_scene
 
 ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
-BUDGET = 5.0  # s of search: a report shows what was found, also where that is no plan
 PATIENCE = 10.0  # s for what takes a fraction of one
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
@@ -87,13 +86,13 @@ def wait_for(browser: Browser, condition: str) -> None:
 
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
 def test_every_report_plays_and_scrubs_without_complaint_or_network(
-    browser: Browser, path: Path, tmp_path: Path
+    browser: Browser, path: Path, tmp_path: Path, planned: Callable[[str], fp.Plan]
 ) -> None:
     from selenium.webdriver.common.by import By
 
     if path.parent.name == "gallery" and robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
-    plan = fp.plan(fp.load_problem(path), budget=BUDGET)
+    plan = planned(path.relative_to(ROOT / "problems").with_suffix("").as_posix())
     report = write_report(plan, tmp_path / "report.html")
     browser.open(report)
     play = browser.driver.find_element(By.ID, "play")

@@ -12,6 +12,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import JointState
 from floatplan.robot.parts import Plane
+from floatplan.studio.scene.detail import coarser, plain_colour, seen_capsules
 from floatplan.studio.work.flown import Poses, body_poses
 from floatplan.view.postures import Postures, posture_at
 from floatplan.view.scene.moving_robot import capsule, joint_angles, visual_model
@@ -19,6 +20,7 @@ from floatplan.view.scene.solids import point_in_space
 from floatplan.view.style import palette
 
 Colour = tuple[int, int, int]
+DETAIL = 0.01  # [-] of meshes, in reaches of the robot: two pixels of a flight that fills a small window
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 
 
@@ -89,14 +91,15 @@ class Bodies:
     ) -> list[tuple[int, Any]]:
         """Draw the links as capsules, in one colour or in those of all pictures; return parts with their nodes.
 
-        What moves together is one mesh.
+        What moves together is one mesh; what another capsule hides always is left out.
         """
         from trimesh.util import concatenate
 
         robot = self._robot
         colours = [tuple(int(255 * part) for part in each) for each in palette(len(robot.joints) + 1)]
         together: dict[tuple[int, int], list[Any]] = {}
-        for shape, radius, part in zip(robot.shapes, shapes.radius.tolist(), shapes.part.tolist(), strict=True):
+        for index in seen_capsules(robot, shapes.radius):
+            shape, radius, part = robot.shapes[index], float(shapes.radius[index]), int(shapes.part[index])
             start, end = (point_in_space(robot.plane, place) for place in (shape.start, shape.end))
             together.setdefault((shape.body, part), []).append(capsule(start, end, radius))
         nodes = []
@@ -112,9 +115,12 @@ class Bodies:
             nodes.append((part, node))
         return nodes
 
-    def add_meshes(self) -> bool:
-        """Draw the links as the URDF does; return whether it does."""
-        robot = self._robot
+    def add_meshes(self, size: float) -> bool:
+        """Draw the links as the URDF does, as fine as a robot of a size, m, shows it; return whether it does.
+
+        What moves together and has one colour is one mesh.
+        """
+        robot, scene = self._robot, self._server.scene
         model = visual_model(robot)
         if model is None:
             return False
@@ -125,6 +131,7 @@ class Bodies:
         root = robot.frames[robot.tree.names[0]]
         base = complex(poses.places[0, 0] + root.local * robot.tree.rotations(poses.angles)[0, 0])
         origins = in_space(plane, poses.places[0] - base)
+        together: dict[tuple[int, Colour], list[Any]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]
             body = layout.body_of[link]
@@ -132,7 +139,15 @@ class Bodies:
             placed.apply_transform(model.get_transform(geometry))
             placed.apply_translation(-origins[body])
             placed.apply_transform(_turn(plane, -float(poses.angles[0, body])))
-            self._server.scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
+            colour = plain_colour(placed)
+            if colour is None:
+                scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
+            else:
+                together.setdefault((body, colour), []).append(placed)
+        for number, ((body, colour), meshes) in enumerate(together.items()):
+            vertices, faces = coarser(*_joined(meshes), DETAIL * size)
+            name = f"{self.name}/{body}/links{number}"
+            scene.add_mesh_simple(name, vertices, faces, color=colour)
         return True
 
     def add_grips(self, shapes: Shapes, reach: float, colour: Colour) -> dict[int, Grip]:
@@ -165,6 +180,13 @@ class Bodies:
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
             frame.position = point
             frame.wxyz = turn
+
+
+def _joined(meshes: list[Any]) -> tuple[Array, IntArray]:
+    """Vertices and faces of several meshes."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, first, strict=True)]
+    return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
 
 
 def _configuration(model: Any, robot: fp.Robot) -> Array:

@@ -58,7 +58,7 @@ class Stage:
         self._look()
         self._grounds(ground_lines(placed))
         self.flier = Bodies(server, "/robot", self._robot)
-        if not self.flier.add_meshes():
+        if not self.flier.add_meshes(self._size):
             self.flier.add_capsules(self._shapes)
         self.kept = Bodies(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)

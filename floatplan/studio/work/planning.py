@@ -16,6 +16,7 @@ from floatplan.studio.work.worker import StoppedError, Worker
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
 QUIET = 0.2  # [s] without another question, before the whole search and the proof begin
 MAP_BUDGET = 30.0  # [s] of planning for a map
+LAST = 10  # [-] niceness of proofs and maps: the page is drawn first
 LOST = "the planner ended unexpectedly; change something to try again"
 
 
@@ -49,7 +50,7 @@ class Planning:
         on_map: Callable[[int, Map], None],
     ) -> None:
         self._on_flown, self._on_map = on_flown, on_map
-        self._quick, self._thorough = Worker(robot), Worker(robot)
+        self._quick, self._thorough = Worker(robot), Worker(robot, LAST)
         self._change = threading.Condition()
         self._newest: Question | None = None
         self._near: fp.Plan | None = None  # the newest plan, from which the next quick one begins

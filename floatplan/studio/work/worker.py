@@ -28,8 +28,8 @@ class StoppedError(Exception):
 class Worker:
     """A process, started when it is asked something, and again after it was stopped."""
 
-    def __init__(self, robot: fp.Robot) -> None:
-        self._robot = robot
+    def __init__(self, robot: fp.Robot, niceness: int = 0) -> None:
+        self._robot, self._niceness = robot, niceness
         self._lock = threading.Lock()
         self._process: Any = None
         self._pipe: Connection | None = None
@@ -95,7 +95,7 @@ class Worker:
         with same_modules():
             forkserver.ensure_running()
         ours, theirs = context.Pipe()
-        process = context.Process(target=serve, args=(theirs, self._robot), daemon=True)
+        process = context.Process(target=serve, args=(theirs, self._robot, self._niceness), daemon=True)
         process.start()
         theirs.close()
         return process, ours
@@ -117,8 +117,10 @@ def same_modules() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def serve(pipe: Connection, robot: fp.Robot) -> None:
-    """Answer until the other end is closed; Ctrl-C is for the main process."""
+def serve(pipe: Connection, robot: fp.Robot, niceness: int) -> None:
+    """Answer until the other end is closed, with so much less priority; Ctrl-C is for the main process."""
+    if hasattr(os, "nice"):
+        os.nice(niceness)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(EOFError, OSError):
         while True:

@@ -1,0 +1,91 @@
+"""What is drawn of a robot: less than there is, and nothing that could be seen is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from needed import skip_or_fail
+from trimesh.visual import ColorVisuals, TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+import floatplan as fp
+from floatplan.motion.planar.clearance import LinkShapes
+from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.studio.scene.detail import coarser, plain_colour, seen_capsules
+
+ROOT = Path(__file__).parents[2]
+
+
+class TestCoarser:
+    @pytest.mark.parametrize("cell", [0.05, 0.1, 0.4])
+    def test_no_point_is_far_from_where_it_was(self, cell):
+        ball = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
+        vertices, faces = coarser(ball.vertices, ball.faces, cell)
+        drawn = trimesh.Trimesh(vertices, faces, process=False)
+        assert np.abs(np.linalg.norm(drawn.triangles_center, axis=1) - 1).max() < np.sqrt(3) * cell
+        apart = np.linalg.norm(ball.vertices[:, None] - vertices, axis=2)
+        assert apart.min(axis=1).max() <= np.sqrt(3) * cell
+        assert len(faces) <= len(ball.faces)
+        assert np.array_equal(np.unique(faces), np.arange(len(vertices)))
+        assert (np.einsum("ij,ij->i", drawn.face_normals, drawn.triangles_center) > 0).mean() > 0.99, "outside is out"
+
+    def test_fine_meshes_become_light(self):
+        ball = trimesh.creation.icosphere(subdivisions=6, radius=1.0)
+        _, faces = coarser(ball.vertices, ball.faces, 0.1)
+        assert len(ball.faces) == 81920
+        assert 1000 < len(faces) < 5000
+
+    def test_a_mesh_that_is_coarse_already_stays(self):
+        box = trimesh.creation.box((1.0, 2.0, 3.0))
+        vertices, faces = coarser(box.vertices, box.faces, 0.1)
+        drawn = trimesh.Trimesh(vertices, faces)
+        assert drawn.volume == pytest.approx(6.0)
+        assert drawn.is_watertight
+
+
+class TestPlainColour:
+    def test_of_a_material(self):
+        mesh = trimesh.creation.box()
+        mesh.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[171, 177, 197, 255]))
+        assert plain_colour(mesh) == (171, 177, 197)
+
+    def test_of_faces(self):
+        mesh = trimesh.creation.box()
+        mesh.visual = ColorVisuals(mesh, face_colors=[[1, 2, 3, 255]] * 12)
+        assert plain_colour(mesh) == (1, 2, 3)
+        mesh.visual.face_colors[3] = [1, 2, 4, 255]
+        assert plain_colour(mesh) is None
+
+    def test_glass_is_drawn_as_it_is(self):
+        mesh = trimesh.creation.box()
+        mesh.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[171, 177, 197, 100]))
+        assert plain_colour(mesh) is None
+
+
+class TestSeenCapsules:
+    @pytest.mark.parametrize(("name", "fewer"), [("gallery/go2", True), ("gallery/talos", True), ("handstand", False)])
+    def test_together_they_cover_all_the_others_in_every_posture(self, name, fewer):
+        if fewer and robots_folder() is None:
+            skip_or_fail("example-robot-data is not installed: the extra robots")
+        robot = fp.load_problem(ROOT / "problems" / f"{name}.toml").robot
+        radius = np.array([max(shape.radius, 0.01) for shape in robot.shapes])
+        seen = seen_capsules(robot, radius)
+        assert (len(seen) < 0.7 * len(robot.shapes)) is fewer
+
+        random = np.random.default_rng(3)
+        angles = robot.tree.absolute_angles(np.zeros(20), random.uniform(-2.0, 2.0, (20, len(robot.joints))))
+        placed = LinkShapes(robot.tree, robot.shapes).place(np.zeros(20, dtype=np.complex128), angles)
+        turns = np.exp(2j * np.pi * np.arange(24) / 24)[:, None, None]
+        rims = np.concatenate([placed.start + radius * turns, placed.end + radius * turns]).transpose(1, 0, 2)
+        start, along = placed.start[:, None, None, seen], (placed.end - placed.start)[:, None, None, seen]
+        offset = rims[..., None] - start
+        share = np.clip((offset * along.conj()).real / np.maximum(np.abs(along) ** 2, 1e-12), 0.0, 1.0)
+        outside = (np.abs(offset - share * along) - radius[seen]).min(axis=-1)
+        assert outside.max() < 2e-3 * radius.max()
+
+    def test_none_can_be_left_out(self):
+        robot = fp.load_problem(ROOT / "problems" / "handstand.toml").robot
+        assert seen_capsules(robot, np.full(len(robot.shapes), 0.05)) == list(range(len(robot.shapes)))

@@ -1,0 +1,88 @@
+"""The wheel of a clean checkout, built once: what it holds, and that its kernel works where it is unpacked."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from needed import skip_or_fail
+
+import floatplan
+from floatplan.kernel import build
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("checkout")
+    shutil.copytree(ROOT / "floatplan", folder / "floatplan", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    for name in SOURCES:
+        shutil.copy(ROOT / name, folder / name)
+    for name in ("urdf", "problems", "tests", "scripts"):
+        (folder / name).symlink_to(ROOT / name)
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
+    subprocess.run(command, check=True, capture_output=True, cwd=folder)
+    (path,) = (folder / "dist").iterdir()
+    return path
+
+
+@pytest.fixture
+def unpacked(wheel: Path, tmp_path: Path) -> Path:
+    zipfile.ZipFile(wheel).extractall(tmp_path)
+    return tmp_path
+
+
+def told(code: str, folder: Path, **environment: str) -> str:
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder), **environment},
+    ).stdout
+
+
+def test_holds_robots_and_problems(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for kind, ending in (("urdf", "urdf"), ("problems", "toml")):
+        files = {path.name for path in (ROOT / kind).glob(f"*.{ending}")}
+        assert files
+        assert {f"floatplan/data/{kind}/{name}" for name in files} <= names
+
+
+def test_holds_no_tests_and_no_scripts(wheel: Path) -> None:
+    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert tops == {"floatplan", f"floatplan-{floatplan.__version__}.dist-info"}
+
+
+def test_its_problems_find_its_robots(unpacked: Path) -> None:
+    code = (
+        "import floatplan as fp, pathlib; folder = pathlib.Path(fp.__file__).parent\n"
+        "for path in sorted(folder.glob('data/problems/*.toml')):\n"
+        "    robot = fp.load_problem(path).robot\n"
+        "    assert robot.path.resolve().is_relative_to(folder), robot.path\n"
+        "    print(path.stem)"
+    )
+    assert told(code, unpacked).split() == sorted(path.stem for path in (ROOT / "problems").glob("*.toml"))
+
+
+def test_with_a_compiler_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:
+    if build.compiler() is None:
+        skip_or_fail("no C++ compiler")
+    assert "-py3-none-" in wheel.name
+    assert "any" not in wheel.name
+    describe = "import floatplan as fp, floatplan.kernel.library as kernel; print(fp.__file__, kernel.description())"
+    assert str(unpacked) in told(describe, unpacked)
+    assert "compiled kernel (" in told(describe, unpacked)
+    assert "switched off by FLOATPLAN_KERNEL" in told(describe, unpacked, FLOATPLAN_KERNEL="off")
+    with (unpacked / "floatplan" / "kernel" / "batch.hpp").open("a") as source:
+        source.write("// changed\n")
+    assert "compiled from other sources" in told(describe, unpacked)
