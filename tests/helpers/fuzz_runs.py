@@ -212,7 +212,8 @@ def run_killed(seed: int, folder: Path) -> list[Finding]:
     ) as process:
         time.sleep(rng.uniform(0.1, LONGEST_LIFE))
         process.kill()
-    half = [path for path in folder.rglob("*") if path.is_file() and not _is_left_over(path) and not _is_whole(path)]
+    kept = [path for path in (plan, *out.rglob("*")) if path.is_file()]  # not Matplotlib's cache of fonts, beside them
+    half = [path for path in kept if not _is_left_over(path) and not _is_whole(path)]
     for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):
         write_atomically(place / "next", "")
     left = [path for path in folder.rglob("*") if _is_left_over(path)]
@@ -230,8 +231,10 @@ def _is_whole(path: Path) -> bool:
     """Whether a file ends as its kind does."""
     content = path.read_bytes()
     if path.suffix == ".json":
-        json.loads(content)
-        return True
+        with contextlib.suppress(ValueError):
+            json.loads(content)
+            return True
+        return False
     if path.name == ".lock":
         return not content
     ends = {".html": b"</html>", ".svg": b"</svg>", ".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".parquet": b"PAR1"}
