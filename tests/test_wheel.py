@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -10,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from elsewhere import told
 from needed import skip_or_fail
 
 import floatplan
@@ -37,17 +37,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def unpacked(wheel: Path, tmp_path: Path) -> Path:
     zipfile.ZipFile(wheel).extractall(tmp_path)
     return tmp_path
-
-
-def told(code: str, folder: Path, **environment: str) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder), **environment},
-    ).stdout
 
 
 def test_holds_robots_and_problems(wheel: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from elsewhere import told
 from needed import skip_or_fail
 from plain_problems import plain_problems
 
@@ -94,15 +95,7 @@ def test_bodies_that_turn_alike_are_one(any_robot):
 
 def describe(folder: Path, **environment: str) -> str:
     code = "import floatplan as fp, floatplan.kernel.library as kernel; print(kernel.description())"
-    found = subprocess.run(
-        [sys.executable, "-c", code],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder), **environment},
-    )
-    return found.stdout
+    return told(code, folder, **environment)
 
 
 @pytest.fixture
