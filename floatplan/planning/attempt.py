@@ -60,7 +60,7 @@ class Outcome:
 
     ``violation`` is the largest one of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
     names what is minimised; ``work`` is what the attempt took, the drawing of its start included. ``starts`` were
-    followed together, of which ``solved`` hold.
+    followed together, of which ``solved`` hold. ``coefficients`` are b (n, k+1), where what solved it has written them.
     """
 
     variables: DecisionVariables
@@ -73,6 +73,7 @@ class Outcome:
     work: float = 0.0
     starts: int = 1
     solved: int = 1
+    coefficients: Array | None = None
 
     @property
     def holds(self) -> bool:
@@ -182,7 +183,7 @@ class Attempts:
             return None
         outcome = self._judge(found.variables, found.solution, 0, degrees)
         outcome.work = self.model.work.done - before
-        outcome.starts, outcome.solved = found.starts, found.solved
+        outcome.starts, outcome.solved, outcome.coefficients = found.starts, found.solved, found.coefficients
         return outcome
 
     def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
@@ -199,7 +200,11 @@ class Attempts:
         if not self.constraints:
             alone = Search(longest_step=settings.longest_step)
             compiled = compiled_solution(self.problem, self.model, start, degrees, alone)
-            return self._judge(start.variables, compiled.solution, number, degrees) if compiled else follow(start.x)
+            if compiled is None:
+                return follow(start.x)
+            judged = self._judge(start.variables, compiled.solution, number, degrees)
+            judged.coefficients = compiled.coefficients
+            return judged
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.kernel.batch import FEASIBLE, OPTIMAL, Rows, Search
 from floatplan.kernel.rows import is_plain, is_planar, solver
 from floatplan.optimization.sqp import Solution
@@ -23,10 +24,11 @@ LEVEL = (
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """The best of the starts followed: its variables and solution, how many were followed, and how many solved."""
+    """The best of the starts followed: its variables, solution and b, how many were followed, and how many solved."""
 
     variables: DecisionVariables
     solution: Solution[Trajectory]
+    coefficients: Array
     starts: int
     solved: int
 
@@ -65,4 +67,4 @@ def compiled_solution(
     evaluation = FlightProgram(model, variables, nodes, objective(problem, model, variables, nodes)).evaluate(x)
     status = WORDS.get(int(answers.status[0]), "infeasible")
     solution = Solution(x, evaluation, status, int(answers.iterations[0]), int(answers.evaluations[0]))
-    return Compiled(variables, solution, int(answers.starts[0]), int(answers.solved[0]))
+    return Compiled(variables, solution, answers.coefficients[0], int(answers.starts[0]), int(answers.solved[0]))

@@ -116,8 +116,8 @@ def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
     return plan.moving_as(*_motion(outcome))
 
 
-def _motion(outcome: Outcome) -> tuple[SinePolynomials, Array, Array]:
-    """Where an attempt ended: its polynomials, their free coefficients z (n, width), and h (e,), kg m^2/s."""
+def _motion(outcome: Outcome) -> tuple[SinePolynomials, Array, Array, Array | None]:
+    """Where an attempt ended: its polynomials, their free coefficients z (n, width), h (e,), kg m^2/s, and b."""
     variables, x = outcome.variables, outcome.solution.x
     h = variables.angular_momentum(x)
-    return variables.motion_class(h), variables.free_coefficients(x), h
+    return variables.motion_class(h), variables.free_coefficients(x), h, outcome.coefficients

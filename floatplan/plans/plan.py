@@ -75,7 +75,13 @@ class Plan(PlannedMotion):
 
     @classmethod
     def of_motion(
-        cls, problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array, **answer: Any
+        cls,
+        problem: Problem,
+        polynomials: SinePolynomials,
+        z: Array,
+        angular_momentum: Array,
+        coefficients: Array | None = None,
+        **answer: Any,
     ) -> Plan:
         """Return the plan that moves as a search's motion.
 
@@ -85,18 +91,22 @@ class Plan(PlannedMotion):
         polynomials : SinePolynomials
         z : (n, width) free coefficients
         angular_momentum : (1,) kg m^2/s
+        coefficients : (n, k+1), optional
+            b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
         return cls(
-            **_motion(problem, polynomials, z, angular_momentum),
+            **_motion(problem, polynomials, z, angular_momentum, coefficients),
             ballistics=ballistics(problem),
             angular_momentum_bounds=angular_momentum_interval(problem),
             **answer,
         )
 
-    def moving_as(self, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> Plan:
+    def moving_as(
+        self, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None = None
+    ) -> Plan:
         """Return the plan with another motion, given as to :meth:`of_motion`."""
-        return replace(self, **_motion(self.problem, polynomials, z, angular_momentum))
+        return replace(self, **_motion(self.problem, polynomials, z, angular_momentum, coefficients))
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -313,7 +323,9 @@ class Plan(PlannedMotion):
         return str(output("notebook_frame")(self))
 
 
-def _motion(problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array) -> dict[str, Any]:
+def _motion(
+    problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None
+) -> dict[str, Any]:
     """The fields of a plan that are its motion's; its problem with the states at both ends that were chosen."""
     if problem.chooses_ends:
         ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
@@ -322,7 +334,7 @@ def _motion(problem: Problem, polynomials: SinePolynomials, z: Array, angular_mo
         "problem": problem,
         "centre": read_only(polynomials.centre),
         "amplitude": read_only(polynomials.amplitude),
-        "coefficients": read_only(polynomials.powers_of_seconds(z)),
+        "coefficients": read_only(polynomials.powers_of_seconds(z) if coefficients is None else coefficients),
         "angular_momentum": float(angular_momentum[0]),
     }
 
