@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -137,7 +138,8 @@ def _lands(replanner: Replanner, robot: Dynamics, momentum: float, begin: float)
             positions, velocities, _ = replanner.motion.at(time)
             rate = float(robot.base_rate(positions, velocities, momentum)[0])
             replanner.update(time, orientation, rate, positions[0], velocities[0])
-        if not _within(replanner, Present(time, orientation, momentum, _path(plan, time), lambda: robot), following):
+        present = Present(time, orientation, momentum, partial(_path, plan, time), lambda: robot)
+        if not _within(replanner, present, following):
             return False
         times = time + (following - time) * quadrature.nodes
         positions, velocities, _ = replanner.motion.at(times)

@@ -8,7 +8,9 @@ centre of mass the first measurements are averaged, later ones weigh as ``dt / P
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -37,13 +39,11 @@ class Estimate:
 
     def place(self, time: float) -> tuple[Array, Array]:
         """Place and velocity (2,) of the centre of mass at a time."""
-        dt = time - self.com_time
-        fall = np.array([0.0, self.gravity * dt])
-        return self.com_position + dt * (self.com_velocity - fall / 2), self.com_velocity - fall
+        return _fallen(time - self.com_time, self.com_position, self.com_velocity, self.gravity)
 
-    def path(self, time: float) -> Ballistics:
-        """Path of the centre of mass from a time on."""
-        return Ballistics(*self.place(time), self.gravity)
+    def path_from(self, time: float) -> Callable[[], Ballistics]:
+        """Return what gives the path of the centre of mass from a time on, as it is known by now, also later."""
+        return partial(_path, time - self.com_time, self.com_position, self.com_velocity, self.gravity)
 
     @property
     def orientation(self) -> float:
@@ -75,3 +75,12 @@ class Estimate:
         if self.gravity <= 0 or reach < 0:
             return None
         return self.com_time + float((speed + math.sqrt(reach)) / self.gravity)
+
+
+def _fallen(dt: float, position: Array, velocity: Array, gravity: float) -> tuple[Array, Array]:
+    fall = np.array([0.0, gravity * dt])
+    return position + dt * (velocity - fall / 2), velocity - fall
+
+
+def _path(dt: float, position: Array, velocity: Array, gravity: float) -> Ballistics:
+    return Ballistics(*_fallen(dt, position, velocity, gravity), gravity)

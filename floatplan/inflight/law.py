@@ -94,7 +94,8 @@ class Law:
     @staticmethod
     def _keeps(outlook: Outlook, present: Outlook) -> bool:
         """Whether a correction keeps what the present motion keeps; what that breaks, the cost has weighed."""
-        return bool(((outlook.worst >= -KEPT) | (present.worst < -KEPT)).all())
+        kept = outlook.worst >= -KEPT
+        return bool(kept.all() or (kept | (present.worst < -KEPT)).all())
 
     def _cost(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> float:
         violation = outlook.violation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ DEVIATION = 0.05  # [rad] of angles from where their rates lead
 LONGEST_GAP = 0.1  # [s] between them
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
 class Measurement:
     """The robot at a time, s since takeoff; units and shapes as of :meth:`floatplan.inflight.replanner.Replanner`."""
 
@@ -53,7 +54,7 @@ def read(
     if (place is None) != (speed is None):
         return None
     arrays = [positions, velocities, *([] if place is None or speed is None else [place, speed])]
-    if not all(map(math.isfinite, (time, angle, rate))) or not all(np.isfinite(values).all() for values in arrays):
+    if not all(map(math.isfinite, (time, angle, rate, *chain.from_iterable(array.tolist() for array in arrays)))):
         return None
     return Measurement(time, angle, rate, positions, velocities, place, speed)
 
@@ -66,13 +67,15 @@ class Plausibility:
         fastest = float(np.abs(state.orientation_rate).max())
         self._drift = 0.5 * fastest
         self._base_rate = RATE_JUMP + fastest
-        self._joint_rate = RATE_JUMP + 2 * np.abs(state.velocities).max(axis=0)
+        self._joint_rate: list[float] = (RATE_JUMP + 2 * np.abs(state.velocities).max(axis=0)).tolist()
 
     def joints(self, measured: Measurement, positions: Array, velocities: Array) -> bool:
         """Whether joints are near their reference (n,)."""
-        near = np.abs(measured.positions - positions) <= POSITION_JUMP
-        slow = np.abs(measured.velocities - velocities) <= self._joint_rate
-        return bool(near.all() and slow.all())
+        places = zip(measured.positions.tolist(), positions.tolist(), strict=True)
+        rates = zip(measured.velocities.tolist(), velocities.tolist(), self._joint_rate, strict=True)
+        return all(abs(one - other) <= POSITION_JUMP for one, other in places) and all(
+            abs(one - other) <= fastest for one, other, fastest in rates
+        )
 
     def base(self, measured: Measurement, orientation: float, rate: float, unseen: float) -> bool:
         """Whether the base is near what is expected, ``unseen`` s after the last measurement."""

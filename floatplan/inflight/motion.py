@@ -18,7 +18,7 @@ from floatplan.plans.plan import Plan
 LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
 class RemainingMotion:
     """Joints from ``begin`` to ``end``, s since takeoff: ``centre + amplitude sin(p)``, p a polynomial of time.
 

@@ -27,18 +27,23 @@ TURNING = ("flown", "watched", "miss", "_rate_by_y")  # of an outlook: what no d
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
 class Present:
-    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s, path of the CM from now on.
+    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s.
 
-    ``adapted`` gives the dynamics of its masses when they are asked for.
+    ``path`` gives the path of the CM from now on, ``adapted`` the dynamics of its masses, when they are asked for.
     """
 
     time: float
     orientation: float
     angular_momentum: float
-    com: Ballistics
+    path: Callable[[], Ballistics]
     adapted: Callable[[], Dynamics]
+
+    @cached_property
+    def com(self) -> Ballistics:
+        """Path of the centre of mass from now on."""
+        return self.path()
 
     @cached_property
     def dynamics(self) -> Dynamics:

@@ -38,7 +38,7 @@ class Expected:
     aside: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Foreseen:
     """A motion that was chosen, its miss, rad, the worst of each block of rows, and the share of the correction taken.
 
@@ -115,7 +115,7 @@ class Reckoning:
         """The robot at a time not before the last measurement, at which its orientation is known, rad."""
         estimate = self.estimate
         inertial = estimate.inertial
-        return Present(now, orientation, inertial.angular_momentum, estimate.path(now), inertial.as_found())
+        return Present(now, orientation, inertial.angular_momentum, estimate.path_from(now), inertial.as_found())
 
     def _rewritten(self, now: float, landing: float) -> RemainingMotion:
         return self._rewriting.from_now(self.motions[-1], now, landing)

@@ -243,7 +243,7 @@ def _judged(foreseen: Foreseen, miss: float) -> tuple[Status, str]:
         return "refused", "any correction breaks a limit"
     if foreseen.share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if (foreseen.worst < -KEPT).any():
+    if min(foreseen.worst.tolist(), default=0.0) < -KEPT:
         return "limited", "a limit will be broken, as without the correction"
     if abs(foreseen.miss) > miss:
         return "limited", "the goal is out of reach"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Pl
     polynomials = sine_polynomials(problem, problem.degrees, conditions)
     z = size * np.random.default_rng(seed).standard_normal(polynomials.no_free_part.shape)
     z.ravel()[np.setdiff1d(np.arange(z.size), polynomials.free_indices)] = 0.0
-    answer = {"status": "feasible", "ok": True, "explanation": "", "solver": {}}
+    answer: dict[str, Any] = {"status": "feasible", "ok": True, "explanation": "", "solver": {}}
     reached = fp.Plan.of_motion(problem, polynomials, z, momentum, **answer).final_orientation
     problem = replace(problem, goal=replace(problem.goal, orientation=reached))
     return fp.Plan.of_motion(problem, polynomials, z, momentum, **answer)

@@ -97,7 +97,9 @@ def test_rows_change_as_their_derivatives_say(name: str, landed: bool) -> None:
     path = plan.ballistics
     com = type(path)(path.positions(np.array([begin]))[0], path.velocities(np.array([begin]))[0], path.gravity)
     start = float(plan.orientation(np.array([begin]))[0])
-    present = Present(begin, start + 0.1, 1.05 * plan.angular_momentum, com, lambda: replanner.views.flight.equations)
+    present = Present(
+        begin, start + 0.1, 1.05 * plan.angular_momentum, lambda: com, lambda: replanner.views.flight.equations
+    )
     motion = replanner.rewriting.from_now(replanner.motion, begin, plan.duration)
     outlook = Outlook(replanner.views, motion, present, landed)
     size = motion.amplitude.size * (len(motion.coefficients) - 6)
