@@ -80,9 +80,9 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
     with opened(problem, port=0, with_map=False) as studio:
         studio.player.play(False)  # software draws it slowly
         page = Page(browser, studio)
-        print(page.figures("FL_calf_joint, °", 2))
+        print(page.figures("FL_calf_joint, °", 4))
         view = studio.session.view
-        assert view.number == 3
+        assert view.number == 5
         assert view.flown is not None
         assert view.flown.plan.ok
         assert page.complaints() == []

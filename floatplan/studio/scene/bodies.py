@@ -20,7 +20,9 @@ from floatplan.view.scene.solids import point_in_space
 from floatplan.view.style import palette
 
 Colour = tuple[int, int, int]
-DETAIL = 0.01  # [-] of meshes, in reaches of the robot: two pixels of a flight that fills a small window
+DETAIL = 0.015  # [-] of meshes, in reaches of the robot: three pixels of a flight that fills a small window
+SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
+SUBDIVISIONS = 2  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 
 
@@ -101,7 +103,7 @@ class Bodies:
         for index in seen_capsules(robot, shapes.radius):
             shape, radius, part = robot.shapes[index], float(shapes.radius[index]), int(shapes.part[index])
             start, end = (point_in_space(robot.plane, place) for place in (shape.start, shape.end))
-            together.setdefault((shape.body, part), []).append(capsule(start, end, radius))
+            together.setdefault((shape.body, part), []).append(capsule(start, end, radius, SECTIONS))
         nodes = []
         for (body, part), meshes in together.items():
             mesh = concatenate(meshes)
@@ -166,6 +168,7 @@ class Bodies:
             node = self._server.scene.add_icosphere(
                 f"{self.name}/{body}/grip{part}",
                 radius=GRIP * reach,
+                subdivisions=SUBDIVISIONS,
                 color=colour,
                 position=point_in_space(robot.plane, end),
             )

@@ -132,12 +132,12 @@ def capsule_robot(server: Any, plan: Plan) -> Mover:
     return move
 
 
-def capsule(start: Array, end: Array, radius: float) -> Any:
-    """Return the ``trimesh.Trimesh`` of a capsule between two points (3,), m."""
+def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int] = (16, 16)) -> Any:
+    """Return the ``trimesh.Trimesh`` of a capsule between two points (3,), m; sections along and around its axis."""
     import trimesh
 
     length = float(np.linalg.norm(end - start))
-    mesh = trimesh.creation.capsule(height=length, radius=radius, count=[16, 16])
+    mesh = trimesh.creation.capsule(height=length, radius=radius, count=list(sections))
     mesh.apply_translation(-mesh.bounds.mean(axis=0))
     if length > 0:
         mesh.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length))
