@@ -20,7 +20,7 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
-from floatplan.planning.compiled import compiled_solution
+from floatplan.planning.compiled import Compiled, compiled_solution
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.asked import constraints
 from floatplan.planning.transcription.constraints import Constraint
@@ -181,9 +181,9 @@ class Attempts:
         found = compiled_solution(self.problem, self.model, self.plain_start, degrees, search)
         if found is None:
             return None
-        outcome = self._judge(found.variables, found.solution, 0, degrees)
+        outcome = self._judge_compiled(found, 0, degrees)
         outcome.work = self.model.work.done - before
-        outcome.starts, outcome.solved, outcome.coefficients = found.starts, found.solved, found.coefficients
+        outcome.starts, outcome.solved = found.starts, found.solved
         return outcome
 
     def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
@@ -200,11 +200,7 @@ class Attempts:
         if not self.constraints:
             alone = Search(longest_step=settings.longest_step)
             compiled = compiled_solution(self.problem, self.model, start, degrees, alone)
-            if compiled is None:
-                return follow(start.x)
-            judged = self._judge(start.variables, compiled.solution, number, degrees)
-            judged.coefficients = compiled.coefficients
-            return judged
+            return self._judge_compiled(compiled, number, degrees) if compiled else follow(start.x)
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
             return outcome
@@ -237,6 +233,13 @@ class Attempts:
             return
         free = solve(self.model, start.variables, self._objective(start), (), start.x, FINE, stop)
         yield reduce_violations(program, free.x, stop)
+
+    def _judge_compiled(self, found: Compiled, number: int, degrees: tuple[int, ...]) -> Outcome:
+        """Check the kernel's solution; its b counts where that holds: far from one, b may be of another x."""
+        outcome = self._judge(found.variables, found.solution, number, degrees)
+        if outcome.holds:
+            outcome.coefficients = found.coefficients
+        return outcome
 
     def _judge(
         self, variables: DecisionVariables, solution: Solution[Trajectory], number: int, degrees: tuple[int, ...]

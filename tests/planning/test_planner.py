@@ -15,6 +15,8 @@ from robot_samples import GYMNAST, URDF_FOLDER, flipped_axes, other_plane
 
 import floatplan as fp
 from floatplan.planning.attempt import Attempts
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
 
 PROBLEMS = sorted(path.stem for path in (URDF_FOLDER.parent / "problems").glob("*.toml"))
 PATIENT = 60  # s, where nothing but a neighbour's load could use up the default budget
@@ -437,3 +439,20 @@ def written(folder, text) -> fp.Robot:
     path = folder / "robot.urdf"
     path.write_text(text)
     return fp.Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize(("joints", "degree", "duration"), [(2, 7, 1.0), (5, 15, 0.02), (9, 13, 20.0), (2, 13, 90.0)])
+def test_b_is_that_of_the_motion_that_was_judged(joints, degree, duration):
+    """By whichever of the solvers, and where there is no plan too: of long flights b is far more than x can tell."""
+    problem = random_problem(71, joints)
+    flight = replace(problem.flight, duration=duration * problem.flight.duration)
+    problem = replace(problem, flight=flight, motion=replace(problem.motion, degree=degree))
+    found = planned(problem, SearchOptions(budget=SHORT))
+    variables, x = found.best.variables, found.best.solution.x
+    h = variables.angular_momentum(x)
+    expected = variables.motion_class(h).powers_of_seconds(variables.free_coefficients(x))
+    powers = problem.flight.duration ** np.arange(degree + 1)
+    assert np.abs((found.plan.coefficients - expected) * powers).max() < 1e-9 * max(
+        1.0, np.abs(expected * powers).max()
+    )
+    assert found.plan.ok == found.best.holds
