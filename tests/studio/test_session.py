@@ -124,6 +124,25 @@ def test_a_process_that_is_lost_is_told_and_begun_anew(session: Session) -> None
     assert session.view.verdict == "proved"
 
 
+def test_a_process_that_cannot_be_started_is_told(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert session.wait(settled, PATIENCE)
+
+    def refused(_: Worker) -> None:
+        raise OSError(12, "Cannot allocate memory")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Worker, "_started", refused)
+        os.kill(session.process_ids[0], signal.SIGKILL)
+        for change in range(3):
+            session.set("goal.orientation", 0.4 + 0.1 * change)
+            session.wait(settled, PATIENCE)
+        assert session.view.verdict == "failed"
+        assert "cannot be started: OSError: [Errno 12] Cannot allocate memory" in session.view.fault
+    session.set("goal.orientation", 0.8)
+    assert session.wait(settled, PATIENCE)
+    assert session.view.verdict == "proved"
+
+
 def test_threads_may_all_change_it(session: Session) -> None:
     def drag(path: str) -> None:
         for step in range(30):

@@ -44,7 +44,12 @@ class Worker:
         StoppedError
             :meth:`stop` was called meanwhile, or the process has died.
         """
-        pipe = self._running()
+        try:
+            pipe = self._running()
+        except StoppedError:
+            raise
+        except Exception as error:  # whatever the system says: the page goes on and says it
+            return Failure(f"the process that plans cannot be started: {words_of(error)}")
         try:
             pipe.send_bytes(packed(task, self._robot))
             return unpacked(pipe.recv_bytes(), self._robot)
