@@ -55,7 +55,7 @@ def _flown(plan: fp.Plan, flights: int, with_kernel: bool) -> fp.ClosedLoop:
     before = os.environ.get(SWITCH)
     os.environ[SWITCH] = "on" if with_kernel else "off"
     try:
-        return fp.closed_loop(plan, RATE, perturb=PERTURBED, flights=flights, seed=SEED)
+        return fp.closed_loop(plan, RATE, perturb=PERTURBED, flights=flights, seed=SEED, budget=None)
     finally:
         if before is None:
             del os.environ[SWITCH]

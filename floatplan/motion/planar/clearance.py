@@ -169,7 +169,7 @@ def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: Complex
     ends = segments.ends()
     shape = ends.start.shape
     distance = (np.conj(normal) * (ends.start - origin[:, None])).real - ends.radius
-    return Distances(distance, ends, np.broadcast_to(normal, shape), np.broadcast_to(0.0, shape))
+    return Distances(distance, ends, np.full(shape, normal), np.zeros(shape))
 
 
 def _half_plane_to_points(obstacle: HalfPlane, points: ComplexArray) -> Array:
