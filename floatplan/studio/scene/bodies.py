@@ -20,7 +20,7 @@ from floatplan.view.scene.solids import point_in_space
 from floatplan.view.style import palette
 
 Colour = tuple[int, int, int]
-DETAIL = 0.015  # [-] of meshes, in reaches of the robot: three pixels of a flight that fills a small window
+DETAIL = 0.01  # [-] of meshes, in reaches of the robot: two pixels of a flight that fills a small window
 SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
 SUBDIVISIONS = 2  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
