@@ -115,6 +115,7 @@ class Solver:
     def __init__(self, kernel: library.Kernel, tree: PlanarTree, position_limits: Array, free: Sequence[int]) -> None:
         self._kernel = kernel
         self._n, self._width = len(free), max(free)
+        self.bodies = len(tree.mass)
         self._most_nodes = USUAL_NODES
         low, high = position_limits.T
         self._robot = filled_robot(merged_bodies(tree, (low + high) / 2, (high - low) / 2), free)

@@ -14,13 +14,12 @@ from itertools import islice
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.batch import MOST_STARTS, Search
 from floatplan.kernel.stages import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations
 from floatplan.optimization.sqp import Solution
-from floatplan.planning.compiled import Compiled, compiled_solution
+from floatplan.planning.compiled import Compiled, Followed, compiled_solution, solution_of
 from floatplan.planning.starts import Start, starts
 from floatplan.planning.transcription.asked import constraints
 from floatplan.planning.transcription.constraints import Constraint
@@ -171,16 +170,10 @@ class Attempts:
         outcome.work = self.model.work.done - before
         return outcome
 
-    def followed_together(self, starts: int) -> Outcome | None:
-        """Return the best of so many solved starts, all followed by the kernel; None where it cannot."""
-        if self.constraints or self.problem.raises_degree:
-            return None
-        before, most = self.model.work.done, min(MOST_STARTS + starts - 1, ATTEMPTS)
-        search = Search(starts, most, self.seed, FINE.longest_step)
-        degrees = self.problem.degrees
-        found = compiled_solution(self.problem, self.model, self.plain_start, degrees, search)
-        if found is None:
-            return None
+    def outcome_of(self, followed: Followed) -> Outcome:
+        """Return the best of the starts that the kernel has followed together."""
+        before, degrees = self.model.work.done, self.problem.degrees
+        found = solution_of(followed, self.problem, self.model, self.plain_start.variables, degrees)
         outcome = self._judge_compiled(found, 0, degrees)
         outcome.work = self.model.work.done - before
         outcome.starts, outcome.solved = found.starts, found.solved
@@ -198,8 +191,7 @@ class Attempts:
             return self._judge(start.variables, solution, number, degrees)
 
         if not self.constraints:
-            alone = Search(longest_step=settings.longest_step)
-            compiled = compiled_solution(self.problem, self.model, start, degrees, alone)
+            compiled = compiled_solution(self.problem, self.model, start, degrees, settings.longest_step)
             return self._judge_compiled(compiled, number, degrees) if compiled else follow(start.x)
         outcome = follow(start.x) if is_first else None
         if outcome and (outcome.holds or stop()):
@@ -245,11 +237,18 @@ class Attempts:
         self, variables: DecisionVariables, solution: Solution[Trajectory], number: int, degrees: tuple[int, ...]
     ) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
-        used = solution.evaluation.detail
-        level = max(used.flown.level_needed(QUADRATURE_ERROR), self._level)
-        motion = used
-        if used.model is not self.model or self.model.flight.node_counts[level] > used.sampling.nodes:
-            motion = trajectory(self.model, variables, self.model.nodes(level, variables.polynomials.form), solution.x)
+        motion, counts = solution.evaluation.detail, self.model.flight.node_counts
+        level = max(motion.flown.level_needed(QUADRATURE_ERROR), self._level)
+
+        def at_level(level: int) -> Trajectory:
+            nodes = self.model.nodes(level, variables.polynomials.form)
+            return trajectory(self.model, variables, nodes, solution.x)
+
+        if motion.model is not self.model or counts[level] > motion.sampling.nodes:
+            motion = at_level(level)
+        while motion.flown.unresolved > UNRESOLVED and level < len(counts) - 1:  # the level was foretold from few nodes
+            level += 1
+            motion = at_level(level)
         missed = max(map(abs, motion.residual[0].tolist()))
         if motion.flown.unresolved > UNRESOLVED:
             missed = np.inf

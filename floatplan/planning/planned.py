@@ -6,11 +6,14 @@ import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from floatplan.arrays import Array
+from floatplan.kernel.batch import MOST_STARTS, Search
 from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials
-from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome
+from floatplan.planning.compiled import Followed, follow_together
 from floatplan.planning.explanation import explain, proven_impossible
 from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SAME, SearchOptions, SearchResult, search
 from floatplan.planning.starts import Start
@@ -19,6 +22,7 @@ from floatplan.problem.checks import refuse
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
+COUNTS = ("starts", "solved", "iterations")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +34,18 @@ class Planned:
     """
 
     plan: Plan
-    best: Outcome
+    ended: Outcome | Followed
     others: tuple[Outcome, ...] = ()
     is_impossible: bool = False
     gave_up: bool = False
     work: float = 0.0
+
+    @cached_property
+    def best(self) -> Outcome:
+        """The outcome that the plan was made of."""
+        if isinstance(self.ended, Outcome):
+            return self.ended
+        return Attempts(self.plan.problem, self.plan.solver["seed"]).outcome_of(self.ended)
 
 
 def planned(problem: Problem, options: SearchOptions, attempts: int | None = None) -> Planned:
@@ -46,13 +57,19 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
         What stands on the ground moves down at takeoff, or up at landing.
     """
     began = time.perf_counter()
+    most = min(MOST_STARTS + options.starts - 1, ATTEMPTS)
+    followed = follow_together(problem, Search(options.starts, most, options.seed))
+    if followed and followed.holds:
+        plan = followed.plan(problem, options.seed, time.perf_counter() - began)
+        LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, COUNTS), plan.status)
+        return Planned(plan, followed, work=followed.work)
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
         refuse(motion_into_ground(problem, prepared.momentum.centre))
     reasons = proven_impossible(problem, prepared) if prepared.constraints else []
     for reason in reasons:
         LOG.info("impossible: %s", reason)
-    found = search(prepared, options, attempts=ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else attempts)
+    found = search(prepared, options, ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else attempts, followed)
     plan = plan_of(prepared, found, reasons, time.perf_counter() - began)
     return Planned(plan, found.best, found.holding[1:], bool(reasons), found.ran_out_of_patience, found.work)
 
@@ -90,7 +107,7 @@ def _not_kept(found: Planned) -> tuple[Outcome, ...]:
         return ()
     prepared = Attempts(found.plan.problem, solver["seed"])
     options = SearchOptions(solver["seed"], solver["solved"])
-    again = search(prepared, options, solver["starts"], one_by_one=True)
+    again = search(prepared, options, solver["starts"])
     return tuple(other for other in again.holding if other.objective_value > best.objective_value * (1 + SAME))
 
 

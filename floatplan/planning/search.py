@@ -18,6 +18,7 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.kernel.stages import WANTED_AFTER_FAILURE
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome, best
+from floatplan.planning.compiled import Followed
 from floatplan.planning.runner import expiry, runner
 from floatplan.planning.starts import MOMENTUM_FRACTIONS
 from floatplan.planning.work import DEFAULT_WORK
@@ -95,13 +96,13 @@ class SearchOptions:
 
 
 def search(
-    prepared: Attempts, options: SearchOptions, attempts: int | None = None, *, one_by_one: bool = False
+    prepared: Attempts, options: SearchOptions, attempts: int | None = None, followed: Followed | None = None
 ) -> SearchResult:
     """Try starts until so many of them are solved, the budget is used up, or no start is left.
 
     The budget is of seconds, or of the default work where it is None. ``attempts`` limits the starts, where the problem
-    is known to have no solution and only a near miss is wanted. Of starts that the kernel follows together the best
-    alone is kept, unless they are followed ``one_by_one``. Ctrl-C ends the search with the best motion so far.
+    is known to have no solution and only a near miss is wanted. The first starts may have been followed together: of
+    these the best alone is kept. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
     work = (options.work or DEFAULT_WORK) if options.budget is None else np.inf
@@ -110,7 +111,7 @@ def search(
     interrupted = False
     announced = time.monotonic()
     try:
-        for outcome in islice(_outcomes(prepared, options, expired, allowance, one_by_one), attempts):
+        for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), attempts):
             outcomes.append(outcome)
             tried, solved = _counts(outcomes)
             if LOG.isEnabledFor(logging.INFO):
@@ -226,7 +227,11 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
 
 
 def _outcomes(
-    prepared: Attempts, options: SearchOptions, expired: Callable[[], bool], allowance: Allowance, one_by_one: bool
+    prepared: Attempts,
+    options: SearchOptions,
+    expired: Callable[[], bool],
+    allowance: Allowance,
+    followed: Followed | None,
 ) -> Iterator[Outcome]:
     """Outcomes of the attempts, in their order, from this process or from several.
 
@@ -234,7 +239,7 @@ def _outcomes(
     none: how far it came would depend on what ran beside it.
     """
     nearest: list[Outcome] = []
-    together = None if one_by_one else prepared.followed_together(options.starts)
+    together = prepared.outcome_of(followed) if followed else None
     is_first = together is None
     if together:
         allowance.grants(together, True)

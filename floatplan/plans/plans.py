@@ -53,8 +53,8 @@ class Answer:
             certificate=plan.record.certificate,
         )
 
-    def plan(self, problem: Problem, seed: int) -> Plan:
-        """Return the answer as a plan; the clock was not asked, so ``solver["seconds"]`` is NaN."""
+    def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
+        """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
         low, high = problem.position_limits.T
         ok = self.status in SOLVED and self.verdict != "refuted"
         plan = Plan(
@@ -71,7 +71,7 @@ class Answer:
             solver={
                 "iterations": self.iterations,
                 "evaluations": self.evaluations,
-                "seconds": np.nan,
+                "seconds": seconds,
                 "seed": seed,
                 "starts": self.starts,
                 "solved": self.solved,

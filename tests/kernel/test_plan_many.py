@@ -202,6 +202,22 @@ def test_the_answer_does_not_depend_on_jobs_or_neighbours(implementation, monkey
     np.testing.assert_array_equal(one.evaluations, two.evaluations[::-1])
 
 
+def test_a_plan_is_that_of_a_batch_and_is_proved_as_it_is(implementation, root):
+    """Bit for bit: by one start, by several, and where the plain motion does not lead to the best, as the cat's."""
+    for name in ("somersault", "handstand", "new_configuration", "falling_cat"):
+        problem = fp.load_problem(root / "problems" / f"{name}.toml")
+        for starts, seed in ((1, 0), (3, 5)):
+            row = fp.plan_many([problem], starts=starts, seed=seed)[0]
+            alone, proved = (fp.plan(problem, starts=starts, seed=seed, prove=prove) for prove in (False, True))
+            assert (row.status, row.explanation) == (alone.status, alone.explanation)
+            assert row.angular_momentum == alone.angular_momentum == proved.angular_momentum
+            np.testing.assert_array_equal(row.coefficients, alone.coefficients)
+            np.testing.assert_array_equal(proved.coefficients, alone.coefficients)
+            took = [{**plan.solver, "seconds": 0.0} for plan in (row, alone, proved)]
+            assert took[0] == took[1] == took[2]
+            assert proved.certificate.proved
+
+
 def test_more_starts_are_never_worse_and_seeds_matter(implementation):
     problems = [problem_of(random_robot(0, 3), np.random.default_rng(seed)) for seed in range(12)]
     quick, careful = fp.plan_many(problems), fp.plan_many(problems, starts=6)

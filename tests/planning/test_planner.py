@@ -441,10 +441,16 @@ def written(folder, text) -> fp.Robot:
     return fp.Robot.from_urdf(path)
 
 
-@pytest.mark.parametrize(("joints", "degree", "duration"), [(2, 7, 1.0), (5, 15, 0.02), (9, 13, 20.0), (2, 13, 90.0)])
-def test_b_is_that_of_the_motion_that_was_judged(joints, degree, duration):
+@pytest.mark.parametrize(
+    ("seed", "joints", "degree", "duration"),
+    [
+        *((71, 2, 7, 1.0), (71, 5, 15, 0.02), (71, 9, 13, 20.0), (71, 2, 13, 90.0)),
+        *((131593, 7, 11, 5.275), (31227, 3, 13, 3.3855)),  # wild motions, for which few nodes foretell too few
+    ],
+)
+def test_b_is_that_of_the_motion_that_was_judged(seed, joints, degree, duration):
     """By whichever of the solvers, and where there is no plan too: of long flights b is far more than x can tell."""
-    problem = random_problem(71, joints)
+    problem = random_problem(seed, joints)
     flight = replace(problem.flight, duration=duration * problem.flight.duration)
     problem = replace(problem, flight=flight, motion=replace(problem.motion, degree=degree))
     found = planned(problem, SearchOptions(budget=SHORT))
