@@ -46,6 +46,7 @@ class CompiledReckoning(Reckoning):
             "measured_positions": np.zeros(n),
             "measured_velocities": np.zeros(n),
             "coefficients": np.zeros((columns, n)),
+            "warm_start": np.zeros((width, n)),
             "worst": np.zeros(len(rows["aim"])),
         }
         memory = {
@@ -117,12 +118,17 @@ class CompiledReckoning(Reckoning):
         """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
         return float(self._flight.turn_after)
 
-    def corrected(self, now: float, orientation: float, landing: float, evaluations: int) -> Foreseen:
+    def corrected(
+        self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
+    ) -> Foreseen:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
         if self.views.has_distances:
-            return super().corrected(now, orientation, landing, evaluations)
+            return super().corrected(now, orientation, landing, evaluations, warm_start)
         flight = self._flight
         flight.now, flight.landing, flight.evaluations = now, landing, evaluations
+        flight.is_warm = warm_start is not None
+        if warm_start is not None:
+            self._called["warm_start"][:] = warm_start
         self._step(FlightStep.CORRECT)
         motion = self._written(now, landing)
         self.motions.append(motion)

@@ -38,12 +38,20 @@ class Law:
     acceleration: float
     rows: tuple[Rows, ...]
 
-    def corrected(self, present: Outlook, evaluations: int = EVALUATIONS) -> tuple[Outlook, float]:
+    def corrected(
+        self, present: Outlook, evaluations: int = EVALUATIONS, warm_start: Array | None = None
+    ) -> tuple[Outlook, float]:
         """Return the outlook after the correction, and the share of the correction that was taken.
 
         Changed motions are evaluated so many times at most, more often where the landing is far from the goal: then
-        first as if the base were to reach it, see :meth:`Outlook.as_landed`.
+        first as if the base were to reach it, see :meth:`Outlook.as_landed`. A warm start, a change (m, n) of the free
+        coefficients, is where to begin if it lands nearer, and near the goal.
         """
+        taken = 0.0
+        if warm_start is not None:
+            warm = present.moving_as(warm_start)
+            if abs(warm.miss) < min(abs(present.miss), FAR) and self._keeps(warm, present):
+                present, taken = warm, 1.0
         if self.rows and abs(present.miss) > FAR:
             evaluations = max(evaluations, EVALUATIONS_FAR)
             if present.has_distances:
@@ -58,7 +66,7 @@ class Law:
             part = present.changed(scale * best)
             if self._keeps(part, present) and abs(part.miss) < abs(present.miss):
                 return part, scale
-        return present, 0.0
+        return present, taken
 
     def _solved(self, present: Outlook, evaluations: int) -> tuple[Outlook, Array]:
         """Return the least of the law, and its change y: Gauss-Newton steps, shorter ones where one is no better."""

@@ -271,9 +271,13 @@ class Outlook:
 
     def changed(self, y: Array) -> Outlook:
         """Return the outlook under the motion changed by y."""
+        change = y.reshape(len(self.motion.amplitude), -1) / self.motion.amplitude[:, None]
+        return self.moving_as(self._views.whitening @ change.T)
+
+    def moving_as(self, change: Array) -> Outlook:
+        """Return the outlook under the motion whose free coefficients change by (m, n)."""
         motion = self.motion
         coefficients = motion.coefficients.copy()
-        change = y.reshape(len(motion.amplitude), -1) / motion.amplitude[:, None]
-        coefficients[CONDITIONS:] += self._views.whitening @ change.T
+        coefficients[CONDITIONS:] += change
         changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.table)
         return Outlook(self._views, changed, self._present, self._landed)

@@ -104,10 +104,12 @@ class Reckoning:
         """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
         return self._turned(dt, *(values[GAP_NODES + 1 :] for values in self._gap_joints))
 
-    def corrected(self, now: float, orientation: float, landing: float, evaluations: int) -> Foreseen:
+    def corrected(
+        self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
+    ) -> Foreseen:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
-        motion = self._rewritten(now, landing)
-        outlook, share = self._law.corrected(Outlook(self.views, motion, self.present(now, orientation)), evaluations)
+        present = Outlook(self.views, self._rewritten(now, landing), self.present(now, orientation))
+        outlook, share = self._law.corrected(present, evaluations, warm_start)
         self._remember(outlook.motion)
         return Foreseen(outlook.motion, outlook.miss, outlook.worst, share, lambda: outlook)
 

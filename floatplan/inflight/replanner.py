@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, 
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Views
 from floatplan.inflight.reckoning import Foreseen, Reckoning
+from floatplan.inflight.warm_start import WarmStarts
 from floatplan.kernel.library import kernel
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
@@ -76,6 +78,7 @@ class Replanner:
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
+        self._warm_starts = WarmStarts(self._law, self.motion, self._at_takeoff, plan.angular_momentum)
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
 
@@ -94,9 +97,14 @@ class Replanner:
         self._corrected = -math.inf
         self._landing = plan.duration
         self._reckoning.begin(self._estimate)
-        outlook = Outlook(self.views, self.motion, self._reckoning.present(0.0, orientation))
+        outlook = self._at_takeoff(self.motion, momentum)
         foreseen = Foreseen(self.motion, outlook.miss, outlook.worst, 1.0, lambda: outlook)
         self._last = Correction("applied", "", foreseen, plan.duration, momentum)
+
+    def _at_takeoff(self, motion: RemainingMotion, angular_momentum: float) -> Outlook:
+        """What will come of a motion from takeoff, with an angular momentum, kg m^2/s."""
+        present = self._reckoning.present(0.0, self.plan.problem.initial.orientation)
+        return Outlook(self.views, motion, replace(present, angular_momentum=angular_momentum))
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -188,7 +196,9 @@ class Replanner:
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
-        foreseen = self._reckoning.corrected(now, orientation, landing, FIRST if first else EVALUATIONS)
+        warm_start = self._warm_starts.at(now, self._estimate.angular_momentum) if first else None
+        evaluations = FIRST if first else EVALUATIONS
+        foreseen = self._reckoning.corrected(now, orientation, landing, evaluations, warm_start)
         self._landing = landing
         status, reason = _judged(foreseen, MISSED * self._law.sigma)
         self._last = Correction(status, reason, foreseen, landing, self._estimate.angular_momentum)

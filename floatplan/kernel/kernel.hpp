@@ -107,8 +107,8 @@ struct Flight {
     double *measured_positions, *measured_velocities;  // (n)
     double *positions, *velocities, *map;            // (n), (n), (n + 1)
     double turn_before, turn_after, expected_rate, aside;
-    std::int64_t evaluations;
-    double *coefficients, *worst;                    // (columns, n), (blocks)
+    std::int64_t evaluations, is_warm;
+    double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
     Foreseen foreseen;
     double *scratch, *law_memory, *ahead_memory, *filter_memory, *gap_memory;
 };

@@ -18,10 +18,11 @@ class Correcting {
         std::memcpy(first, coefficients, (6 + width) * n * sizeof(double));
         std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
         rest.evaluate(*present);
-        const double missed = present->miss;
         std::memcpy(worst, present->worst, f.blocks * sizeof(double));
-        if (f.blocks && std::fabs(missed) > f.far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
         found.evaluated = 1;
+        const bool warm = f.is_warm && warm_start(found);
+        const double missed = present->miss;
+        if (f.blocks && std::fabs(missed) > f.far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
         solve(evaluations, found);
         found.share = 1;
         if (!keeps(*present)) {
@@ -39,6 +40,7 @@ class Correcting {
             if (found.share == 0) {
                 for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
                 change(*present, best, found);
+                found.share = warm;
             }
         }
         found.miss = present->miss;
@@ -58,6 +60,19 @@ class Correcting {
         Ahead *other = present;
         present = tried;
         tried = other;
+    }
+
+    // Begins at the motion that is prepared, where that lands nearer; what is left is corrected from there.
+    bool warm_start(Foreseen &found) {
+        std::memcpy(tried->coefficients, first, (6 + width) * n * sizeof(double));
+        for (std::int64_t k = 0; k < size; ++k) tried->coefficients[6 * n + k] += f.warm_start[k];
+        rest.evaluate(*tried);
+        ++found.evaluated;
+        if (!(std::fabs(tried->miss) < smaller(std::fabs(present->miss), f.far) && keeps(*tried))) return false;
+        swap();
+        std::memcpy(first, present->coefficients, (6 + width) * n * sizeof(double));
+        std::memcpy(worst, present->worst, f.blocks * sizeof(double));
+        return true;
     }
 
     bool keeps(const Ahead &a) const {

@@ -162,8 +162,8 @@ class Flight(Structure):
         ),
         *((name, Doubles) for name in ("measured_positions", "measured_velocities", "positions", "velocities", "map")),
         *((name, c_double) for name in ("turn_before", "turn_after", "expected_rate", "aside")),
-        ("evaluations", c_int64),
-        *((name, Doubles) for name in ("coefficients", "worst")),
+        *((name, c_int64) for name in ("evaluations", "is_warm")),
+        *((name, Doubles) for name in ("warm_start", "coefficients", "worst")),
         ("foreseen", Foreseen),
         *((name, Doubles) for name in ("scratch", "law_memory", "ahead_memory", "filter_memory", "gap_memory")),
     )
