@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
@@ -19,14 +20,16 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink, UrdfTree
 from floatplan.simulation.reduced_model import ReducedModel
 
+ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
 HEADER = '<mujoco><compiler fusestatic="{}" balanceinertia="false" discardvisual="true"/></mujoco>'
 
 
 def import_mujoco() -> ModuleType:
     """Return the module, which then writes no log of its warnings; InputError where it is not installed."""
-    mujoco = import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
-    if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
-        mujoco.set_mju_user_warning(_unheard)
+    with ONE_AT_A_TIME:
+        mujoco = import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
+        if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
+            mujoco.set_mju_user_warning(_unheard)
     return mujoco
 
 
