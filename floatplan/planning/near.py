@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.kernel.rows import is_plain
 from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.attempt import Attempts
@@ -41,6 +42,8 @@ def plan_near(problem: Problem, near: Plan, budget: float) -> Plan:
         ``budget`` is not positive; or what stands on the ground moves down at takeoff.
     """
     options, began = SearchOptions(budget=budget), time.perf_counter()
+    if is_plain(problem):
+        return planned(problem, options).plan
     prepared = Attempts(problem, options.seed)
     if prepared.constraints:
         if not prepared.momentum.free:

@@ -205,20 +205,29 @@ class Robot:
         InputError
             A mesh is not to be found, or geometry is of a kind that is not read.
         """
-        for link, filename in missing_meshes(self.layout.tree, None if self.path is None else self.path.parent):
+        if self._left_out is not None:
+            link, reason, advice = self._left_out
             raise InputError(
-                f'collision mesh "{filename}" not found, so clearance cannot be computed',
+                f"{reason}, so clearance cannot be computed",
                 source=self.source,
                 element=f'link "{link}"',
-                advice="put it there, set ROS_PACKAGE_PATH, or remove the <collision>",
+                advice=advice,
             )
-        for link, tag in unread_geometry(self.layout.tree):
-            raise InputError(
-                f"collision geometry <{tag}> is not read, so clearance cannot be computed",
-                source=self.source,
-                element=f'link "{link}"',
-                advice=f"give one of {', '.join(KINDS)} in each <collision>",
+
+    @cached_property
+    def _left_out(self) -> tuple[str, str, str] | None:
+        """Link, reason and advice of the first collision geometry that ``shapes`` leave out; looked for once."""
+        tree = self.layout.tree
+        for link, filename in missing_meshes(tree, None if self.path is None else self.path.parent):
+            advice = "put it there, set ROS_PACKAGE_PATH, or remove the <collision>"
+            return link, f'collision mesh "{filename}" not found', advice
+        for link, tag in unread_geometry(tree):
+            return (
+                link,
+                f"collision geometry <{tag}> is not read",
+                f"give one of {', '.join(KINDS)} in each <collision>",
             )
+        return None
 
     @cached_property
     def file_tree(self) -> UrdfTree:
