@@ -418,8 +418,8 @@ class TestProcess:
     def test_interrupted(self, tmp_path: Path) -> None:
         code = (
             "import os, signal, floatplan.planning.planned, floatplan.cli\n"
-            "def search(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
-            "floatplan.planning.planned.search = search\n"
+            "def interrupt(*_, **__): os.kill(os.getpid(), signal.SIGINT)\n"
+            "floatplan.planning.planned.follow_together = interrupt\n"
             "floatplan.cli.main()"
         )
         done = subprocess.run(
