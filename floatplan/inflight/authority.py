@@ -11,6 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
+from floatplan.inflight.limits import DistanceRows
 from floatplan.inflight.outlook import Outlook, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
@@ -160,6 +161,10 @@ def _within(replanner: Replanner, present: Present, following: float) -> bool:
     if not views.rows:
         return True
     motion = replanner.rewriting.from_now(replanner.motion, present.time, replanner.landing)
-    soon = views.grid.s <= (following - present.time) / motion.remaining
+    share = (following - present.time) / motion.remaining
+    soon, watched = views.grid.s <= share, views.watched <= share
     values = Outlook(views, motion, present).values
-    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in values)
+    return all(
+        (values[watched if isinstance(block, DistanceRows) else soon] >= -ALLOWED).all()
+        for block, values in zip(views.rows, values, strict=True)
+    )

@@ -75,7 +75,7 @@ class Law:
         best, outlook, sigma = y, present, self._tolerance(present.miss)
         least = self._cost(present, y, stiffness, sigma)
         step, expected = self._step(outlook, best, stiffness, sigma)
-        for _ in range(evaluations):
+        for left in reversed(range(evaluations)):
             if least - expected < SETTLED**2:
                 break
             y = best + step
@@ -92,7 +92,8 @@ class Law:
                 break
             sigma = nearer
             least = self._cost(tried, y, stiffness, sigma)
-            step, expected = self._step(outlook, best, stiffness, sigma)
+            if left:
+                step, expected = self._step(outlook, best, stiffness, sigma)
         return outlook, best
 
     def _tolerance(self, miss: float) -> float:
@@ -106,27 +107,20 @@ class Law:
         return bool(kept.all() or (kept | (present.worst < -KEPT)).all())
 
     def _cost(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> float:
-        violation = outlook.violation
-        return (outlook.miss / sigma) ** 2 + stiffness * float(y @ y) + float(violation @ violation)
+        breach = sum(float(breach.below @ breach.below) for breach in outlook.breaches)
+        return (outlook.miss / sigma) ** 2 + stiffness * float(y @ y) + breach
 
     def _step(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> tuple[Array, float]:
         """One step, and the cost that it would have if everything were linear."""
         rows = [outlook.miss_by_y[None, :] / sigma]
         residual = [np.array([outlook.miss / sigma])]
-        first, violation = 0, outlook.violation
-        for block, values in zip(self.rows, outlook.values, strict=True):
-            below = violation[first : first + values.size]
-            first += values.size
-            near = np.flatnonzero(below)
-            if near.size > MOST_ROWS:
-                near = near[np.argpartition(-below[near], MOST_ROWS)[:MOST_ROWS]]
-            if near.size:
-                instants, columns = np.divmod(near, values.shape[1])
-                rows.append(outlook.rows_by_y(block, instants, columns) / block.softness)
-                residual.append(-below[near])
+        for block, instants, columns, below in outlook.breaches:
+            worst = np.argpartition(-below, MOST_ROWS)[:MOST_ROWS] if below.size > MOST_ROWS else slice(None)
+            rows.append(outlook.rows_by_y(block, instants[worst], columns[worst]) / block.softness)
+            residual.append(-below[worst])
         jacobian, residuals = np.concatenate(rows), np.concatenate(residual)
         hessian = jacobian.T @ jacobian
         hessian.flat[:: len(y) + 1] += stiffness
         step = np.linalg.solve(hessian, -(jacobian.T @ residuals + stiffness * y))
-        after = residuals + jacobian @ step
-        return step, float(after @ after + stiffness * (y + step) @ (y + step))
+        after, following = residuals + jacobian @ step, y + step
+        return step, float(after @ after + stiffness * (following @ following))

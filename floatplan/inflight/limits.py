@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -39,7 +40,7 @@ class RowPartials:
 
 
 class Ahead(Protocol):
-    """The rest of a flight: at K instants, the last W of which are watched for distances."""
+    """The rest of a flight: at K instants, and at W that are watched for distances."""
 
     @property
     def flown(self) -> PlanarFlown:
@@ -59,7 +60,7 @@ class Ahead(Protocol):
 
 
 class Rows(Protocol):
-    """A block of rows at the last instants of a flight ahead: all K, or the W watched ones."""
+    """A block of rows of a flight ahead: at its K instants, or the W watched ones."""
 
     @property
     def aim(self) -> float:
@@ -129,8 +130,15 @@ class TorqueRows(Shares):
     def values(self, ahead: Ahead) -> Array:
         """Values (K, r)."""
         flown = ahead.flown
-        rates = flown.joints.velocities @ self.ratios.T
-        return np.asarray(1 - (np.abs(flown.moments @ self.turns) + self.slope * np.abs(rates)) / self.limit)
+        used = np.abs(flown.moments @ self.turns)
+        if self._fades:
+            used += self.slope * np.abs(flown.joints.velocities @ self.ratios.T)
+        return np.asarray(1 - used / self.limit)
+
+    @cached_property
+    def _fades(self) -> bool:
+        """Whether the rate counts."""
+        return bool(self.slope.any())
 
     def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
         """Derivatives of the rows."""

@@ -58,12 +58,10 @@ class RemainingMotion:
             velocities[outside] = accelerations[outside] = 0.0
         return positions, velocities, accelerations
 
-    def p(self, times: Array) -> tuple[Array, Array, Array]:
-        """Return p, p', p'' (N, n) by time at times (N,); at the nearer end outside of its time."""
-        u = np.minimum(np.maximum((times - self.begin) / self.remaining, 0.0), 1.0)
-        angles = np.arccos(2 * u - 1)[:, None]
-        p, rate, curvature = np.cos(angles * np.arange(self.table.shape[1])) @ self._polynomials
-        return p, rate, curvature
+    def p(self, times: Array) -> Array:
+        """Return p, p', p'' (3, N, n) by time at times (N,); at the nearer end outside of its time."""
+        x = np.minimum(np.maximum((2 * times - (self.begin + self.end)) / self.remaining, -1.0), 1.0)
+        return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(self.table.shape[1])) @ self._polynomials)
 
     @cached_property
     def _polynomials(self) -> Array:
@@ -88,6 +86,7 @@ class Rewriting:
         derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
         self._table = read_only(np.stack([_padded(part, size) for part in derivatives]))
         self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
+        self._points_and_now = np.append(self.points, 0.0)
         self.of_values = np.linalg.inv(functions.values(self.points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
         self._plan = plan
@@ -95,28 +94,26 @@ class Rewriting:
         polynomials = chebyshev_values(2 * self.points - 1, len(p) - 1)
         ends = chebyshev_values(np.array([-1.0, 1.0]), len(p) - 1)
         coefficients = self.of_values @ (polynomials @ p)
-        boundary = [ends[:, : len(part)] @ part for part in (p, rate, curvature)]
-        self._set_boundary(coefficients, [part[0] for part in boundary], [part[1] for part in boundary], plan.duration)
-        self.landing = [part[1] for part in boundary]
+        boundary = np.stack([ends[:, : len(part)] @ part for part in (p, rate, curvature)])
+        self.landing = read_only(boundary[:, 1])
+        self._set_boundary(coefficients, boundary[:, 0], self.landing, plan.duration)
         self.first = RemainingMotion(
             np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
         )
 
     def from_now(self, motion: RemainingMotion, now: float, end: float) -> RemainingMotion:
         """Return the motion from ``now``, s, to a landing at ``end``: positions to accelerations go on at ``now``."""
-        points = now + self.points * (motion.end - now)
-        instants = np.append(points, now)
-        p, rate, curvature = motion.p(instants)
-        coefficients = self.of_values @ p[:-1]
-        self._set_boundary(coefficients, [p[-1], rate[-1], curvature[-1]], self.landing, end - now)
+        found = motion.p(now + self._points_and_now * (motion.end - now))
+        coefficients = self.of_values @ found[0, :-1]
+        self._set_boundary(coefficients, found[:, -1], self.landing, end - now)
         return RemainingMotion(motion.centre, motion.amplitude, now, end, coefficients, self._table)
 
     @staticmethod
-    def _set_boundary(coefficients: Array, begin: list[Array], end: list[Array], duration: float) -> None:
-        """Put p, p', p'' by time at both ends into the coefficients of the basis, by u."""
-        for order in range(3):
-            coefficients[order] = begin[order] * duration**order
-            coefficients[3 + order] = end[order] * duration**order
+    def _set_boundary(coefficients: Array, begin: Array, end: Array, duration: float) -> None:
+        """Put p, p', p'' (3, n) by time at both ends into the coefficients of the basis, by u."""
+        scale = duration ** np.arange(3.0)[:, None]
+        coefficients[:3] = begin * scale
+        coefficients[3:CONDITIONS] = end * scale
 
 
 def _padded(columns: npt.NDArray[np.floating[Any]], size: int) -> Array:

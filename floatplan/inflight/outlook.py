@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray, read_only
+from floatplan.arrays import Array, ComplexArray, IntArray, read_only
 from floatplan.inflight.limits import RowPartials, Rows, distance_rows, limit_rows, sensible_rows
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.motion.planar.ballistics import Ballistics
@@ -16,14 +17,14 @@ from floatplan.motion.planar.clearance import Distances, LinkShapes, Segments
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, PlanarFlown, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import CONDITIONS, Form, SinePolynomials, basis
+from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis, joint_motion
 from floatplan.plans.plan import Plan
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants at which distances are watched
-LIMITED = 8  # [-] instants besides the nodes at which limits are, where nothing is watched
-TURNING = ("flown", "watched", "miss", "_rate_by_y")  # of an outlook: what no distance is in
+LIMITED = 8  # [-] instants besides the nodes at which the other limits are
+SHARED = ("_course", "flown", "_argument", "miss", "_rate_by_p")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 
@@ -62,23 +63,20 @@ class Views:
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
         self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
-        self.grid: GaussGrid = gauss_grid(NODE_COUNTS[_level(plan)]).also(
-            np.linspace(0.0, 1.0, WATCHED if distances else LIMITED)
-        )
-        self.values = basis(form).values(self.grid.s)
+        nodes = gauss_grid(NODE_COUNTS[_level(plan)])
+        self.grid: GaussGrid = nodes.also(np.linspace(0.0, 1.0, LIMITED))
+        self.watched = read_only(np.linspace(0.0, 1.0, WATCHED))
+        self.watched_integrals = read_only(nodes.quadrature.integrals(self.watched))
+        self.values, self.watched_values = basis(form).values(self.grid.s), basis(form).values(self.watched)[0]
         gram = _second_derivatives(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(gram)).T
-        self.free = tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in self.values)
+        self.free = tuple(self._whitened(part) for part in self.values)
+        self.watched_free = self._whitened(self.watched_values)
         self.motor_turns = plan.robot.tree.motor_turns
-        self._weights: tuple[Array, Array] | None = None
 
-    def weights(self, values: tuple[Array, ...]) -> tuple[Array, Array]:
-        """Return aim and softness of each value, one block after the other; they are made once."""
-        if self._weights is None:
-            sizes = [block.size for block in values]
-            aim, softness = ([getattr(block, name) for block in self.rows] for name in ("aim", "softness"))
-            self._weights = np.repeat(aim, sizes), np.repeat(softness, sizes)
-        return self._weights
+    def _whitened(self, values: Array) -> Array:
+        """Values of the free polynomials by changes y."""
+        return read_only(values[:, CONDITIONS:] @ self.whitening)
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
@@ -111,6 +109,27 @@ def _second_derivatives(form: Form) -> Array:
     return np.asarray(second.T @ (quadrature.weights[:, None] * second))
 
 
+class Course(NamedTuple):
+    """What all motions from a present to a landing have in common.
+
+    ``watched`` (W,) s since takeoff are the times at which distances are watched, ``com`` (W,) m the places of the
+    centre of mass there.
+    """
+
+    flight: PlanarFlight
+    watched: Array
+    com: ComplexArray
+
+
+class Breach(NamedTuple):
+    """Values of a block that are below its aim: at which instants, in which rows, by how much over the softness."""
+
+    block: Rows
+    instants: IntArray
+    rows: IntArray
+    below: Array
+
+
 class Outlook:
     """The rest of a flight under a motion, evaluated when asked.
 
@@ -139,36 +158,12 @@ class Outlook:
 
     def _seen(self, landed: bool) -> Outlook:
         other = Outlook(self._views, self.motion, self._present, landed)
-        other.__dict__.update((name, self.__dict__[name]) for name in TURNING if name in self.__dict__)
+        other.__dict__.update((name, self.__dict__[name]) for name in SHARED if name in self.__dict__)
         return other
 
     @cached_property
-    def watched(self) -> Array:
-        """Times (W,), s since takeoff, at which distances are watched."""
-        grid = self._views.grid
-        return self.motion.begin + self.motion.remaining * grid.s[grid.nodes :]
-
-    @cached_property
-    def shapes(self) -> Segments:
-        """The links' shapes at these."""
-        flown, motion, nodes = self.flown, self.motion, self._views.grid.nodes
-        com = self._present.com.positions(self.watched - motion.begin)
-        angles = flown.angles[nodes:]
-        if self._landed:
-            angles = angles - (self.miss * self._views.grid.s[nodes:])[:, None]
-        return flown.flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
-
-    @cached_property
-    def measured(self) -> dict[object, Distances]:
-        """What blocks of rows have measured."""
-        return {}
-
-    @cached_property
-    def flown(self) -> PlanarFlown:
-        """How the base turns."""
+    def _course(self) -> Course:
         views, motion, present = self._views, self.motion, self._present
-        n = len(motion.amplitude)
-        shape = SinePolynomials(motion.centre, motion.amplitude, motion.remaining, np.empty((n, 0)), (0,) * n)
         flight = PlanarFlight(
             views.flight.tree,
             present.dynamics,
@@ -179,8 +174,40 @@ class Outlook:
             motion.remaining,
             self.change,
         )
-        joints = shape.motion_of_coefficients(motion.coefficients, views.values)
-        return PlanarFlown(flight, views.grid, joints, np.array([[present.angular_momentum]]))
+        ahead = motion.remaining * views.watched
+        return Course(flight, motion.begin + ahead, present.com.positions(ahead).view(np.complex128)[:, 0])
+
+    @property
+    def watched(self) -> Array:
+        """Times (W,), s since takeoff, at which distances are watched."""
+        return self._course.watched
+
+    @cached_property
+    def _argument(self) -> Array:
+        """Arguments p (W, n) of the sines (12) at the watched instants."""
+        return np.asarray(self._views.watched_values @ self.motion.coefficients)
+
+    @cached_property
+    def shapes(self) -> Segments:
+        """The links' shapes at the watched instants."""
+        views, motion, (flight, _, com) = self._views, self.motion, self._course
+        attitude = flight.initial_orientation + motion.remaining * (views.watched_integrals @ self.flown.node_rates[0])
+        if self._landed:
+            attitude -= self.miss * views.watched
+        positions = motion.centre + motion.amplitude * np.sin(self._argument)
+        return flight.link_shapes.place(com, flight.tree.absolute_angles(attitude, positions))
+
+    @cached_property
+    def measured(self) -> dict[object, Distances]:
+        """What blocks of rows have measured."""
+        return {}
+
+    @cached_property
+    def flown(self) -> PlanarFlown:
+        """How the base turns."""
+        motion, views = self.motion, self._views
+        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, views.values)
+        return PlanarFlown(self._course.flight, views.grid, joints, np.array([[self._present.angular_momentum]]))
 
     @property
     def present(self) -> Present:
@@ -203,17 +230,19 @@ class Outlook:
         return tuple(block.values(self) for block in self._views.rows)
 
     @cached_property
-    def violation(self) -> Array:
-        """By how much all values, one block after the other, are below their aim, over the softness."""
-        if not self.values:
-            return np.zeros(0)
-        aim, softness = self._views.weights(self.values)
-        return np.asarray(np.maximum(aim - np.concatenate([block.ravel() for block in self.values]), 0.0) / softness)
-
-    @cached_property
     def worst(self) -> Array:
         """Least value of each block."""
         return np.array([values.min() for values in self.values])
+
+    @cached_property
+    def breaches(self) -> tuple[Breach, ...]:
+        """Of the blocks with values below their aim."""
+        found = []
+        for block, values, worst in zip(self._views.rows, self.values, self.worst.tolist(), strict=True):
+            if not worst >= block.aim:
+                instants, rows = np.nonzero(~(values >= block.aim))
+                found.append(Breach(block, instants, rows, (block.aim - values[instants, rows]) / block.softness))
+        return tuple(found)
 
     @cached_property
     def torque_peak(self) -> Array:
@@ -221,32 +250,41 @@ class Outlook:
         return np.asarray(np.abs(self.flown.moments @ self._views.motor_turns).max(axis=0))
 
     @cached_property
-    def _rate_by_y(self) -> Array:
-        """Derivatives (N, n m) of theta0' at the nodes."""
-        nodes, flown = self._views.grid.nodes, self.flown
-        rate = flown.base_rate
-        partials = RowPartials(rate.by_position[:nodes], rate.by_velocity[:nodes])
-        return self._chained(partials, np.arange(nodes))
+    def _rate_by_p(self) -> tuple[Array, Array]:
+        """Derivatives (n, N) of theta0' at the nodes by p and by its rate, over the amplitude."""
+        nodes, joints, rate = self._views.grid.nodes, self.flown.joints, self.flown.base_rate
+        by_p = rate.by_position * joints.position_by_p + rate.by_velocity * joints.velocity_by_p
+        by_rate = rate.by_velocity * joints.velocity_by_rate
+        amplitude = self.motion.amplitude
+        return (by_p[:nodes] / amplitude).T, (by_rate[:nodes] / amplitude).T
+
+    def _turned_by_y(self, integrals: Array) -> Array:
+        """Derivatives (S, n m) of turns that are so made of the rates at the nodes (S, N)."""
+        value, rate, _ = self._views.free
+        nodes = self._views.grid.nodes
+        by_p, by_rate = ((integrals[:, None, :] * part).reshape(-1, nodes) for part in self._rate_by_p)
+        by_y = by_p @ value[:nodes] + by_rate @ rate[:nodes]
+        return np.asarray(self.motion.remaining * by_y.reshape(len(integrals), -1))
 
     @property
     def miss_by_y(self) -> Array:
         """Derivative (n m,) of the miss."""
-        return np.asarray(self.motion.remaining * (self._views.grid.weights @ self._rate_by_y))
+        return np.asarray(self._turned_by_y(self._views.grid.weights[None, :])[0])
 
     def rows_by_y(self, block: Rows, instants: IntArray, rows: IntArray) -> Array:
         """Derivatives (S, n m) of some rows of a block at some of its instants, each (S,) indices."""
-        grid = self._views.grid
+        views = self._views
         partials = block.partials(self, instants, rows)
-        if partials.by_attitude is not None:
-            instants = grid.nodes + instants
-        derivatives = self._chained(partials, instants)
-        if partials.by_attitude is not None:
-            integrals = grid.integrals[instants]
-            if self._landed:
-                integrals = integrals - grid.s[instants, None] * grid.weights
-            turned = integrals @ self._rate_by_y
-            derivatives += (self.motion.remaining * partials.by_attitude)[:, None] * turned
-        return derivatives
+        if partials.by_attitude is None:
+            return self._chained(partials, instants)
+        assert partials.by_position is not None, "distances have both"
+        by_free = partials.by_position * np.cos(self._argument[instants])
+        derivatives = (by_free[:, :, None] * views.watched_free[instants][:, None, :]).reshape(len(instants), -1)
+        integrals = views.watched_integrals[instants]
+        if self._landed:
+            integrals = integrals - views.watched[instants, None] * views.grid.weights
+        derivatives += partials.by_attitude[:, None] * self._turned_by_y(integrals)
+        return np.asarray(derivatives)
 
     def _chained(self, partials: RowPartials, instants: IntArray) -> Array:
         joints, amplitude = self.flown.joints, self.motion.amplitude
@@ -280,4 +318,6 @@ class Outlook:
         coefficients = motion.coefficients.copy()
         coefficients[CONDITIONS:] += change
         changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.table)
-        return Outlook(self._views, changed, self._present, self._landed)
+        other = Outlook(self._views, changed, self._present, self._landed)
+        other._course = self._course
+        return other

@@ -78,14 +78,15 @@ class Reckoning:
         times = np.concatenate(
             (began + (measured.time - began) * nodes, (measured.time,), measured.time + (now - measured.time) * nodes)
         )
-        self._gap_joints = joints = self._joints(times)
-        positions, velocities = (values[GAP_NODES] for values in joints)
-        turn = self._turned(measured.time - began, *(values[:GAP_NODES] for values in joints))
-        self._inertia = inertial.dynamics.momentum_map(positions[None, :])[0]
-        by_joints = self._inertia[1:] / self._inertia[0]
-        rate = float(inertial.angular_momentum / self._inertia[0] - by_joints @ velocities)
-        aside = -float(by_joints @ (measured.positions - positions))
-        return Expected(positions, velocities, inertial.orientation + turn, rate, aside)
+        self._gap_joints = self._joints(times)
+        positions, velocities = (values[: GAP_NODES + 1] for values in self._gap_joints)
+        maps = inertial.dynamics.momentum_map(positions)
+        rates = (inertial.angular_momentum - (maps[:, 1:] * velocities).sum(axis=1)) / maps[:, 0]
+        turn = float(self._gap.weights @ rates[:GAP_NODES]) * (measured.time - began)
+        self._inertia = maps[GAP_NODES]
+        here = positions[GAP_NODES]
+        aside = -float(self._inertia[1:] @ (measured.positions - here) / self._inertia[0])
+        return Expected(here, velocities[GAP_NODES], inertial.orientation + turn, float(rates[GAP_NODES]), aside)
 
     def learn(self, measured: Measurement, expected: Expected) -> None:
         """Take in a measurement that is as it was expected."""
@@ -102,7 +103,12 @@ class Reckoning:
 
     def turned(self, dt: float) -> float:
         """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
-        return self._turned(dt, *(values[GAP_NODES + 1 :] for values in self._gap_joints))
+        if not dt:
+            return 0.0
+        inertial = self.estimate.inertial
+        positions, velocities = (values[GAP_NODES + 1 :] for values in self._gap_joints)
+        rates = inertial.dynamics.base_rate(positions, velocities, inertial.angular_momentum)
+        return dt * float(self._gap.weights @ rates)
 
     def corrected(
         self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
@@ -139,12 +145,3 @@ class Reckoning:
             return parts[0][:2]
         positions, velocities, _ = zip(*reversed(parts), strict=True)
         return np.concatenate(positions), np.concatenate(velocities)
-
-    def _turned(self, dt: float, positions: Array, velocities: Array) -> float:
-        """By how much the base turns in ``dt`` s with the joints (N, n) at the nodes, rad."""
-        inertial = self.estimate.inertial
-        if not dt:
-            return 0.0
-        return dt * float(
-            self._gap.weights @ inertial.dynamics.base_rate(positions, velocities, inertial.angular_momentum)
-        )

@@ -167,6 +167,28 @@ def _one_after_the_other(values: Array, coefficients: Array) -> Array:
     return np.asarray((values @ coefficients).reshape(-1, coefficients.shape[-1]))
 
 
+def joint_motion(
+    centre: Array, amplitude: Array, duration: float, coefficients: Array, values: tuple[Array, Array, Array]
+) -> JointMotion:
+    """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values."""
+    value, first, second = values
+    p, p_rate = _one_after_the_other(value, coefficients), _one_after_the_other(first, coefficients)
+    sine, cosine = amplitude * np.sin(p), amplitude * np.cos(p)
+    per_second = 1 / duration
+    velocity_by_rate = per_second * cosine
+    return JointMotion(
+        positions=centre + sine,
+        velocities=velocity_by_rate * p_rate,
+        position_by_p=cosine,
+        velocity_by_rate=velocity_by_rate,
+        sine=sine,
+        p_rate=p_rate,
+        second=second,
+        coefficients=coefficients,
+        per_second=per_second,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class SinePolynomials:
     """The class of motions (12) that satisfies (13) for one choice of arcsine branches.
@@ -230,22 +252,7 @@ class SinePolynomials:
 
         Of several motions (S, 6+width, n) one after the other.
         """
-        value, first, second = values
-        p, p_rate = _one_after_the_other(value, coefficients), _one_after_the_other(first, coefficients)
-        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
-        per_second = 1 / self.duration
-        velocity_by_rate = per_second * cosine
-        return JointMotion(
-            positions=self.centre + sine,
-            velocities=velocity_by_rate * p_rate,
-            position_by_p=cosine,
-            velocity_by_rate=velocity_by_rate,
-            sine=sine,
-            p_rate=p_rate,
-            second=second,
-            coefficients=coefficients,
-            per_second=per_second,
-        )
+        return joint_motion(self.centre, self.amplitude, self.duration, coefficients, values)
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""

@@ -168,7 +168,8 @@ def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: Complex
     origin = complex(*obstacle.point) + shift
     ends = segments.ends()
     shape = ends.start.shape
-    distance = (np.conj(normal) * (ends.start - origin[:, None])).real - ends.radius
+    level = (np.conj(normal) * origin).real
+    distance = (np.conj(normal) * ends.start).real - level[:, None] - ends.radius
     return Distances(distance, ends, np.full(shape, normal), np.zeros(shape))
 
 

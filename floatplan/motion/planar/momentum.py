@@ -12,7 +12,6 @@ by the rotation of each.
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -111,7 +110,8 @@ class PairCosines:
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> PairCosines:
         """The same tree's with other masses."""
-        other = copy(self)
+        other = PairCosines.__new__(PairCosines)
+        vars(other).update(vars(self))  # a fifth of what copy() takes
         other._weigh(self._bodies.adapted(coupling, inertia))
         return other
 
@@ -137,7 +137,8 @@ class BodyRotations:
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> BodyRotations:
         """The same tree's with other masses."""
-        other = copy(self)
+        other = BodyRotations.__new__(BodyRotations)
+        vars(other).update(vars(self))  # a fifth of what copy() takes
         other._bodies = self._bodies.adapted(coupling, inertia)
         other._coupling_transposed = other._bodies.coupling.T.copy()
         return other
