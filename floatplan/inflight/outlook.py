@@ -109,16 +109,19 @@ def _second_derivatives(form: Form) -> Array:
     return np.asarray(second.T @ (quadrature.weights[:, None] * second))
 
 
-class Course(NamedTuple):
-    """What all motions from a present to a landing have in common.
-
-    ``watched`` (W,) s since takeoff are the times at which distances are watched, ``com`` (W,) m the places of the
-    centre of mass there.
-    """
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
+class Course:
+    """What all motions from a present to a landing have in common; ``watched`` (W,) s since takeoff."""
 
     flight: PlanarFlight
+    begin: float
     watched: Array
-    com: ComplexArray
+
+    @cached_property
+    def com(self) -> ComplexArray:
+        """Places (W,) of the centre of mass at the watched instants, m."""
+        places = self.flight.ballistics.positions(self.watched - self.begin)
+        return np.asarray(places.view(np.complex128)[:, 0])
 
 
 class Breach(NamedTuple):
@@ -174,8 +177,7 @@ class Outlook:
             motion.remaining,
             self.change,
         )
-        ahead = motion.remaining * views.watched
-        return Course(flight, motion.begin + ahead, present.com.positions(ahead).view(np.complex128)[:, 0])
+        return Course(flight, motion.begin, motion.begin + motion.remaining * views.watched)
 
     @property
     def watched(self) -> Array:
@@ -190,12 +192,12 @@ class Outlook:
     @cached_property
     def shapes(self) -> Segments:
         """The links' shapes at the watched instants."""
-        views, motion, (flight, _, com) = self._views, self.motion, self._course
+        views, motion, flight = self._views, self.motion, self._course.flight
         attitude = flight.initial_orientation + motion.remaining * (views.watched_integrals @ self.flown.node_rates[0])
         if self._landed:
             attitude -= self.miss * views.watched
         positions = motion.centre + motion.amplitude * np.sin(self._argument)
-        return flight.link_shapes.place(com, flight.tree.absolute_angles(attitude, positions))
+        return flight.link_shapes.place(self._course.com, flight.tree.absolute_angles(attitude, positions))
 
     @cached_property
     def measured(self) -> dict[object, Distances]:

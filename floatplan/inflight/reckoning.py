@@ -132,16 +132,15 @@ class Reckoning:
         self.motions.append(motion)
 
     def _joints(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities (N, n) at ascending times, each of the motion that held then."""
+        """Positions and velocities (N, n) at ascending times in flight, each of the motion that held then."""
         parts, last = [], len(times)
         for motion in reversed(self.motions):
             first = int(times[:last].searchsorted(motion.begin)) if motion is not self.motions[0] else 0
             if first < last:
-                parts.append(motion.at(times[first:last]))
+                parts.append(motion.p(times[first:last]))
             last = first
             if not last:
                 break
-        if len(parts) == 1:
-            return parts[0][:2]
-        positions, velocities, _ = zip(*reversed(parts), strict=True)
-        return np.concatenate(positions), np.concatenate(velocities)
+        p, rate, _ = parts[0] if len(parts) == 1 else np.concatenate(parts[::-1], axis=1)
+        motion = self.motions[-1]
+        return motion.centre + motion.amplitude * np.sin(p), motion.amplitude * np.cos(p) * rate
