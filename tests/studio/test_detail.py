@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from trimesh.visual.material import PBRMaterial
 import floatplan as fp
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.robot.urdf.example_robots import robots_folder
-from floatplan.studio.scene.detail import coarser, plain_colour, seen_capsules
+from floatplan.studio.scene.detail import bends, coarser, fewer, joined, plain_colour, seen_capsules
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,6 +45,62 @@ class TestCoarser:
         drawn = trimesh.Trimesh(vertices, faces)
         assert drawn.volume == pytest.approx(6.0)
         assert drawn.is_watertight
+
+
+class TestFewer:
+    @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+    @pytest.mark.parametrize("count", [100, 1000, 4000])
+    def test_a_ball_stays_round(self, count, scale):
+        ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
+        vertices, faces = fewer(scale * ball.vertices, ball.faces, count)
+        drawn = trimesh.Trimesh(vertices / scale, faces, process=False)
+        assert 0.9 * count < len(faces) <= count
+        assert np.abs(np.linalg.norm(drawn.vertices, axis=1) - 1).max() < 20 / count
+        assert drawn.volume == pytest.approx(ball.volume, rel=20 / count)
+        assert drawn.is_watertight
+
+    def test_flat_sides_take_fewest(self):
+        ball, box = trimesh.creation.icosphere(subdivisions=5), trimesh.creation.box((1.0, 2.0, 3.0))
+        for _ in range(4):
+            box = box.subdivide()
+        meshes = [(box.vertices, box.faces), (np.add(ball.vertices, [5.0, 0.0, 0.0]), ball.faces)]
+        vertices, faces = fewer(*joined(meshes), 1000)
+        assert len(box.faces) == 3072
+        assert (vertices[faces[:, 0], 0] < 2.0).sum() == 12
+        assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(6.0 + ball.volume, rel=0.02)
+
+    def test_few_stay_as_they_are(self):
+        ball = trimesh.creation.icosphere(subdivisions=1)
+        vertices, faces = fewer(ball.vertices, ball.faces, 80)
+        assert vertices is ball.vertices
+        assert faces is ball.faces
+
+    def test_without_the_library_there_is_one_clear_error(self, monkeypatch):
+        monkeypatch.setitem(sys.modules, "fast_simplification", None)
+        ball = trimesh.creation.icosphere(subdivisions=2)
+        with pytest.raises(fp.InputError, match="fast-simplification is not installed") as caught:
+            fewer(ball.vertices, ball.faces, 80)
+        assert "view" in str(caught.value)
+
+
+class TestBends:
+    def test_a_circle_is_as_round_as_asked(self):
+        circle = np.exp(1j * np.linspace(0.0, 2 * np.pi, 1001))
+        kept = bends(circle, 0.1)
+        assert kept[0] == 0
+        assert kept[-1] == 1000
+        assert 63 <= len(kept) <= 64  # 2 pi / 0.1, and both ends
+        assert np.abs(circle[kept[:-1]] + np.diff(circle[kept]) / 2).min() > np.cos(0.06)
+
+    def test_a_line_is_its_ends(self):
+        assert bends(np.linspace(0.0, 1 + 2j, 50), 0.1).tolist() == [0, 49]
+
+    def test_a_corner_stays(self):
+        path = np.concatenate((np.linspace(0, 1, 20), 1 + 1j * np.linspace(0, 1, 20)[1:]))
+        assert bends(path, 0.1).tolist() == [0, 19, 38]
+
+    def test_one_that_stands_still(self):
+        assert bends(np.full(20, 1 + 1j), 0.1).tolist() == [0, 19]
 
 
 class TestPlainColour:

@@ -228,7 +228,7 @@ class Recorded:
         self.nodes[name] = vertices
 
 
-SMALL = 0.02  # [m] robot, so that nothing of its meshes is coarser than 0.2 mm
+SMALL = 0.02  # [m] robot, so that nothing of its meshes is coarser than 0.1 mm
 
 
 def test_meshes_are_where_the_urdf_has_them() -> None:
@@ -244,7 +244,7 @@ def test_meshes_are_where_the_urdf_has_them() -> None:
     robot = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml").robot
     scene = Recorded()
     bodies = Bodies(scene, "/robot", robot)
-    assert bodies.add_meshes(SMALL)
+    assert bodies.add_meshes(SMALL, share=1.0)
     rng = np.random.default_rng(0)
     low, high = robot.position_limits.T
     positions, orientation = rng.uniform(low, high), 0.7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import JointState
 from floatplan.robot.parts import Plane
-from floatplan.studio.scene.detail import coarser, plain_colour, seen_capsules
+from floatplan.studio.scene.detail import Mesh, coarser, fewer, joined, plain_colour, seen_capsules
 from floatplan.studio.work.flown import Poses, body_poses
 from floatplan.view.postures import Postures, posture_at
 from floatplan.view.scene.moving_robot import capsule, joint_angles, visual_model
@@ -20,9 +21,10 @@ from floatplan.view.scene.solids import point_in_space
 from floatplan.view.style import palette
 
 Colour = tuple[int, int, int]
-DETAIL = 0.01  # [-] of meshes, in reaches of the robot: two pixels of a flight that fills a small window
+DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
+SHARE, FEW = 0.2, 200  # [-] of their triangles that are drawn, and of a mesh all the same
 SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
-SUBDIVISIONS = 2  # [-] of an icosahedron: what is grabbed is small
+SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 
 
@@ -117,10 +119,10 @@ class Bodies:
             nodes.append((part, node))
         return nodes
 
-    def add_meshes(self, size: float) -> bool:
+    def add_meshes(self, size: float, share: float = SHARE) -> bool:
         """Draw the links as the URDF does, as fine as a robot of a size, m, shows it; return whether it does.
 
-        What moves together and has one colour is one mesh.
+        What moves together and has one colour is one mesh; of its triangles a share is drawn, fewest where it is flat.
         """
         robot, scene = self._robot, self._server.scene
         model = visual_model(robot)
@@ -133,7 +135,7 @@ class Bodies:
         root = robot.frames[robot.tree.names[0]]
         base = complex(poses.places[0, 0] + root.local * robot.tree.rotations(poses.angles)[0, 0])
         origins = in_space(plane, poses.places[0] - base)
-        together: dict[tuple[int, Colour], list[Any]] = {}
+        together: dict[tuple[int, Colour], list[Mesh]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]
             body = layout.body_of[link]
@@ -145,16 +147,19 @@ class Bodies:
             if colour is None:
                 scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
             else:
-                together.setdefault((body, colour), []).append(placed)
+                together.setdefault((body, colour), []).append((placed.vertices, placed.faces))
         for number, ((body, colour), meshes) in enumerate(together.items()):
-            vertices, faces = coarser(*_joined(meshes), DETAIL * size)
+            vertices, faces = coarser(*joined(meshes), DETAIL * size)
+            count = max(math.ceil(share * len(faces)), FEW)
             name = f"{self.name}/{body}/links{number}"
-            scene.add_mesh_simple(name, vertices, faces, color=colour)
+            scene.add_mesh_simple(name, *fewer(vertices, faces, count), color=colour)
         return True
 
     def add_grips(self, shapes: Shapes, reach: float, colour: Colour) -> dict[int, Grip]:
         """Add what is grabbed: for each part the end of a link that is farthest from its joint."""
-        robot, found = self._robot, {}
+        from trimesh.creation import icosphere
+
+        robot, found, ball = self._robot, {}, icosphere(SUBDIVISIONS, GRIP * reach)
         for part in range(len(robot.joints) + 1):
             ends = [
                 (abs(end), shape.body, end)
@@ -165,10 +170,10 @@ class Bodies:
             if not ends:
                 continue
             _, body, end = max(ends, key=lambda each: each[0])
-            node = self._server.scene.add_icosphere(
+            node = self._server.scene.add_mesh_simple(
                 f"{self.name}/{body}/grip{part}",
-                radius=GRIP * reach,
-                subdivisions=SUBDIVISIONS,
+                ball.vertices,
+                ball.faces,
                 color=colour,
                 position=point_in_space(robot.plane, end),
             )
@@ -183,13 +188,6 @@ class Bodies:
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
             frame.position = point
             frame.wxyz = turn
-
-
-def _joined(meshes: list[Any]) -> tuple[Array, IntArray]:
-    """Vertices and faces of several meshes."""
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    faces = [mesh.faces + offset for mesh, offset in zip(meshes, first, strict=True)]
-    return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
 
 
 def _configuration(model: Any, robot: fp.Robot) -> Array:

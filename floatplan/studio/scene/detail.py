@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.optional import import_optional
 from floatplan.studio.work.flown import body_poses
 
+Mesh = tuple[Array, IntArray]
+SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
 SAME = 1e-3  # [-] of a radius: by how much a hidden capsule may stick out
 
 
-def coarser(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:
+def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:
     """Draw a mesh again with one vertex for each cube of an edge length: no point moves farther than its diagonal.
 
     Parameters
@@ -38,6 +42,43 @@ def coarser(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntAr
     first = np.unique(ordered, axis=0, return_index=True)[1]
     ordered = ordered[first]
     return middle, corners[first[(ordered[:, 0] < ordered[:, 1]) & (ordered[:, 1] < ordered[:, 2])]]
+
+
+def fewer(vertices: Array, faces: IntArray, count: int) -> Mesh:
+    """Draw a mesh, (V, 3) m and (F, 3), with about so many triangles at most: the fewest where it is flat.
+
+    Edges collapse in the order of their quadric errors: Garland and Heckbert, Surface simplification using quadric
+    error metrics (1997).
+
+    Raises
+    ------
+    InputError
+        fast-simplification is not installed.
+    """
+    if len(faces) <= count:
+        return vertices, faces
+    library = import_optional("fast_simplification", name="fast-simplification", element="studio", extra="view")
+    length = np.ptp(vertices, axis=0).max() / SPAN
+    vertices, faces = library.simplify(vertices / length, faces, target_count=count)
+    return length * vertices, faces
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Return several meshes as one."""
+    first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
+    faces = [faces + offset for (_, faces), offset in zip(meshes, first, strict=True)]
+    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+
+
+def bends(places: ComplexArray, turn: float) -> IntArray:
+    """Of the places (N,) of a path, ascending indices of those that show how it runs.
+
+    The first, the last, and one wherever it has turned by another ``turn``, rad.
+    """
+    steps = np.diff(places)
+    turned = np.cumsum(np.abs(np.angle(steps[1:] * steps[:-1].conj())))
+    further = np.flatnonzero(np.diff(np.floor(turned / turn), prepend=0.0))
+    return np.concatenate(([0], further + 1, [len(places) - 1]))
 
 
 def plain_colour(mesh: Any) -> tuple[int, int, int] | None:

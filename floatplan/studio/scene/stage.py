@@ -13,6 +13,7 @@ import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.studio.scene.bodies import Bodies, Grip, Shapes, ghost_poses, in_plane, in_space
+from floatplan.studio.scene.detail import bends
 from floatplan.studio.scene.player import Show
 from floatplan.studio.session.edits import moved, put_obstacle
 from floatplan.studio.session.hands import Hands, on
@@ -27,6 +28,7 @@ START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
 STONE, SAND = (150, 150, 150), (226, 222, 212)
 PATHS = ((110, 110, 110), (139, 94, 0), (106, 61, 154))  # of the centre of mass, takeoff and landing frame
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
+BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
@@ -254,7 +256,7 @@ class Stage:
     def _draw_paths(self, flown: Flown) -> None:
         pairs, colours = [], []
         for places, colour in zip((flown.com, flown.takeoff, flown.landing), PATHS, strict=True):
-            points = in_space(self._plane, places)
+            points = in_space(self._plane, places[bends(places, BEND)])
             pairs.append(np.stack((points[:-1], points[1:]), axis=1))
             colours.append(np.broadcast_to(colour if flown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
