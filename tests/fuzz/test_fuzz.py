@@ -1,4 +1,4 @@
-"""Spoiled files through every command: 300 cases here, any number by ``scripts/fuzz``."""
+"""Spoiled files through every command: 200 cases here, any number by ``scripts/fuzz``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fuzz_runs import judge, run_here, run_killed
 from fuzz_sources import has_gallery
 from needed import skip_or_fail
 
-CASES, BATCH = 300, 25
+CASES, BATCH = 200, 25
 
 
 @pytest.fixture(scope="module", autouse=True)

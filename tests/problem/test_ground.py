@@ -137,7 +137,9 @@ class TestWritten:
         assert rows[0].joint == "RL_calf_joint"
         assert rows[0].velocity_utilisation == pytest.approx(rows[0].velocity_peak / 15.7)
         assert rows[0].instant == rows[0].velocity_instant
-        weak = fp.plan(replace(sunk.problem, limits=fp.Limits(torque={"FL_thigh_joint": 2.0, "FR_thigh_joint": 5.0})))
+        weak = fp.plan(
+            replace(sunk.problem, limits=fp.Limits(torque={"FL_thigh_joint": 2.0, "FR_thigh_joint": 5.0})), budget=1.0
+        )
         use = {row.joint: row for row in weak.utilisation}
         assert (use["FL_thigh_joint"].torque_limit, use["FR_thigh_joint"].torque_limit) == (2.0, 5.0)
 
