@@ -163,8 +163,8 @@ def _within(replanner: Replanner, present: Present, following: float) -> bool:
     motion = replanner.rewriting.from_now(replanner.motion, present.time, replanner.landing)
     share = (following - present.time) / motion.remaining
     soon, watched = views.grid.s <= share, views.watched <= share
-    values = Outlook(views, motion, present).values
+    found = Outlook(views, motion, present).values
     return all(
         (values[watched if isinstance(block, DistanceRows) else soon] >= -ALLOWED).all()
-        for block, values in zip(views.rows, values, strict=True)
+        for block, values in zip(views.rows, found, strict=True)
     )

@@ -69,6 +69,7 @@ class CompiledReckoning(Reckoning):
             bodies=m,
             width=width,
             instants=instants,
+            nodes=views.grid.nodes,
             gap_nodes=GAP_NODES,
             memory=MEMORY,
             most_rows=lawful.MOST_ROWS,
@@ -160,12 +161,10 @@ class CompiledReckoning(Reckoning):
 
 def _of_motions(views: Views, rewriting: Rewriting) -> dict[str, Any]:
     grid, gap, first = views.grid, gauss_legendre(GAP_NODES), rewriting.first
-    weights = np.zeros(len(grid.s))
-    weights[: grid.nodes] = grid.weights
     return {
         "centre": first.centre,
         "amplitude": first.amplitude,
-        "weights": weights,
+        "weights": grid.weights,
         **{name: part.T for name, part in zip(("value", "first", "second"), views.values, strict=True)},
         **dict(zip(("free_value", "free_first", "free_second"), views.free, strict=True)),
         "whitening": views.whitening,

@@ -107,8 +107,8 @@ class Law:
         return bool(kept.all() or (kept | (present.worst < -KEPT)).all())
 
     def _cost(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> float:
-        breach = sum(float(breach.below @ breach.below) for breach in outlook.breaches)
-        return (outlook.miss / sigma) ** 2 + stiffness * float(y @ y) + breach
+        broken = sum(float(breach.below @ breach.below) for breach in outlook.breaches)
+        return (outlook.miss / sigma) ** 2 + stiffness * float(y @ y) + broken
 
     def _step(self, outlook: Outlook, y: Array, stiffness: float, sigma: float) -> tuple[Array, float]:
         """One step, and the cost that it would have if everything were linear."""
@@ -119,8 +119,16 @@ class Law:
             rows.append(outlook.rows_by_y(block, instants[worst], columns[worst]) / block.softness)
             residual.append(-below[worst])
         jacobian, residuals = np.concatenate(rows), np.concatenate(residual)
-        hessian = jacobian.T @ jacobian
-        hessian.flat[:: len(y) + 1] += stiffness
-        step = np.linalg.solve(hessian, -(jacobian.T @ residuals + stiffness * y))
+        step = _least(jacobian, residuals, y, stiffness)
         after, following = residuals + jacobian @ step, y + step
         return step, float(after @ after + stiffness * (following @ following))
+
+
+def _least(jacobian: Array, residuals: Array, y: Array, stiffness: float) -> Array:
+    """Return the step (n m,) that makes ``|residuals + jacobian step|^2 + stiffness |y + step|^2`` least."""
+    if len(residuals) == 1:  # no limit is near: in closed form
+        row = jacobian[0]
+        return np.asarray(row * ((row @ y - residuals[0]) / (stiffness + row @ row)) - y)
+    hessian = jacobian.T @ jacobian
+    hessian.flat[:: len(y) + 1] += stiffness
+    return np.asarray(np.linalg.solve(hessian, -(jacobian.T @ residuals + stiffness * y)), dtype=np.float64)

@@ -60,7 +60,7 @@ class RemainingMotion:
 
     def p(self, times: Array) -> Array:
         """Return p, p', p'' (3, N, n) by time at times (N,); at the nearer end outside of its time."""
-        x = np.minimum(np.maximum((2 * times - (self.begin + self.end)) / self.remaining, -1.0), 1.0)
+        x = np.minimum(np.maximum((times - self.begin) * (2 / self.remaining) - 1, -1.0), 1.0)
         return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(self.table.shape[1])) @ self._polynomials)
 
     @cached_property

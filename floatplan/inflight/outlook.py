@@ -23,7 +23,7 @@ from floatplan.robot.robot import LinkCapsule, PlanarTree
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants at which distances are watched
-LIMITED = 8  # [-] instants besides the nodes at which the other limits are
+LIMITED = 40  # [-] instants besides the nodes at which the other limits are: with 8, torques between were 5 % beyond
 SHARED = ("_course", "flown", "_argument", "miss", "_rate_by_p")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 

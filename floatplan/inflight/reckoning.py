@@ -132,7 +132,7 @@ class Reckoning:
         self.motions.append(motion)
 
     def _joints(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities (N, n) at ascending times in flight, each of the motion that held then."""
+        """Positions and velocities (N, n) at ascending times, each of the motion that held then; at rest before."""
         parts, last = [], len(times)
         for motion in reversed(self.motions):
             first = int(times[:last].searchsorted(motion.begin)) if motion is not self.motions[0] else 0
@@ -142,5 +142,8 @@ class Reckoning:
             if not last:
                 break
         p, rate, _ = parts[0] if len(parts) == 1 else np.concatenate(parts[::-1], axis=1)
-        motion = self.motions[-1]
-        return motion.centre + motion.amplitude * np.sin(p), motion.amplitude * np.cos(p) * rate
+        motion, oldest = self.motions[-1], self.motions[0].begin
+        velocities = motion.amplitude * np.cos(p) * rate
+        if times[0] < oldest:
+            velocities[times < oldest] = 0.0
+        return motion.centre + motion.amplitude * np.sin(p), velocities

@@ -63,14 +63,15 @@ struct Foreseen {
 };
 
 // A flight that is corrected, see inflight/compiled.py; what is of the plan first, then what changes from call to call.
-// n joints, g groups of the m bodies: those that turn alike; K instants; 6 + width columns of the basis of p.
+// n joints, g groups of the m bodies: those that turn alike; K instants, first the nodes; 6 + width columns of the basis of p.
 struct Flight {
-    std::int64_t joints, groups, bodies, width, instants, gap_nodes, memory, blocks, torque_rows, most_rows, most_rows_of_all;
+    std::int64_t joints, groups, bodies, width, instants, nodes, gap_nodes, memory, blocks, torque_rows, most_rows;
+    std::int64_t most_rows_of_all;
     double turn, goal;
     const double *centre, *amplitude;                // (n)
     const double *turns;                             // (g, n)
     const std::int64_t *group;                       // (m)
-    const double *weights;                           // (K), 0 but at the nodes
+    const double *weights;                           // (nodes)
     const double *value, *first, *second;            // (columns, K)
     const double *free_value, *free_first, *free_second;  // (K, width), of changes y
     const double *whitening;                         // (width, width)

@@ -134,12 +134,31 @@ class Correcting {
 
     // The step, and the cost that it would have if everything were linear.
     void next_step(double sigma) {
-        rest.differentiate(*present);
         rest.miss_by_y(*present, jacobian);
         for (std::int64_t k = 0; k < size; ++k) jacobian[k] /= sigma;
         residual[0] = present->miss / sigma;
         rows = 1;
         for (std::int64_t block = 0; block < f.blocks; ++block) gather(block);
+        if (rows == 1) step_along_miss();
+        else step_along_all();
+        expected = 0;
+        for (std::int64_t r = 0; r < rows; ++r) {
+            double left = residual[r];
+            for (std::int64_t a = 0; a < size; ++a) left += jacobian[r * size + a] * step[a];
+            expected += left * left;
+        }
+        for (std::int64_t a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
+    }
+
+    // No limit is near: in closed form.
+    void step_along_miss() {
+        double along = 0, square = 0;
+        for (std::int64_t a = 0; a < size; ++a) along += jacobian[a] * best[a], square += jacobian[a] * jacobian[a];
+        const double share = (along - residual[0]) / (stiffness + square);
+        for (std::int64_t a = 0; a < size; ++a) step[a] = jacobian[a] * share - best[a];
+    }
+
+    void step_along_all() {
         for (std::int64_t a = 0; a < size; ++a) {
             for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] = a == b ? stiffness : 0;
             gradient[a] = -stiffness * best[a];
@@ -152,13 +171,6 @@ class Correcting {
             }
         }
         solve_symmetric();
-        expected = 0;
-        for (std::int64_t r = 0; r < rows; ++r) {
-            double left = residual[r];
-            for (std::int64_t a = 0; a < size; ++a) left += jacobian[r * size + a] * step[a];
-            expected += left * left;
-        }
-        for (std::int64_t a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
     }
 
     // The rows of a block that are below their aim, at most so many, the worst.

@@ -119,7 +119,7 @@ class Flight(Structure):
         *(
             (name, c_int64)
             for name in (
-                *("joints", "groups", "bodies", "width", "instants", "gap_nodes", "memory", "blocks"),
+                *("joints", "groups", "bodies", "width", "instants", "nodes", "gap_nodes", "memory", "blocks"),
                 *("torque_rows", "most_rows", "most_rows_of_all"),
             )
         ),

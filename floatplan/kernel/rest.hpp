@@ -30,16 +30,16 @@ class RestOfFlight {
         turn_base(a);
         if (f.torque_rows) move_bodies(a);
         a.miss = -change;
-        for (std::int64_t k = 0; k < K; ++k) a.miss += T * f.weights[k] * a.rate[k];
+        for (std::int64_t k = 0; k < f.nodes; ++k) a.miss += T * f.weights[k] * a.rate[k];
         look_at_rows(a);
     }
 
-    // Derivatives (n, K) of theta0' by positions and velocities.
-    void differentiate(Ahead &a) const {
-        std::memset(a.by_position, 0, n * K * sizeof(double));
-        std::memset(a.by_speed, 0, n * K * sizeof(double));
+    // Derivatives (n, K) of theta0' by positions and velocities, at some of the instants.
+    void differentiate(Ahead &a, std::int64_t first, std::int64_t last) const {
+        for (std::int64_t i = 0; i < n; ++i)
+            for (std::int64_t k = first; k < last; ++k) a.by_position[i * K + k] = a.by_speed[i * K + k] = 0;
         for (std::int64_t b = 0; b < g; ++b)
-            for (std::int64_t k = 0; k < K; ++k) {
+            for (std::int64_t k = first; k < last; ++k) {
                 double x = 0, y = 0;
                 for (std::int64_t o = 0; o < g; ++o) {
                     double re = f.merged_real[b * g + o], im = f.merged_imaginary[b * g + o];
@@ -57,19 +57,20 @@ class RestOfFlight {
             }
     }
 
-    // Derivative (n width) of the miss, of a motion that is differentiated.
-    void miss_by_y(const Ahead &a, double *row) const {
+    // Derivative (n width) of the miss.
+    void miss_by_y(Ahead &a, double *row) const {
+        differentiate(a, 0, f.nodes);
         std::memset(row, 0, size * sizeof(double));
         for (std::int64_t i = 0; i < n; ++i)
-            for (std::int64_t k = 0; k < K; ++k) {
-                if (f.weights[k] == 0) continue;
+            for (std::int64_t k = 0; k < f.nodes; ++k) {
                 double weight = T * f.weights[k];
                 chain(a, i, k, weight * a.by_position[i * K + k], weight * a.by_speed[i * K + k], 0, row);
             }
     }
 
-    // Derivative (n width) of a row at an instant, of a motion that is differentiated.
-    void row_by_y(const Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
+    // Derivative (n width) of a row at an instant; that of the miss is known.
+    void row_by_y(Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
+        if (k >= f.nodes) differentiate(a, k, k + 1);
         std::memset(row, 0, size * sizeof(double));
         std::int64_t joint = f.row_joint[r];
         double per_limit = -1 / f.row_limit[r];
@@ -212,28 +213,42 @@ class RestOfFlight {
         return total;
     }
 
-    double used(const Ahead &a, std::int64_t r, std::int64_t k) const {
-        switch (f.row_kind[r]) {
-        case velocity_row: return std::fabs(a.speed[f.row_joint[r] * K + k]);
-        case acceleration_row: return std::fabs(a.acceleration[f.row_joint[r] * K + k]);
-        case base_rate_row: return std::fabs(a.rate[k]);
-        default: return std::fabs(torque(a, r, k)) + f.row_slope[r] * std::fabs(motor_speed(a, r, k));
+    // What a row limits (K): a rate, an acceleration, or a torque with what its motor's speed takes.
+    void use(const Ahead &a, std::int64_t r, double *used) const {
+        const double *of = f.row_kind[r] == velocity_row       ? a.speed + f.row_joint[r] * K
+                           : f.row_kind[r] == acceleration_row ? a.acceleration + f.row_joint[r] * K
+                                                               : a.rate;
+        if (f.row_kind[r] != torque_row) {
+            for (std::int64_t k = 0; k < K; ++k) used[k] = std::fabs(of[k]);
+            return;
         }
+        for (std::int64_t k = 0; k < K; ++k) used[k] = 0;
+        for (std::int64_t b = 0; b < m; ++b) {
+            const double turns = f.row_turns[r * m + b], *moment = a.moment + b * K;
+            if (turns == 0) continue;
+            for (std::int64_t k = 0; k < K; ++k) used[k] += turns * moment[k];
+        }
+        for (std::int64_t k = 0; k < K; ++k) used[k] = std::fabs(used[k]);
+        if (f.row_slope[r] == 0) return;
+        for (std::int64_t k = 0; k < K; ++k) used[k] += f.row_slope[r] * std::fabs(motor_speed(a, r, k));
     }
 
     void look_at_rows(Ahead &a) const {
         a.square = 0;
         for (std::int64_t block = 0; block < f.blocks; ++block) {
             a.worst[block] = HUGE_VAL;
-            for (std::int64_t r = f.block_first[block]; r < f.block_first[block + 1]; ++r)
+            for (std::int64_t r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
+                double *value = a.value + r * K, *violation = a.violation + r * K;
+                use(a, r, value);
+                for (std::int64_t k = 0; k < K; ++k) value[k] = 1 - value[k] / f.row_limit[r];
                 for (std::int64_t k = 0; k < K; ++k) {
-                    double value = 1 - used(a, r, k) / f.row_limit[r];
-                    double below = larger(f.aim[block] - value, 0) / f.softness[block];
-                    a.value[r * K + k] = value;
-                    a.violation[r * K + k] = std::isnan(value) ? value : below;
-                    a.square += a.violation[r * K + k] * a.violation[r * K + k];
-                    if (!(value >= a.worst[block])) a.worst[block] = value;
+                    violation[k] = 0;
+                    if (value[k] < a.worst[block] || std::isnan(value[k])) a.worst[block] = value[k];
+                    if (value[k] >= f.aim[block]) continue;
+                    violation[k] = (f.aim[block] - value[k]) / f.softness[block];
+                    a.square += violation[k] * violation[k];
                 }
+            }
         }
     }
 

@@ -71,6 +71,34 @@ def test_limits_are_kept_where_corrections_are_applied(quantity: str, share: flo
             assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.5)
 
 
+@pytest.mark.parametrize("name", ["new_configuration", "obstacle"])
+def test_limits_are_kept_between_the_instants_that_are_looked_at(name: str) -> None:
+    """Of the whole rest of each flight, with what is believed of the robot then."""
+    free = fp.plan(fp.load_problem(PROBLEMS / f"{name}.toml"))
+    limits = replace(free.problem.limits, torque=1.05 * free.peaks.torque)
+    plan = fp.plan(replace(free.problem, limits=limits))
+    replanner, rng, most, applied = fp.Replanner(plan), np.random.default_rng(3), 0.0, 0
+    n = len(plan.robot.joints)
+    for error in (-0.08, -0.04, 0.04, 0.08):
+        replanner.reset()
+        robot = Drifting(plan, plan.angular_momentum * (1 + error))
+        for following in (plan.duration * np.arange(1, 101) / 100).tolist():
+            t, angle, rate, positions, velocities = robot.state(replanner)
+            noise = rng.standard_normal(2 + 2 * n) * np.repeat((0.002, 0.02, 0.002, 0.02), (1, 1, n, n))
+            correction = replanner.update(
+                t, angle + noise[0], rate + noise[1], positions + noise[2 : n + 2], velocities + noise[n + 2 :]
+            )
+            if correction.status == "applied":
+                motion, present = correction.motion, correction.foreseen.outlook.present
+                joints = motion.at(np.linspace(motion.begin, motion.end, 300))
+                base_rate = present.dynamics.base_rate(*joints[:2], present.angular_momentum)
+                used = np.abs(present.dynamics.torques(*joints, base_rate)) / plan.problem.torque_limits
+                most, applied = max(most, float(used.max())), applied + 1
+            robot.fly(replanner, following)
+    assert applied > 100
+    assert 0.95 < most < 1.01
+
+
 def test_an_impossible_correction_is_told() -> None:
     free = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
     limits = fp.Limits(position="full", torque=1.001 * free.peaks.motor_torque, velocity=1.001 * free.peaks.velocity)
