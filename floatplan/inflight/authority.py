@@ -11,7 +11,6 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
-from floatplan.inflight.limits import DistanceRows
 from floatplan.inflight.outlook import Outlook, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
@@ -161,10 +160,6 @@ def _within(replanner: Replanner, present: Present, following: float) -> bool:
     if not views.rows:
         return True
     motion = replanner.rewriting.from_now(replanner.motion, present.time, replanner.landing)
-    share = (following - present.time) / motion.remaining
-    soon, watched = views.grid.s <= share, views.watched <= share
-    found = Outlook(views, motion, present).values
-    return all(
-        (values[watched if isinstance(block, DistanceRows) else soon] >= -ALLOWED).all()
-        for block, values in zip(views.rows, found, strict=True)
-    )
+    soon = views.grid.s <= (following - present.time) / motion.remaining
+    values = Outlook(views, motion, present).values
+    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in values)

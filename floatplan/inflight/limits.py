@@ -40,7 +40,7 @@ class RowPartials:
 
 
 class Ahead(Protocol):
-    """The rest of a flight: at K instants, and at W that are watched for distances."""
+    """The rest of a flight: at K instants, the last W of which are watched for distances."""
 
     @property
     def flown(self) -> PlanarFlown:
@@ -60,7 +60,7 @@ class Ahead(Protocol):
 
 
 class Rows(Protocol):
-    """A block of rows of a flight ahead: at its K instants, or the W watched ones."""
+    """A block of rows at the last instants of a flight ahead: all K, or the W watched ones."""
 
     @property
     def aim(self) -> float:

@@ -22,9 +22,8 @@ from floatplan.plans.plan import Plan
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
-WATCHED = 40  # [-] instants at which distances are watched
-LIMITED = 40  # [-] instants besides the nodes at which the other limits are: with 8, torques between were 5 % beyond
-SHARED = ("_course", "flown", "_argument", "miss", "_rate_by_p")  # of an outlook: what no distance is in
+WATCHED = 40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
+SHARED = ("_course", "flown", "miss", "_rate_by_p")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 
@@ -63,20 +62,13 @@ class Views:
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
         self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
-        nodes = gauss_grid(NODE_COUNTS[_level(plan)])
-        self.grid: GaussGrid = nodes.also(np.linspace(0.0, 1.0, LIMITED))
-        self.watched = read_only(np.linspace(0.0, 1.0, WATCHED))
-        self.watched_integrals = read_only(nodes.quadrature.integrals(self.watched))
-        self.values, self.watched_values = basis(form).values(self.grid.s), basis(form).values(self.watched)[0]
+        self.grid: GaussGrid = gauss_grid(NODE_COUNTS[_level(plan)]).also(np.linspace(0.0, 1.0, WATCHED))
+        self.watched = read_only(self.grid.s[self.grid.nodes :])
+        self.values = basis(form).values(self.grid.s)
         gram = _second_derivatives(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(gram)).T
-        self.free = tuple(self._whitened(part) for part in self.values)
-        self.watched_free = self._whitened(self.watched_values)
+        self.free = tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in self.values)
         self.motor_turns = plan.robot.tree.motor_turns
-
-    def _whitened(self, values: Array) -> Array:
-        """Values of the free polynomials by changes y."""
-        return read_only(values[:, CONDITIONS:] @ self.whitening)
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
@@ -185,19 +177,14 @@ class Outlook:
         return self._course.watched
 
     @cached_property
-    def _argument(self) -> Array:
-        """Arguments p (W, n) of the sines (12) at the watched instants."""
-        return np.asarray(self._views.watched_values @ self.motion.coefficients)
-
-    @cached_property
     def shapes(self) -> Segments:
         """The links' shapes at the watched instants."""
-        views, motion, flight = self._views, self.motion, self._course.flight
-        attitude = flight.initial_orientation + motion.remaining * (views.watched_integrals @ self.flown.node_rates[0])
+        grid, flown, flight = self._views.grid, self.flown, self._course.flight
+        turned = self.motion.remaining * (grid.integrals[grid.nodes :] @ flown.node_rates[0])
         if self._landed:
-            attitude -= self.miss * views.watched
-        positions = motion.centre + motion.amplitude * np.sin(self._argument)
-        return flight.link_shapes.place(self._course.com, flight.tree.absolute_angles(attitude, positions))
+            turned -= self.miss * self._views.watched
+        angles = flight.tree.absolute_angles(flight.initial_orientation + turned, flown.joints.positions[grid.nodes :])
+        return flight.link_shapes.place(self._course.com, angles)
 
     @cached_property
     def measured(self) -> dict[object, Distances]:
@@ -275,18 +262,15 @@ class Outlook:
 
     def rows_by_y(self, block: Rows, instants: IntArray, rows: IntArray) -> Array:
         """Derivatives (S, n m) of some rows of a block at some of its instants, each (S,) indices."""
-        views = self._views
+        grid = self._views.grid
         partials = block.partials(self, instants, rows)
         if partials.by_attitude is None:
             return self._chained(partials, instants)
-        assert partials.by_position is not None, "distances have both"
-        by_free = partials.by_position * np.cos(self._argument[instants])
-        derivatives = (by_free[:, :, None] * views.watched_free[instants][:, None, :]).reshape(len(instants), -1)
-        integrals = views.watched_integrals[instants]
+        instants = grid.nodes + instants
+        integrals = grid.integrals[instants]
         if self._landed:
-            integrals = integrals - views.watched[instants, None] * views.grid.weights
-        derivatives += partials.by_attitude[:, None] * self._turned_by_y(integrals)
-        return np.asarray(derivatives)
+            integrals = integrals - grid.s[instants, None] * grid.weights
+        return self._chained(partials, instants) + partials.by_attitude[:, None] * self._turned_by_y(integrals)
 
     def _chained(self, partials: RowPartials, instants: IntArray) -> Array:
         joints, amplitude = self.flown.joints, self.motion.amplitude
