@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 
 import numpy as np
@@ -15,6 +16,7 @@ from floatplan.motion.sine_polynomial import CONDITIONS
 
 REACH = 0.15  # [-] of the plan's angular momentum, either way
 STEPS = 3  # [-] either way
+SHORTEST = 0.25  # [-] of them, where the goal is out of reach after a whole one
 EVALUATIONS = 30  # [-] of changed motions, for each
 EARLY = 0.1  # [-] of the flight: later corrections do not begin so
 
@@ -37,31 +39,32 @@ class WarmStarts:
     def __init__(
         self, law: Law, motion: RemainingMotion, outlook: Callable[[RemainingMotion, float], Outlook], planned: float
     ) -> None:
-        self._planned, self._spacing = planned, planned * REACH / STEPS
         self._latest = EARLY * motion.end
         free = motion.coefficients[CONDITIONS:]
+        reach = abs(planned) * REACH
 
-        def changes(spacing: float) -> list[Array]:
-            """Of momenta one spacing further each, as far as the goal is reached within the limits."""
-            found, changed = [], motion
-            for step in range(1, STEPS + 1) if spacing else ():
-                there = law.corrected(outlook(changed, planned + step * spacing), EVALUATIONS)[0]
+        def changes(step: float) -> list[tuple[float, Array]]:
+            """Momenta one step further each, with their changes; shorter steps where the goal is out of reach."""
+            found, changed, momentum, least = [], motion, planned, SHORTEST * abs(step)
+            while abs(step) >= least > 0 and abs(momentum + step - planned) <= reach * (1 + 1e-9):
+                there = law.corrected(outlook(changed, momentum + step), EVALUATIONS)[0]
                 if abs(there.miss) > FAR or (there.worst < -KEPT).any():
-                    break
-                changed = there.motion
-                found.append(changed.coefficients[CONDITIONS:] - free)
+                    step /= 2
+                    continue
+                changed, momentum = there.motion, momentum + step
+                found.append((momentum, changed.coefficients[CONDITIONS:] - free))
             return found
 
-        below, above = changes(-self._spacing), changes(self._spacing)
-        self._middle = len(below)
-        self._changes = read_only([*reversed(below), np.zeros_like(free), *above])
+        known = [(planned, np.zeros_like(free)), *changes(-reach / STEPS), *changes(reach / STEPS)]
+        known.sort(key=lambda each: each[0])
+        self._momenta, self._changes = [momentum for momentum, _ in known], read_only([change for _, change in known])
 
     def at(self, now: float, angular_momentum: float) -> Array | None:
         """Change of the free coefficients (m, n) to begin with at ``now``, s; None where none is known."""
-        last = len(self._changes) - 1
+        momenta, last = self._momenta, len(self._momenta) - 1
         if not last or now > self._latest or not math.isfinite(angular_momentum):
             return None
-        place = min(max((angular_momentum - self._planned) / self._spacing + self._middle, 0.0), last)
-        below = min(int(place), last - 1)
-        share = place - below
+        momentum = min(max(angular_momentum, momenta[0]), momenta[last])
+        below = min(bisect_right(momenta, momentum) - 1, last - 1)
+        share = (momentum - momenta[below]) / (momenta[below + 1] - momenta[below])
         return np.asarray((1 - share) * self._changes[below] + share * self._changes[below + 1])

@@ -22,7 +22,7 @@ def backflip() -> fp.Plan:
     return fp.plan(fp.load_problem(PROBLEMS / "gallery" / "go2.toml"))
 
 
-@pytest.mark.parametrize("error", [-0.09, -0.05, 0.03, 0.12])
+@pytest.mark.parametrize("error", [-0.12, -0.09, -0.05, 0.03, 0.12])
 def test_the_first_correction_is_nearly_the_last(
     backflip: fp.Plan, error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
