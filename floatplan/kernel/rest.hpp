@@ -1,7 +1,8 @@
 // The rest of a flight under a motion: how the base turns, rows of limits, and their derivatives, at K instants.
 //
-// Arrays over instants are (..., K). Bodies that turn alike are one of g groups, E = exp(i turn phi) its rotation; the
-// moments on the m bodies themselves need the rows of C of each, but columns of groups alone.
+// Arrays over instants are (..., K); no instant depends on another, as "ivdep" says. Bodies that turn alike are one of g
+// groups, E = exp(i turn phi) its rotation; the moments on the m bodies themselves need the rows of C of each, but columns
+// of groups alone.
 
 enum RowKind : std::int64_t { velocity_row = 0, acceleration_row = 1, base_rate_row = 2, torque_row = 3 };
 
@@ -104,6 +105,7 @@ class RestOfFlight {
             for (std::int64_t c = 0; c < columns; ++c) {
                 const double z = a.coefficients[c * n + i];
                 const double *b0 = f.value + c * K, *b1 = f.first + c * K, *b2 = f.second + c * K;
+                #pragma GCC ivdep
                 for (std::int64_t k = 0; k < K; ++k) {
                     p[k] += z * b0[k];
                     rate[k] += z * b1[k];
@@ -117,6 +119,7 @@ class RestOfFlight {
                 store(a.cosine + i * K + k, amplitude * c);
             }
             double *sine = a.sine + i * K, *cosine = a.cosine + i * K;
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) {
                 a.speed[i * K + k] = per_second * cosine[k] * rate[k];
                 a.acceleration[i * K + k] =
@@ -127,10 +130,12 @@ class RestOfFlight {
             double constant = 0;
             for (std::int64_t i = 0; i < n; ++i) constant += f.turns[b * n + i] * f.centre[i];
             double *angle = a.c + b * K, *swing = a.swing + b * K, *relative = a.relative + b * K;
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) angle[k] = constant, swing[k] = relative[k] = 0;
             for (std::int64_t i = 0; i < n; ++i) {
                 const double turns = f.turns[b * n + i];
                 if (turns == 0) continue;
+                #pragma GCC ivdep
                 for (std::int64_t k = 0; k < K; ++k) {
                     angle[k] += turns * a.sine[i * K + k];
                     swing[k] += turns * a.speed[i * K + k];
@@ -144,24 +149,29 @@ class RestOfFlight {
                 store(a.c + b * K + k, c);
             }
         }
+        #pragma GCC ivdep
         for (std::int64_t k = 0; k < K; ++k) a.inverse[k] = 0, a.rate[k] = h;
         for (std::int64_t b = 0; b < g; ++b) {
             double *inertia = a.inertia + b * K, *turned = a.turned + b * K;
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) inertia[k] = turned[k] = 0;
             for (std::int64_t o = 0; o < g; ++o) {
                 const double re = f.merged_real[b * g + o], im = f.merged_imaginary[b * g + o];
                 const double *c = a.c + o * K, *s = a.s + o * K, *own_c = a.c + b * K, *own_s = a.s + b * K;
+                #pragma GCC ivdep
                 for (std::int64_t k = 0; k < K; ++k) {
                     double x = re * c[k] - im * s[k], y = re * s[k] + im * c[k];
                     inertia[k] += own_c[k] * x + own_s[k] * y;
                     turned[k] += own_c[k] * y - own_s[k] * x;
                 }
             }
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) {
                 a.inverse[k] += inertia[k];
                 a.rate[k] -= inertia[k] * a.swing[b * K + k];
             }
         }
+        #pragma GCC ivdep
         for (std::int64_t k = 0; k < K; ++k) {
             a.inverse[k] = 1 / a.inverse[k];
             a.rate[k] *= a.inverse[k];
@@ -171,16 +181,19 @@ class RestOfFlight {
     // Moments that turn the bodies, and what they would be for a base acceleration of 1.
     void move_bodies(Ahead &a) const {
         for (std::int64_t b = 0; b < g; ++b)
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) {
                 double c = a.c[b * K + k], s = a.s[b * K + k], relative = a.relative[b * K + k];
                 double rate = a.swing[b * K + k] + a.rate[k], centripetal = f.turn * rate * rate;
                 a.x[b * K + k] = c * relative - s * centripetal;
                 a.y[b * K + k] = s * relative + c * centripetal;
             }
+        #pragma GCC ivdep
         for (std::int64_t k = 0; k < K; ++k) a.base_acceleration[k] = 0;
         for (std::int64_t b = 0; b < m; ++b) {
             const std::int64_t own = f.group[b];
             double *moment = a.moment + b * K, *locked = a.locked_part + b * K;
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) {
                 moment[k] = f.inertia[b] * a.relative[own * K + k];
                 locked[k] = f.inertia[b];
@@ -189,14 +202,17 @@ class RestOfFlight {
                 const double re = f.rows_real[b * g + o], im = f.rows_imaginary[b * g + o];
                 const double *c = a.c + own * K, *s = a.s + own * K;
                 const double *x = a.x + o * K, *y = a.y + o * K, *oc = a.c + o * K, *os = a.s + o * K;
+                #pragma GCC ivdep
                 for (std::int64_t k = 0; k < K; ++k) {
                     moment[k] += c[k] * (re * x[k] - im * y[k]) + s[k] * (re * y[k] + im * x[k]);
                     locked[k] += c[k] * (re * oc[k] - im * os[k]) + s[k] * (re * os[k] + im * oc[k]);
                 }
             }
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k) a.base_acceleration[k] -= moment[k] * a.inverse[k];
         }
         for (std::int64_t b = 0; b < m; ++b)
+            #pragma GCC ivdep
             for (std::int64_t k = 0; k < K; ++k)
                 a.moment[b * K + k] += a.base_acceleration[k] * a.locked_part[b * K + k];
     }
