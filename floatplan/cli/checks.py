@@ -99,7 +99,7 @@ def replay(
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
     with progress("flying"):
-        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step)
+        flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(plan_file)

@@ -138,8 +138,8 @@ def certificate_summary(certificate: Certificate) -> RenderableType:
 
 def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     """Return the result of ``floatplan replay``, for reading."""
-    disturbance = {name: error for name, error in facts["disturbance"].items() if name != "seed" and error}
-    disturbed = ", ".join(f"{name} {error:+.3g}" for name, error in disturbance.items())
+    disturbance = {name: error for name, error in facts["disturbance"].items() if error}
+    disturbed = ", ".join(f"{name} ±{abs(error):.3g}" for name, error in disturbance.items())
     landed = "landed" if facts["landed"] else "landed elsewhere, disturbed" if disturbed else "missed the goal"
     colour = "bold green" if facts["landed"] else "bold yellow" if disturbed else "bold red"
     control = "open loop" if facts["feedback"] is None else f"joints tracked at {facts['feedback']:g} rad/s"

@@ -10,7 +10,7 @@ import contextlib
 import math
 import time as clock
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,20 @@ from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
-from floatplan.simulation.disturbance import feedback_of
+from floatplan.simulation.feedback import feedback_of
 from floatplan.simulation.flights import ClosedLoop, Landings, Path
+from floatplan.simulation.forward import (
+    Accelerations,
+    State,
+    mujoco_accelerations,
+    pinocchio_accelerations,
+    runge_kutta_step,
+)
+from floatplan.simulation.mujoco_model import mujoco_model
 from floatplan.simulation.perturbation import Drawn, Perturbation, parse_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion
-from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
+from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.replay import Engine, check_engine
-from floatplan.simulation.stepping import Stepper, mujoco_stepper, pinocchio_stepper
 
 PERIOD = 1e-3  # [s] of the joints' control
 BANDWIDTH = 100.0  # [rad/s] of their feedback
@@ -150,6 +157,12 @@ def _gathered(flown: list[_Flown]) -> Landings:
     )
 
 
+def _held(accelerations: Accelerations, state: State, torques: Array, duration: float) -> State:
+    """Where a state leads in a duration, s, under torques (m,) that are held."""
+    forces = np.concatenate((np.zeros(BASE), torques))
+    return runge_kutta_step(lambda _, q, v: accelerations(q, v, forces), state, 0.0, duration)
+
+
 def _updated(replanner: Replanner, now: float, measured: tuple[Any, ...]) -> Correction:
     t, orientation, rate, positions, velocities, place, speed = measured[:7]
     return replanner.update(t, orientation, rate, positions, velocities, now, place, speed)
@@ -186,9 +199,10 @@ class _Loop:
         """Fly one robot; also how often a correction had which status, and the seconds that each took."""
         statuses, seconds = Counter[str](), list[float]()
         drawn = self.perturbation.drawn(seed, flight, len(self.names), self.reduced.model.njoints)
-        true, model = self._robot(drawn)
-        state = self._takeoff(drawn, true)
-        step = self._stepper(drawn, true)
+        true = drawn.perturbed(self.reduced.model)
+        model = (true, true.createData())
+        state = perturbed_takeoff(self.plan.record, self.reduced, drawn)
+        accelerations = self._accelerations(drawn, true)
         replanner, delay = self.replanner, round(self.perturbation.delay / PERIOD)
         replanner.reset()
         measured: list[tuple[Any, ...]] = []
@@ -210,7 +224,7 @@ class _Loop:
             torques = self._torques(now, measured[-1])
             peak = np.maximum(peak, np.abs(torques))
             left = min(PERIOD, replanner.landing - now)
-            state = step(state, drawn.torque * torques, left)
+            state = _held(accelerations, state, drawn.torque * torques, left)
             if not np.isfinite(state[0]).all():
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
             states.append(state)
@@ -221,28 +235,10 @@ class _Loop:
         if clock.perf_counter() > self.deadline:
             raise _OutOfTimeError
 
-    def _robot(self, drawn: Drawn) -> tuple[ReducedModel, Any]:
-        model = self.reduced.model.copy()
-        for joint in range(model.njoints):
-            body = model.inertias[joint]
-            model.inertias[joint] = pin.Inertia(
-                body.mass * drawn.mass[joint], body.lever, body.inertia * drawn.inertia[joint]
-            )
-        return replace(self.reduced, model=model), (model, model.createData())
-
-    def _takeoff(self, drawn: Drawn, true: ReducedModel) -> tuple[Array, Array]:
-        """Where the plan takes off, with the velocities that give the real robot its momenta."""
-        positions, _ = self.nominal.takeoff(self.plan.angular_momentum)
-        record = self.plan.record
-        rise = np.asarray(record.com["velocity0"]) * [1.0, drawn.rise]
-        real = RecordedMotion(replace(record, com={**record.com, "velocity0": rise}), true)
-        _, velocities = real.takeoff(self.plan.angular_momentum * drawn.momentum)
-        return positions, velocities
-
-    def _stepper(self, drawn: Drawn, true: ReducedModel) -> Stepper:
+    def _accelerations(self, drawn: Drawn, true: Any) -> Accelerations:
         if self.engine == "pinocchio":
-            return pinocchio_stepper(true.model)
-        return mujoco_stepper(self.plan.robot, self.reduced, self.plan.ballistics.gravity, drawn.mass, drawn.inertia)
+            return pinocchio_accelerations(true)
+        return mujoco_accelerations(*mujoco_model(self.plan.robot, self.reduced, drawn.mass, drawn.inertia))
 
     def _measurement(self, now: float, state: tuple[Array, Array], drawn: Drawn, model: Any) -> tuple[Any, ...]:
         """Arguments of ``update`` but for ``now``; then positions and velocities of all joints."""

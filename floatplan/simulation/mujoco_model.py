@@ -37,8 +37,10 @@ def _unheard(_: str) -> None:
     """Take a warning: whether the robot lands as planned is what counts."""
 
 
-def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: float) -> tuple[Any, list[int]]:
+def mujoco_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> tuple[Any, list[int]]:
     """Return the ``mujoco.MjModel``, and which of its coordinates each coordinate of the reduced model is.
+
+    ``mass, inertia`` (njoints,) are factors of the links that each joint of the reduced model carries.
 
     Raises
     ------
@@ -49,15 +51,28 @@ def mujoco_model(robot: Robot, reduced: ReducedModel, gravity: float, step: floa
     try:
         spec = mujoco.MjSpec.from_string(_urdf(robot, robot.layout.tree, robot.locked, HEADER.format("false")))
         _to_plane(mujoco, spec, robot)
-        _leave_inertia_alone(mujoco, spec, -gravity * np.asarray(robot.plane.vertical))
-        spec.option.timestep = step
+        _leave_inertia_alone(mujoco, spec, reduced.model.gravity.linear)
         model = spec.compile()
     except ValueError as error:
         raise _refused(robot, error) from None
     rows = {f"joint{index}": name for index, name in enumerate(robot.model.names)}
     of_name = {rows.get(model.joint(j).name, model.joint(j).name): int(model.jnt_qposadr[j]) for j in range(model.njnt)}
     base = ["base_horizontal", "base_vertical", "base_orientation"]
-    return model, [of_name[name] for name in [*base, *list(reduced.model.names)[BASE_COORDINATES + 1 :]]]
+    order = [of_name[name] for name in [*base, *list(reduced.model.names)[BASE_COORDINATES + 1 :]]]
+    _scale_bodies(mujoco, model, {coordinate: joint + 1 for joint, coordinate in enumerate(order)}, mass, inertia)
+    return model, order
+
+
+def _scale_bodies(mujoco: ModuleType, model: Any, joint_of: Mapping[int, int], mass: Array, inertia: Array) -> None:
+    """Scale each body by the factors of the joint that carries it; ``joint_of`` coordinates of MuJoCo."""
+    for body in range(1, model.nbody):
+        carrier = int(model.body_weldid[body])
+        if carrier:
+            last = int(model.body_jntadr[carrier] + model.body_jntnum[carrier] - 1)
+            joint = joint_of[int(model.jnt_qposadr[last])]
+            model.body_mass[body] *= mass[joint]
+            model.body_inertia[body] *= inertia[joint]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +95,10 @@ class SpatialModel:
     velocities: IntArray
 
 
-def spatial_model(robot: Robot, reduced: ReducedModel) -> SpatialModel:
-    """Return the robot on a free joint, its axes as the file has them; errors as of :func:`mujoco_model`.
+def spatial_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> SpatialModel:
+    """Return the robot on a free joint, its axes as the file has them; what the reduced model has not made rigid moves.
 
-    What the reduced model has not made rigid moves.
+    Factors and errors as of :func:`mujoco_model`.
     """
     mujoco = import_mujoco()
     rigid = {name: position for name, position in robot.locked.items() if name not in set(reduced.model.names)}
@@ -96,6 +111,8 @@ def spatial_model(robot: Robot, reduced: ReducedModel) -> SpatialModel:
     names = list(reduced.model.names)[BASE_COORDINATES + 1 :]
     joints = [model.joint(f"joint{robot.model.getJointId(name)}").id for name in names]
     free = model.joint("free").id
+    joint_of = {int(model.jnt_qposadr[joint]): BASE_COORDINATES + 1 + row for row, joint in enumerate(joints)}
+    _scale_bodies(mujoco, model, {int(model.jnt_qposadr[free]): BASE_COORDINATES, **joint_of}, mass, inertia)
     return SpatialModel(
         model,
         int(model.jnt_qposadr[free]),

@@ -4,31 +4,41 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 
-LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that of angles
-LONGEST_DELAY = 1.0  # [s]
-LARGEST_NOISE = 1.0  # [rad] or rad/s times ten
-UNITS = {
-    "relative": {"%": 0.01, "": 1.0},
-    "angle": {"deg": math.pi / 180, "rad": 1.0, "": 1.0},
-    "rate": {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0},
-    "time": {"ms": 1e-3, "s": 1.0, "": 1.0},
-}
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of number: its least and largest value, and what one of each unit is in SI units."""
+
+    least: float
+    most: float
+    units: dict[str, float]
+
+
+RELATIVE = _Kind(-0.9, 0.9, {"%": 0.01, "": 1.0})  # masses and torques keep their sign
+ANGLE = _Kind(0.0, 1.0, {"deg": math.pi / 180, "rad": 1.0, "": 1.0})
+RATE = _Kind(0.0, 1.0, {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0})
+TIME = _Kind(0.0, 1.0, {"ms": 1e-3, "s": 1.0, "": 1.0})
 KINDS = {
-    "h": "relative",
-    "inertia": "relative",
-    "torque": "relative",
-    "rise": "relative",
-    "noise": "angle",
-    "rate_noise": "rate",
-    "delay": "time",
+    "h": RELATIVE,
+    "mass": RELATIVE,
+    "inertia": RELATIVE,
+    "torque": RELATIVE,
+    "rise": RELATIVE,
+    "noise": ANGLE,
+    "rate_noise": RATE,
+    "delay": TIME,
 }
+MEASURED = ("noise", "rate_noise", "delay")  # felt by corrections and feedback at a rate, not by a replay
 
 
 @dataclass(frozen=True)
@@ -37,16 +47,23 @@ class Perturbation:
 
     Attributes
     ----------
-    h, inertia, torque, rise : relative
-        Of the angular momentum at takeoff; of mass and of inertia, each for itself, of every body; of every joint's
-        torque; of the vertical velocity at takeoff, with which the centre of mass is measured too.
+    h, mass, inertia, torque, rise : relative
+        Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia, each for
+        itself, of every body; of every joint's torque; of the vertical velocity at takeoff, with which the centre of
+        mass is measured too.
     noise, rate_noise : rad, rad/s
         Standard deviations of all measured angles and rates; the latter ten times the former, in 1/s, where left out.
     delay : s
         Between a measurement and the correction that knows of it.
+
+    Raises
+    ------
+    InputError
+        A number is out of its range.
     """
 
     h: float = 0.0
+    mass: float = 0.0
     inertia: float = 0.0
     torque: float = 0.0
     rise: float = 0.0
@@ -56,14 +73,15 @@ class Perturbation:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None:
-                continue
-            kind = KINDS[field.name]
-            most = LARGEST if kind == "relative" else LONGEST_DELAY if kind == "time" else LARGEST_NOISE
-            if not (abs(value) if kind == "relative" else value) <= most or (kind != "relative" and value < 0):
-                low = -most if kind == "relative" else 0.0
-                raise InputError(f"must be from {low:g} to {most:g}, not {value:.3g}", element=f"perturb: {field.name}")
+            value, kind = getattr(self, field.name), KINDS[field.name]
+            if value is not None and not kind.least <= value <= kind.most:
+                reason = f"must be from {kind.least:g} to {kind.most:g}, not {value:.3g}"
+                raise InputError(reason, element=f"perturb: {field.name}")
+
+    @property
+    def any(self) -> bool:
+        """Whether any of them is not zero."""
+        return any(getattr(self, name) for name in KINDS)
 
     @property
     def noise_of_rates(self) -> float:
@@ -77,14 +95,10 @@ class Perturbation:
         def coins(size: float, count: int) -> Array:
             return np.asarray(1.0 + size * rng.choice((-1.0, 1.0), count))
 
-        return Drawn(
-            momentum=float(coins(self.h, 1)[0]),
-            mass=coins(self.inertia, bodies),
-            inertia=coins(self.inertia, bodies),
-            torque=coins(self.torque, joints),
-            rise=float(coins(self.rise, 1)[0]),
-            noise=rng,
-        )
+        momentum, mass, inertia = float(coins(self.h, 1)[0]), coins(self.inertia, bodies), coins(self.inertia, bodies)
+        torque, rise = coins(self.torque, joints), float(coins(self.rise, 1)[0])
+        together = coins(self.mass, bodies) if self.mass else np.ones(bodies)
+        return Drawn(momentum, mass * together, inertia * together, torque, rise, rng)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +114,16 @@ class Drawn:
     torque: Array
     rise: float
     noise: np.random.Generator
+
+    def perturbed(self, model: Any) -> Any:
+        """Return a copy of a ``pinocchio.Model`` with these masses and inertias."""
+        model = model.copy()
+        for joint in range(model.njoints):
+            body = model.inertias[joint]
+            model.inertias[joint] = pin.Inertia(
+                body.mass * self.mass[joint], body.lever, body.inertia * self.inertia[joint]
+            )
+        return model
 
 
 def parse_perturbation(text: str) -> Perturbation:
@@ -122,7 +146,7 @@ def parse_perturbation(text: str) -> Perturbation:
 
 
 def _number(name: str, text: str) -> float:
-    units = UNITS[KINDS[name]]
+    units = KINDS[name].units
     unit = next(unit for unit in sorted(units, key=len, reverse=True) if text.endswith(unit))
     try:
         value = float(text.removesuffix(unit)) * units[unit]

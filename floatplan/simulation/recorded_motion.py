@@ -7,7 +7,7 @@ so all of this is computed with the centre of mass at rest, the base at the orig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import flint
@@ -17,6 +17,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.simulation.perturbation import Drawn
 from floatplan.simulation.reduced_model import ReducedModel
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
@@ -128,6 +129,16 @@ class RecordedMotion:
             began = float(time)
             orientations.append(orientation)
         return np.array(orientations), sensitivity
+
+
+def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, drawn: Drawn) -> tuple[Array, Array]:
+    """Where a plan takes off, with the velocities that give the real robot its momenta; (3 + m,) each."""
+    positions, _ = RecordedMotion(record, reduced).takeoff(record.angular_momentum)
+    rise = np.asarray(record.com["velocity0"]) * [1.0, drawn.rise]
+    real = replace(reduced, model=drawn.perturbed(reduced.model))
+    motion = RecordedMotion(replace(record, com={**record.com, "velocity0": rise}), real)
+    _, velocities = motion.takeoff(record.angular_momentum * drawn.momentum)
+    return positions, velocities
 
 
 def _derivative(powers: Array) -> Array:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time as clock
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -24,10 +23,19 @@ from floatplan.plans.recorded_robot import recorded_robot
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.shown import html_table
-from floatplan.simulation.disturbance import Disturbance, Feedback, feedback_of, parse_disturbance
-from floatplan.simulation.forward import LOOSE, TIGHT, fly_pinocchio
-from floatplan.simulation.mujoco_engine import MOST_STEPS
-from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.feedback import JointTorques, feedback_of
+from floatplan.simulation.forward import (
+    LOOSE,
+    MOST_STEPS,
+    TIGHT,
+    fly_in_steps,
+    fly_pinocchio,
+    mujoco_accelerations,
+    whole_step,
+)
+from floatplan.simulation.mujoco_model import mujoco_model
+from floatplan.simulation.perturbation import MEASURED, Perturbation, parse_perturbation
+from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
 
@@ -81,7 +89,7 @@ class Replay:
     orientation_sensitivity : 1/(kg m^2)
         d orientation(T) / d h, with the joints on their paths: the integral of ``1 / D_0``.
     growth : Growth
-    disturbance : Disturbance
+    perturbation : Perturbation
     feedback : rad/s
         Bandwidth with which joints were made to track their paths; None: open loop.
     step : s
@@ -98,7 +106,7 @@ class Replay:
     momentum_drift: float
     orientation_sensitivity: float
     growth: Growth
-    disturbance: Disturbance
+    perturbation: Perturbation
     feedback: float | None
     step: float | None
     seconds: float
@@ -113,7 +121,7 @@ class Replay:
     @property
     def disturbed(self) -> bool:
         """Whether something was made to go wrong."""
-        return self.disturbance.any
+        return self.perturbation.any
 
     def __repr__(self) -> str:
         """A line for each result."""
@@ -138,10 +146,10 @@ class Replay:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "perturbation"}
         growth = {name: getattr(self.growth, name) for name in self.growth.__dataclass_fields__}
         spatial = None if self.spatial is None else self.spatial.to_dict()
-        nested = {"growth": growth, "disturbance": asdict(self.disturbance), "spatial": spatial}
+        nested = {"growth": growth, "disturbance": asdict(self.perturbation), "spatial": spatial}
         facts: dict[str, Any] = plain({**values, **nested})
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
@@ -151,9 +159,10 @@ def replay(
     robot: Robot | None = None,
     *,
     engine: Engine = "pinocchio",
-    perturb: str | Disturbance = "",
+    perturb: str | Perturbation = "",
     feedback: float | None = None,
     step: float = STEP,
+    seed: int = 0,
 ) -> Replay:
     """Fly a plan by forward dynamics.
 
@@ -165,12 +174,15 @@ def replay(
     engine : "pinocchio" or "mujoco"
         The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
         accelerations and one of order 4 at fixed steps, in the plane and, beside that, free in space.
-    perturb : str or Disturbance
-        Relative errors of the angular momentum at takeoff, of masses and of torques: ``"h=1%,mass=2%,torque=1%"``.
+    perturb : str or Perturbation
+        Relative errors of the angular momentum at takeoff, of masses, of torques: ``"h=1%,mass=2%,torque=1%"``.
+        Nothing is measured here: noise and delay are for :func:`floatplan.closed_loop`.
     feedback : float, optional
         Bandwidth, rad/s, of joint feedback that tracks the plan; left out, torques are applied open loop.
     step : float
         s, of MuJoCo's steps at most.
+    seed : int
+        Of the coins that make each error one up or down.
 
     Raises
     ------
@@ -186,22 +198,29 @@ def replay(
         raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
         robot = recorded_robot(record.robot) if isinstance(plan, PlanRecord) else plan.robot
-    disturbance = parse_disturbance(perturb) if isinstance(perturb, str) else perturb
+    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else perturb
+    for name in MEASURED:
+        if getattr(perturbation, name):
+            raise InputError("is for flights with corrections", element=f"perturb: {name}", advice="add --replan")
     reduced = reduced_model(robot, float(record.com["gravity"]))
+    drawn = perturbation.drawn(seed, 0, reduced.model.nv - BASE_COORDINATES, reduced.model.njoints)
     motion = RecordedMotion(record, reduced)
-    takeoff = motion.takeoff(record.angular_momentum * (1.0 + disturbance.h))
-    control = None if feedback is None else feedback_of(reduced, takeoff[0], feedback)
-    joint_torques = _JointTorques(
-        motion, disturbance.factors(reduced.model.nv - BASE_COORDINATES, disturbance.torque), control
+    takeoff = perturbed_takeoff(record, reduced, drawn)
+    joint_torques = JointTorques(
+        motion, drawn.torque, None if feedback is None else feedback_of(reduced, takeoff[0], feedback)
     )
+
+    def torques(time: float, positions: Array, velocities: Array) -> Array:
+        return joint_torques(time, positions[BASE_COORDINATES:], velocities[BASE_COORDINATES:])
+
     times = record.duration * np.arange(1, PANELS + 1) / PANELS
-    model = disturbance.disturbed(reduced)
-    spatial = None
+    model, spatial = drawn.perturbed(reduced.model), None
     if engine == "pinocchio":
-        flown = fly_pinocchio(model, joint_torques, takeoff, times, LOOSE if disturbance.any else TIGHT)
+        flown = fly_pinocchio(model, torques, takeoff, times, LOOSE if perturbation.any else TIGHT)
     else:
-        flown = _fly_mujoco(robot, reduced, joint_torques, takeoff, times, step, disturbance)
-        spatial = fly_in_space(robot, record, disturbance, feedback, step)
+        accelerations = mujoco_accelerations(*mujoco_model(robot, reduced, drawn.mass, drawn.inertia))
+        flown = fly_in_steps(accelerations, torques, takeoff, times, whole_step(float(times[-1]), step, PANELS))
+        spatial = fly_in_space(robot, record, perturbation, seed, feedback, step)
     states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)
     return Replay(
@@ -212,7 +231,7 @@ def replay(
         momentum_drift=_momentum_drift(model, states),
         orientation_sensitivity=sensitivity,
         growth=growth,
-        disturbance=disturbance,
+        perturbation=perturbation,
         feedback=feedback,
         step=None if engine == "pinocchio" else step,
         seconds=clock.perf_counter() - began,
@@ -227,44 +246,6 @@ def check_engine(name: str) -> Engine:
     if name == "mujoco":
         return "mujoco"
     raise InputError(f"must be 'pinocchio' or 'mujoco', not {name!r}", element="engine")
-
-
-class _JointTorques:
-    """Joint torques: those of the plan, as strong as the motors are, and feedback."""
-
-    def __init__(self, motion: RecordedMotion, factors: Array, feedback: Feedback | None) -> None:
-        self.motion, self.factors, self.feedback = motion, factors, feedback
-        self._planned = lru_cache(maxsize=4)(motion.torques)  # a Runge-Kutta method evaluates some instants twice
-
-    def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
-        torques = self._planned(time)
-        if self.feedback is not None:
-            target = self.motion.joints(time)
-            torques = torques + self.feedback.torques(
-                (target.positions - positions)[BASE_COORDINATES:], (target.velocities - velocities)[BASE_COORDINATES:]
-            )
-        return np.asarray(self.factors * torques)
-
-
-def _fly_mujoco(
-    robot: Robot,
-    reduced: ReducedModel,
-    joint_torques: _JointTorques,
-    takeoff: tuple[Array, Array],
-    times: Array,
-    step: float,
-    disturbance: Disturbance,
-) -> tuple[Array, Array]:
-    from floatplan.simulation.mujoco_engine import fly_mujoco, whole_step
-    from floatplan.simulation.mujoco_model import mujoco_model
-
-    if disturbance.mass:
-        raise InputError(
-            "the engine mujoco cannot disturb masses", element="perturb", advice="leave mass out, or use pinocchio"
-        )
-    gravity = -float(reduced.axes[1] @ reduced.model.gravity.linear)
-    model, order = mujoco_model(robot, reduced, gravity, whole_step(float(times[-1]), step, PANELS))
-    return fly_mujoco(model, order, joint_torques, takeoff, times)
 
 
 def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:

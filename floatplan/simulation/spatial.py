@@ -8,9 +8,7 @@ are held by gains besides, as a robot's motors do.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,10 +19,11 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.disturbance import Disturbance, Feedback
-from floatplan.simulation.mujoco_engine import MOST_STEPS, whole_step
+from floatplan.simulation.feedback import Feedback, JointTorques
+from floatplan.simulation.forward import MOST_STEPS, State, runge_kutta_step, whole_step
 from floatplan.simulation.mujoco_model import SpatialModel, import_mujoco, rigid_joints, spatial_model
-from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.perturbation import Perturbation
+from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 
 HOLD = 50.0  # [rad/s] bandwidth of the gains on locked and coupled joints
@@ -63,7 +62,7 @@ class SpatialLanding:
 
 
 def fly_in_space(
-    robot: Robot, record: PlanRecord, disturbance: Disturbance, feedback: float | None, step: float
+    robot: Robot, record: PlanRecord, perturbation: Perturbation, seed: int, feedback: float | None, step: float
 ) -> SpatialLanding:
     """Fly a recorded plan with every joint of its robot, its base free.
 
@@ -83,9 +82,10 @@ def fly_in_space(
     """
     reduced = reduced_model(robot, float(record.com["gravity"]), rigid=rigid_joints(robot))
     motion = RecordedMotion(record, reduced)
-    takeoff = motion.takeoff(record.angular_momentum * (1.0 + disturbance.h))
-    model = spatial_model(robot, reduced)
     names = list(reduced.model.names)[BASE_COORDINATES + 1 :]
+    drawn = perturbation.drawn(seed, 0, len(names), reduced.model.njoints)
+    takeoff = perturbed_takeoff(record, reduced, drawn)
+    model = spatial_model(robot, reduced, drawn.mass, drawn.inertia)
     couplings = {*robot.coupled, *(coupling.leader for coupling in robot.coupled.values())}
     held = np.array([name in robot.locked or name in couplings or feedback is not None for name in names], dtype=bool)
     position, velocity = _in_space(robot, model, takeoff)
@@ -94,7 +94,7 @@ def fly_in_space(
     if motion.duration / step > MOST_STEPS:
         reason = f"the gains of the joints take steps of {step:.2g} s, more than {MOST_STEPS}"
         raise InputError(reason, element="engine", advice="use the engine pinocchio, or a lower feedback")
-    flown = _fly(model, _torques(motion, control, disturbance), position, velocity, step, motion.duration)
+    flown = _fly(model, JointTorques(motion, drawn.torque, control), (position, velocity), step, motion.duration)
     aside = _com(model, position) @ robot.plane.normal
     place = _com(model, flown) - motion.com_position(motion.duration) @ reduced.axes - aside * robot.plane.normal
     return _landing(robot, record, reduced, model, flown, place, tuple(np.array(names)[held].tolist()))
@@ -127,36 +127,13 @@ def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: flo
     mujoco.mj_solveM(model.model, data, inverse, columns)
     inverse = inverse[:, model.velocities]
     inertia = held / np.diagonal(inverse)
-    control = Feedback(read_only(bandwidth**2 * inertia), read_only(2.0 * bandwidth * inertia))
+    control = Feedback.critically_damped(bandwidth, inertia)
     rates = np.linalg.eigvals(inverse * control.damping)
     return control, float(np.abs(rates).max(initial=0.0))
 
 
-def _torques(
-    motion: RecordedMotion, control: Feedback, disturbance: Disturbance
-) -> Callable[[float, Array, Array], Array]:
-    """Torques (m,) of all joints by time, positions and velocities: the plan's and the gains'."""
-    count = motion.reduced.model.nv - BASE_COORDINATES
-    factors = disturbance.factors(count, disturbance.torque)
-    planned = lru_cache(maxsize=4)(lambda time: (motion.torques(time), motion.joints(time)))
-
-    def torques(time: float, positions: Array, velocities: Array) -> Array:
-        forward, target = planned(time)
-        off = target.positions[BASE_COORDINATES:] - positions
-        return np.asarray(factors * (forward + control.torques(off, target.velocities[BASE_COORDINATES:] - velocities)))
-
-    return torques
-
-
-def _fly(
-    model: SpatialModel,
-    torques: Callable[[float, Array, Array], Array],
-    position: Array,
-    velocity: Array,
-    step: float,
-    duration: float,
-) -> Array:
-    """Positions at the end: the Runge-Kutta method of fourth order, the base's turn along the geodesic."""
+def _fly(model: SpatialModel, torques: JointTorques, takeoff: State, step: float, duration: float) -> Array:
+    """Positions at the end, the base's turn along the geodesic."""
     mujoco = import_mujoco()
     data = mujoco.MjData(model.model)
     forces = data.qfrc_applied
@@ -172,21 +149,13 @@ def _fly(
         mujoco.mj_integratePos(model.model, position, velocity, time)
         return position
 
+    state = takeoff
     for number in range(round(duration / step)):
-        start, middle, end = number * step, (number + 0.5) * step, (number + 1) * step
-        first = acceleration(start, position, velocity)
-        second_velocity = velocity + step / 2 * first
-        second = acceleration(middle, moved(position, velocity, step / 2), second_velocity)
-        third_velocity = velocity + step / 2 * second
-        third = acceleration(middle, moved(position, second_velocity, step / 2), third_velocity)
-        fourth_velocity = velocity + step * third
-        fourth = acceleration(end, moved(position, third_velocity, step), fourth_velocity)
-        mean = (velocity + 2 * second_velocity + 2 * third_velocity + fourth_velocity) / 6
-        position = moved(position, mean, step)
-        velocity = velocity + step / 6 * (first + 2 * second + 2 * third + fourth)
-        if not (np.isfinite(velocity).all() and np.abs(velocity).max() < RUNAWAY):
+        end = (number + 1) * step
+        state = runge_kutta_step(acceleration, state, number * step, end, moved)
+        if not (np.isfinite(state[1]).all() and np.abs(state[1]).max() < RUNAWAY):
             raise FloatplanError(f"the replay in space ran away {end:.3g} s after takeoff; try a shorter --step")
-    return position
+    return state[0]
 
 
 def _com(model: SpatialModel, position: Array) -> Array:
