@@ -30,6 +30,7 @@ from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.replay import Engine, check_engine
 from floatplan.simulation.stepping import Stepper, mujoco_stepper, pinocchio_stepper
+from floatplan.threads import one_thread
 
 PERIOD = 1e-3  # [s] of the joints' control
 BANDWIDTH = 100.0  # [rad/s] of their feedback
@@ -44,6 +45,7 @@ TRACED = 24  # [-] flights whose paths are kept
 TRACE_STEP = 5  # [-] periods between the points of a path
 
 
+@one_thread
 def closed_loop(
     plan: Plan,
     rate: float = 200.0,

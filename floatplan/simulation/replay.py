@@ -30,6 +30,7 @@ from floatplan.simulation.mujoco_engine import MOST_STEPS
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
+from floatplan.threads import one_thread
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
@@ -146,6 +147,7 @@ class Replay:
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 
+@one_thread
 def replay(
     plan: HasRecord | PlanRecord,
     robot: Robot | None = None,
