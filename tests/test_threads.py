@@ -71,7 +71,9 @@ def test_studies_are_the_same_bit_for_bit(tmp_path: Path) -> None:
         skip_or_fail("pyarrow is not installed: the extra study")
     study = tmp_path / "study.toml"
     study.write_text(STUDY.format(problem=ROOT / "problems" / "somersault.toml"))
-    tables = [table for wanted in ("1", "2") for table in told(TABLE, wanted, tmp_path / wanted, str(study)).split("\n")]
+    tables = [
+        table for wanted in ("1", "2") for table in told(TABLE, wanted, tmp_path / wanted, str(study)).split("\n")
+    ]
     assert len(tables[0]) > 1000
     assert {*tables} == {tables[0], ""}
 
