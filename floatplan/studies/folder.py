@@ -76,7 +76,7 @@ class StudyFolder:
             write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
         elif known != digest:
             raise InputError(
-                "holds results of another study, problem, robot, version or solver", source=self.path, advice=ADVICE
+                "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
             )
 
     def _digest(self) -> str | None:
