@@ -20,6 +20,7 @@ from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.threads import one_thread
 
 
 class Recorded(Protocol):
@@ -34,6 +35,7 @@ class Recorded(Protocol):
         """The robot that flies."""
 
 
+@one_thread
 def certify(
     plan: Recorded | PlanRecord | str | Path, *, urdf: str | Path | None = None, budget: int = BUDGET
 ) -> Certificate:

@@ -60,7 +60,7 @@ OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, ro
 
 def main() -> None:
     """Run the command line."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads would wait for one another
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads would wait for one another
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and searching for them takes time
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s

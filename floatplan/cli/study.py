@@ -42,12 +42,12 @@ def study(
 
     Exit code 0 once every row has a status, whatever it is.
     """
-    from floatplan.studies.processes import get_ready
+    from floatplan.pool import get_ready
 
     began = time.perf_counter()
     try:
         if engine == "processes" and jobs != 1:
-            get_ready()
+            get_ready("floatplan.studies.study")
         from floatplan.studies.study import study as run
 
         with progress("study", quiet, tell=True) as bar:

@@ -18,6 +18,7 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
+from floatplan.threads import one_thread
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
@@ -62,6 +63,7 @@ class Authority:
         return facts
 
 
+@one_thread
 def authority(plan: Plan) -> Authority:
     """Return from which errors of momentum and of inertia corrections in flight reach the landing, and until when.
 

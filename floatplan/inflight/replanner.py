@@ -24,6 +24,7 @@ from floatplan.kernel.library import kernel
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
+from floatplan.threads import one_thread
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
 MISSED = 30.0  # [-] sigmas of a landing that is not the planned one
@@ -57,6 +58,7 @@ class Replanner:
         The plan reaches no goal, or a number is wrong.
     """
 
+    @one_thread
     def __init__(
         self, plan: Plan, rate: float = 200.0, sigma: float = SIGMA, acceleration: float | None = None
     ) -> None:
@@ -82,6 +84,7 @@ class Replanner:
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
 
+    @one_thread
     def reset(self) -> None:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
@@ -120,6 +123,7 @@ class Replanner:
         """When the robot lands, s since takeoff, as far as is known."""
         return self._landing
 
+    @one_thread
     def reference(self, t: float) -> Reference:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
         time = float(t)
@@ -129,6 +133,7 @@ class Replanner:
         n = positions.shape[1]
         return Reference(positions[0], velocities[0], accelerations[0], torques[:n], torques[n:])
 
+    @one_thread
     def update(
         self,
         t: float,

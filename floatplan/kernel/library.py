@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import os
+import struct
 from ctypes import POINTER, Structure, c_double, c_int64, c_uint64, c_void_p
 from enum import IntEnum
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -246,6 +248,16 @@ class Kernel:
         self.instructions = int(library.floatplan_instructions())
 
 
+def _is_cut_off(path: Path) -> bool:
+    """Whether a library for Linux ends before its contents do: whoever loads that is killed by the system."""
+    with path.open("rb") as file:
+        head = file.read(64)
+        if len(head) < 64 or not head.startswith(b"\x7fELF"):
+            return False  # the loader says what is wrong
+        sections, size, count = (*struct.unpack_from("=Q", head, 40), *struct.unpack_from("=2H", head, 58))
+        return bool(path.stat().st_size < sections + size * count)  # their table is what a linker writes last
+
+
 @cache
 def _loaded() -> tuple[Kernel | None, str]:
     """The kernel, and why it is not there."""
@@ -253,6 +265,8 @@ def _loaded() -> tuple[Kernel | None, str]:
     if not path.is_file():
         return None, "not compiled"
     try:
+        if _is_cut_off(path):
+            return None, "damaged: python -m floatplan.kernel.build"
         library = ctypes.CDLL(str(path))
         library.floatplan_sources.restype = ctypes.c_char_p
         if library.floatplan_sources().decode() != sources_digest():

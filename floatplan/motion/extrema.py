@@ -9,6 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from floatplan.arrays import Array, IntArray, read_only
+from floatplan.threads import one_thread
 
 FINENESS = 8  # points of the search grid per node
 NEWTON_STEPS = 4
@@ -26,6 +27,7 @@ def chebyshev_nodes(count: int) -> Array:
 
 
 @lru_cache(maxsize=16)
+@one_thread
 def _coefficient_map(count: int) -> Array:
     """Values at the nodes to Chebyshev coefficients."""
     return read_only(np.linalg.inv(chebyshev.chebvander(2 * chebyshev_nodes(count) - 1, count - 1)))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
 from floatplan.arrays import Array, read_only
+from floatplan.threads import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 EIGENVALUES = 256  # nodes up to which NumPy's own way, by eigenvalues, is quick
@@ -43,6 +44,7 @@ class GaussLegendre:
         return self._antiderivative @ values
 
     @cached_property
+    @one_thread
     def _antiderivative(self) -> Array:
         """Matrix (N+1, N): values at the nodes to Chebyshev coefficients (in 2 s - 1) of their interpolant's integral.
 

@@ -17,6 +17,7 @@ from floatplan.planning.work import DEFAULT_WORK
 from floatplan.plans.plans import SOLVED, Plans
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
+from floatplan.threads import one_thread
 
 CHUNK = 2048  # problems of a batch
 WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
@@ -24,6 +25,7 @@ NOT_FOUND = f"No plan was found from {{}} starts; {LONGER}."
 PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.4 s
 
 
+@one_thread
 def plan_many(
     problems: Sequence[Problem] | Family,
     *,

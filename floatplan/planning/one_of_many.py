@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 from floatplan.certificate.certify import certify
 from floatplan.errors import InputError
@@ -15,7 +12,9 @@ from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plans import Answer
+from floatplan.pool import processes
 from floatplan.problem.problem import Problem
+from floatplan.threads import one_thread
 
 AT_ONCE = 8  # problems that a process is given at a time
 LONGER = "search=True searches longer"
@@ -77,12 +76,12 @@ _problems: Sequence[Problem]
 
 
 def _receive(problems: Sequence[Problem]) -> None:
-    """Make a process ready; Ctrl-C is for the main one."""
+    """Make a process ready."""
     global _problems
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _problems = problems
 
 
+@one_thread
 def _answer(tasks: Sequence[Task]) -> list[Answer]:
     return [answered(_problems, task) for task in tasks]
 
@@ -93,14 +92,11 @@ def answers(problems: Sequence[Problem], tasks: Sequence[Task], jobs: int) -> It
     if jobs == 1 or len(tasks) < 2:
         yield from ((task.index, answered(problems, task)) for task in tasks)
         return
-    with ProcessPoolExecutor(jobs, get_context("forkserver"), initializer=_receive, initargs=(problems,)) as pool:
-        try:
-            futures = [pool.submit(_answer, group) for group in groups]
-            for group, future in zip(groups, futures, strict=True):
-                try:
-                    found = future.result()
-                except BrokenProcessPool:  # the system has killed a process of it: this one goes on alone
-                    found = [answered(problems, task) for task in group]
-                yield from ((task.index, answer) for task, answer in zip(group, found, strict=True))
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with processes(jobs, (__name__,), _receive, problems) as pool:
+        futures = [pool.submit(_answer, group) for group in groups]
+        for group, future in zip(groups, futures, strict=True):
+            try:
+                found = future.result()
+            except BrokenExecutor:  # the system has killed a process of it: this one goes on alone
+                found = [answered(problems, task) for task in group]
+            yield from ((task.index, answer) for task, answer in zip(group, found, strict=True))

@@ -8,8 +8,10 @@ from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
+from floatplan.threads import one_thread
 
 
+@one_thread
 def plan(
     problem: Problem,
     *,

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.starts import Start
 from floatplan.problem.problem import Problem
-
-if TYPE_CHECKING:
-    from multiprocessing.synchronize import Event
-
+from floatplan.threads import one_thread
 
 Run: TypeAlias = Callable[[tuple[int, ...], list[Start], range], Iterator[Outcome]]
 
@@ -46,34 +42,28 @@ def runner(
     if jobs == 1:
         yield run_here
         return
-    from concurrent.futures import ProcessPoolExecutor  # here, because most plans do without
-    from concurrent.futures.process import BrokenProcessPool
-    from multiprocessing import get_context
+    from concurrent.futures import BrokenExecutor  # here, because most plans do without
 
-    context = get_context("forkserver")
-    ended = context.Event()
-    ready = (prepared.problem, prepared.seed, prepared.momentum, budget, work_left(), ended)
-    with ProcessPoolExecutor(jobs, context, initializer=_prepare, initargs=ready) as pool:
+    from floatplan.pool import processes
+
+    ready = (prepared.problem, prepared.seed, prepared.momentum, budget, work_left())
+    with processes(jobs, (__name__,), _prepare, *ready) as pool:
 
         def run_there(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome]:
             try:
                 futures = [pool.submit(_attempt, degrees, given, number) for number in numbers]
-            except BrokenProcessPool:  # the system has killed a process of it: this one goes on alone
+            except BrokenExecutor:  # the system has killed a process of it: this one goes on alone
                 yield from run_here(degrees, given, numbers)
                 return
             for number, future in zip(numbers, futures, strict=True):
                 try:
                     outcome = future.result()
-                except BrokenProcessPool:
+                except BrokenExecutor:
                     outcome = _follow(prepared, given, number, degrees, expired, work_left())
                 if outcome:
                     yield outcome
 
-        try:
-            yield run_there
-        finally:
-            ended.set()
-            pool.shutdown(cancel_futures=True)
+        yield run_there
 
 
 def _follow(
@@ -98,22 +88,14 @@ _expired: Callable[[], bool]
 _most_work: float
 
 
-def _prepare(
-    problem: Problem,
-    seed: int,
-    momentum: MomentumSet,
-    budget: float | None,
-    most_work: float,
-    ended: Event,
-) -> None:
-    """Make a process ready for attempts, which stop when the search has ended; Ctrl-C is for the main process."""
+@one_thread
+def _prepare(problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float) -> None:
+    """Make a process ready for attempts."""
     global _prepared, _expired, _most_work
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    expired = expiry(budget)
-    _prepared, _expired = Attempts(problem, seed, momentum), lambda: ended.is_set() or expired()
-    _most_work = most_work
+    _prepared, _expired, _most_work = Attempts(problem, seed, momentum), expiry(budget), most_work
 
 
+@one_thread
 def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
     outcome = _follow(_prepared, given, number, degrees, _expired, _most_work)
     return _portable(outcome) if outcome else None

@@ -17,6 +17,7 @@ from floatplan.motion.planar.reachable import reachable
 from floatplan.plans.contact_advice import FAST, Momentum, advice, size, told
 from floatplan.problem.problem import Problem
 from floatplan.tables import RELATIVE
+from floatplan.threads import one_thread
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
 
@@ -150,6 +151,7 @@ class Contact:
         return content
 
 
+@one_thread
 def takeoff(problem: Problem, angular_momentum: float | None = None) -> Contact:
     """Tell whether the takeoff frame can leave the ground at rest within the joints' velocity limits.
 
@@ -161,6 +163,7 @@ def takeoff(problem: Problem, angular_momentum: float | None = None) -> Contact:
     return _contact(problem, "takeoff", angular_momentum)
 
 
+@one_thread
 def landing(problem: Problem, angular_momentum: float | None = None) -> Contact:
     """Tell whether the landing frame can meet the ground at rest; see :func:`takeoff`."""
     return _contact(problem, "landing", angular_momentum)

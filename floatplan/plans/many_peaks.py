@@ -17,6 +17,7 @@ from floatplan.motion.extrema import chebyshev_nodes
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.threads import one_thread
 
 BLOCK = 32  # plans
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs; multiples of 32 for the kernel
@@ -98,6 +99,7 @@ def powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=8)
+@one_thread
 def cosine_maps(nodes: int) -> tuple[Array, Array]:
     """From values at the nodes to the factors of cos(j phi), ``s = (1 - cos phi) / 2``; and on to a finer grid."""
     j = np.arange(nodes)

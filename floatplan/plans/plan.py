@@ -33,6 +33,7 @@ from floatplan.problem.file import problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
+from floatplan.threads import one_thread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,6 +125,7 @@ class Plan(PlannedMotion):
         return state
 
     @cached_property
+    @one_thread
     def peaks(self) -> Peaks:
         """Largest torques and rates, the ranges of motion, and the least clearance, over all times."""
         state = self._resolved
@@ -145,6 +147,7 @@ class Plan(PlannedMotion):
         )
 
     @cached_property
+    @one_thread
     def holding_torques(self) -> Mapping[str, tuple[float, float]]:
         """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
         state, robot = self._resolved, self.robot
@@ -157,12 +160,14 @@ class Plan(PlannedMotion):
         return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
 
     @cached_property
+    @one_thread
     def contacts(self) -> tuple[Contact, ...]:
         """The frames that leave and meet the ground, and the joint rates with which they would be at rest."""
         ends = (end(self.problem, self.angular_momentum) for end in (takeoff, landing))
         return tuple(contact for contact in ends if contact.found is not None)
 
     @cached_property
+    @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
         """What the motion does to the ground and to limits that is no part of the verdict."""
         return measured_warnings(self)
@@ -178,6 +183,7 @@ class Plan(PlannedMotion):
         least = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
         return least if np.isfinite(least) else None
 
+    @one_thread
     def least_height(self) -> tuple[float, float, str]:
         """Least height, m, of a link's surface over the ground's line; when, s; and which link's it is."""
         ground = self.problem.ground_plane
@@ -192,6 +198,7 @@ class Plan(PlannedMotion):
         return self._measured_record if self._recorded is None else self._recorded
 
     @cached_property
+    @one_thread
     def _measured_record(self) -> PlanRecord:
         peaks = self.peaks
         return PlanRecord(
@@ -229,12 +236,14 @@ class Plan(PlannedMotion):
         )
 
     @cached_property
+    @one_thread
     def out_of_plane_leak(self) -> float:
         """Largest angular momentum that the motion makes out of the plane, over that in it."""
         state = self.at(chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
 
     @cached_property
+    @one_thread
     def objective_value(self) -> float:
         """Value of the problem's objective, in the unit that the table of objectives gives."""
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity

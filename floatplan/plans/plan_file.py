@@ -13,8 +13,10 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import check_meshes, recorded_robot
 from floatplan.plans.schema import check_asked
 from floatplan.problem.file import problem_from_dict
+from floatplan.threads import one_thread
 
 
+@one_thread
 def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Path | None = None) -> Plan:
     """Bring a record back to life; the URDF, elsewhere if ``urdf`` says so, must still be what it was.
 
@@ -56,6 +58,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
         raise error.within(source=source) from None
 
 
+@one_thread
 def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
     """Read a plan file and the URDF that it names, or another place of the same file.
 

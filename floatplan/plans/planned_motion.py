@@ -22,6 +22,7 @@ from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.threads import one_thread
 
 RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
 
@@ -66,6 +67,7 @@ class PlannedMotion:
         """Return the state at times; see :meth:`at`."""
         return self.at(times)
 
+    @one_thread
     def at(self, times: npt.ArrayLike) -> FlightState:
         """State of the robot at times (N,) or one time, s, within [0, duration].
 
@@ -140,11 +142,13 @@ class PlannedMotion:
         """Torques (nv,) or (N, nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
         return self._in_file(times, free_flyer(self.robot).torques)
 
+    @one_thread
     def _in_file(self, times: npt.ArrayLike, quantity: Callable[[FullMotion], Array]) -> Array:
         """A quantity (N, size) at times of any shape, in that shape."""
         values = quantity(self.full_motion(times))
         return values.reshape(*np.shape(times), values.shape[1])
 
+    @one_thread
     def joint_motion(self, times: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities, accelerations (N, n) at times (N,)."""
         return self._written.at(times)
@@ -153,6 +157,7 @@ class PlannedMotion:
     def _written(self) -> WrittenMotion:
         return WrittenMotion.from_powers(self.centre, self.amplitude, self.coefficients, self.duration)
 
+    @one_thread
     def orientation(self, times: Array) -> Array:
         """Orientation (N,) rad at times (N,), by (18)."""
         quadrature, rates = self._orientation_rates
@@ -160,6 +165,7 @@ class PlannedMotion:
         return np.asarray(self.problem.initial.orientation + self.duration * integrals)
 
     @cached_property
+    @one_thread
     def final_orientation(self) -> float:
         """Orientation at the end of the flight, rad."""
         quadrature, rates = self._orientation_rates
@@ -176,6 +182,7 @@ class PlannedMotion:
                 break
         return quadrature, rates
 
+    @one_thread
     def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
         """Least distance (N,) m between any link and any obstacle that exists then; infinite where none does.
 
@@ -190,6 +197,7 @@ class PlannedMotion:
             least = np.minimum(least, np.where((instants >= low) & (instants <= high), distance, np.inf))
         return least
 
+    @one_thread
     def segments(self, instants: Array) -> Segments:
         """The links' shapes at instants (N,)."""
         positions, _, _ = self.joint_motion(instants)

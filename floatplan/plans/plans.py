@@ -15,6 +15,7 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
+from floatplan.threads import one_thread
 
 SOLVED = ("optimal", "feasible")
 GOAL_MET = "The goal is met."
@@ -53,6 +54,7 @@ class Answer:
             certificate=plan.record.certificate,
         )
 
+    @one_thread
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
         """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
         low, high = problem.position_limits.T

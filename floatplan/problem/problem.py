@@ -56,6 +56,7 @@ from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, Robot
 from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
+from floatplan.threads import one_thread
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,6 +107,7 @@ class Problem:
     landing: Landing = field(init=False)
     file_text: str | None = field(init=False, repr=False)
 
+    @one_thread
     def __post_init__(self, written: str | None) -> None:
         """Resolve and check everything; report all that is wrong, not only the first."""
         object.__setattr__(self, "file_text", written)
@@ -210,6 +212,7 @@ class Problem:
         return self.landing.height or 0.0
 
     @cached_property
+    @one_thread
     def ground_plane(self) -> HalfPlane:
         """The half-plane below the ground's line, asked for or not.
 

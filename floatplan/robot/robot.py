@@ -30,6 +30,7 @@ from floatplan.robot.urdf.example_robots import urdf_path
 from floatplan.robot.urdf.read import UrdfText, read_urdf
 from floatplan.robot.urdf.srdf import reference_posture
 from floatplan.robot.urdf.tree import UrdfTree
+from floatplan.threads import one_thread
 
 __all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
 
@@ -100,6 +101,7 @@ class Robot:
     tilt: float
 
     @classmethod
+    @one_thread
     def from_urdf(
         cls,
         source: str | Path,
@@ -240,6 +242,7 @@ class Robot:
         return MappingProxyType(mesh_digests(self.layout.tree, None if self.path is None else self.path.parent))
 
     @cached_property
+    @one_thread
     def shapes(self) -> tuple[LinkCapsule, ...]:
         """The links' shapes in the plane, fitted when first used.
 
@@ -254,6 +257,7 @@ class Robot:
             raise error.within(error.source or self.path) from None
 
     @property
+    @one_thread
     def outlines(self) -> list[tuple[int, Outline]]:
         """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
         try:

@@ -37,6 +37,7 @@ from floatplan.simulation.perturbation import Drawn, Perturbation, parse_perturb
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.replay import Engine, check_engine
+from floatplan.threads import one_thread
 
 PERIOD = 1e-3  # [s] of the joints' control
 BANDWIDTH = 100.0  # [rad/s] of their feedback
@@ -51,6 +52,7 @@ TRACED = 24  # [-] flights whose paths are kept
 TRACE_STEP = 5  # [-] periods between the points of a path
 
 
+@one_thread
 def closed_loop(
     plan: Plan,
     rate: float = 200.0,

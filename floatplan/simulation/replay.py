@@ -38,6 +38,7 @@ from floatplan.simulation.perturbation import MEASURED, Perturbation, parse_pert
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
+from floatplan.threads import one_thread
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
@@ -154,6 +155,7 @@ class Replay:
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 
+@one_thread
 def replay(
     plan: HasRecord | PlanRecord,
     robot: Robot | None = None,

@@ -47,6 +47,13 @@ def written(table: Any) -> bytes:
     return stream.getvalue()
 
 
+def read_table(content: bytes) -> Any:
+    """A table from a Parquet file's content; its pages are checked."""
+    pa, pq = arrow()
+    with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
+        return file.read(use_threads=False)
+
+
 def chosen(words: Sequence[str], each: npt.NDArray[np.str_]) -> Any:
     """Words (N,), each among a few."""
     return taken(words, np.select([each == word for word in words], range(len(words)), default=len(words)))

@@ -5,17 +5,19 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from typing import Any, Protocol
 
-from floatplan.errors import InputError
+from floatplan.errors import FloatplanError, InputError
 from floatplan.optional import import_optional
 from floatplan.planning.search import MOST_JOBS
-from floatplan.studies.processes import processes
+from floatplan.pool import processes, same_modules
 
+BROKEN = "no process can be started: see above; in a script, plan below \"if __name__ == '__main__':\", or with jobs=1"
 ENGINES = ("processes", "dask")
 PATIENCE = 30  # [s] for a scheduler to answer
+LOADED = ("floatplan.studies.study",)  # before a process begins
 AHEAD = 2  # chunks given to each process, so that none waits
 
 
@@ -111,7 +113,12 @@ class _Pool:
 
     def _begin(self) -> None:
         self._open = ExitStack()
-        self.executor = self._open.enter_context(processes(self._count))
+        self.executor = self._open.enter_context(processes(self._count, LOADED))
+        try:
+            self.executor.submit(os.getpid).result()  # else those that cannot even begin would be begun for ever
+        except BrokenExecutor:
+            self.close()
+            raise FloatplanError(BROKEN) from None
 
     def places(self) -> int:
         return AHEAD * self._count
@@ -121,7 +128,7 @@ class _Pool:
         self._begin()
 
     def alone(self) -> AbstractContextManager[Executor]:
-        return processes(1)
+        return processes(1, LOADED)
 
     def close(self) -> None:
         self._open.close()
@@ -132,15 +139,19 @@ class _Dask:
 
     def __init__(self, jobs: int, scheduler: str | None) -> None:
         distributed = import_optional("distributed", name="dask", element="engine", extra="study")
-        self._cluster = None
-        try:
-            if scheduler is None:
-                self._cluster = distributed.LocalCluster(
-                    n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
-                )
-            self._client = distributed.Client(self._cluster or scheduler, timeout=PATIENCE)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"no scheduler answers: {error}", element="scheduler") from None
+        with ExitStack() as opened:
+            try:
+                cluster = scheduler
+                if scheduler is None:
+                    opened.enter_context(same_modules())  # until the end, as workers that die are begun anew
+                    local = distributed.LocalCluster(
+                        n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+                    )
+                    cluster = opened.enter_context(local)
+                self._client = opened.enter_context(distributed.Client(cluster, timeout=PATIENCE))
+            except (OSError, ValueError, TimeoutError) as error:
+                raise InputError(f"no scheduler answers: {error}", element="scheduler") from None
+            self._open = opened.pop_all()
         self.executor: Executor = self._client.get_executor(pure=False)
 
     def places(self) -> int:
@@ -153,6 +164,4 @@ class _Dask:
         return nullcontext(self.executor)
 
     def close(self) -> None:
-        self._client.close()
-        if self._cluster is not None:
-            self._cluster.close()
+        self._open.close()

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from floatplan.studies.numbers import quantity
 from floatplan.studies.sampling import Axis, Samples, Values
 from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable
 
+PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
 MOST_VARIED = 32  # numbers of a problem that a study varies
 MOST_STARTS = 1000  # solved starts of a row
@@ -94,7 +96,17 @@ class StudyFile:
 
 def versions() -> dict[str, str]:
     """What the answers come from; whoever shares the work must have the same."""
-    return {"floatplan": version("floatplan"), "solver": description().partition(" (")[0]}
+    return {"floatplan": version("floatplan"), "code": _code(), "solver": description().partition(" (")[0]}
+
+
+@cache
+def _code() -> str:
+    """Digest of the package as it is here, changed or not: its modules and the compiled kernel."""
+    digest = hashlib.sha256()
+    for path in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.so")]):
+        digest.update(f"{path.relative_to(PACKAGE).as_posix()} ".encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
 
 
 def family(base: Problem, factors: Mapping[str, float], values: Values) -> Family:

@@ -7,18 +7,19 @@ import fcntl
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from floatplan.errors import InputError
-from floatplan.files import read_text, write_atomically
-from floatplan.studies.columns import arrow, written
+from floatplan.files import read_regular, read_text, write_atomically
+from floatplan.studies.columns import arrow, read_table, written
 
 FORMAT = "floatplan.study/1"
 STUDY, RESULTS, CHUNKS, LOCK = "study.json", "results.parquet", "chunks", ".lock"
 MAPS = ("map.png", "map.svg", "map.html")
+LARGEST_CHUNK = 1_000_000_000  # [bytes]
 LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
 
 Range = tuple[int, int]
@@ -75,7 +76,7 @@ class StudyFolder:
             write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
         elif known != digest:
             raise InputError(
-                "holds results of another study, problem, robot, version or solver", source=self.path, advice=ADVICE
+                "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
             )
 
     def _digest(self) -> str | None:
@@ -111,12 +112,16 @@ class StudyFolder:
         with naming_the_folder(self.path):
             write_atomically(self.path / CHUNKS / f"{first:07d}-{stop - 1:07d}.parquet", content)
 
-    def missing(self) -> list[Range]:
-        """Ranges of rows that are still to be planned; chunks that cannot be read are removed."""
+    def missing(self, are_in: Callable[[Any, int, int], bool]) -> list[Range]:
+        """Ranges of rows that are still to be planned.
+
+        Chunks are removed that cannot be read, or that do not hold their rows: ``are_in`` says so of a table.
+        """
         gaps, reached = [], 0
         for path, (first, stop) in self._chunks():
-            if first < reached or stop > self._count or not _is_whole(path, stop - first):
-                path.unlink(missing_ok=True)
+            if first < reached or stop > self._count or not _holds(path, first, stop, are_in):
+                with naming_the_folder(path):
+                    path.unlink(missing_ok=True)
                 continue
             if first > reached:
                 gaps.append((reached, first))
@@ -145,16 +150,14 @@ def naming_the_folder(path: Path) -> Iterator[None]:
         raise InputError(reason, source=error.filename or path, advice="what is there stays, and is resumed") from None
 
 
-def _is_whole(path: Path, rows: int) -> bool:
+def _holds(path: Path, first: int, stop: int, are_in: Callable[[Any, int, int], bool]) -> bool:
     """Whether a chunk can be read, its pages have their checksums, and it has its rows."""
     pa, _ = arrow()
-    with contextlib.suppress(OSError, pa.ArrowException):
-        return bool(_read(path).num_rows == rows)
+    with contextlib.suppress(InputError, OSError, pa.ArrowException):
+        return are_in(_read(path), first, stop)
     return False
 
 
 def _read(path: Path) -> Any:
-    """A chunk as a table; its pages are checked."""
-    _, pq = arrow()
-    with pq.ParquetFile(path, page_checksum_verification=True) as file:
-        return file.read(use_threads=False)
+    """A chunk as a table."""
+    return read_table(read_regular(path, LARGEST_CHUNK, "a chunk of a study"))

@@ -21,10 +21,11 @@ from floatplan.plans.measures import Utilisation
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
-from floatplan.studies.columns import arrow, as_column, chosen, taken, written
+from floatplan.studies.columns import arrow, as_column, chosen, read_table, taken, written
 from floatplan.studies.file import StudyFile, family, versions
 from floatplan.studies.sampling import Values
 from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.threads import one_thread
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 VERDICTS = ("", "proved", "undecided", "refuted")
@@ -71,6 +72,7 @@ def _unpacked(work: bytes) -> Work:
     return unpacked
 
 
+@one_thread
 def planned_rows(packed: bytes, first: int, values: Values) -> Planned:
     """Plan the rows that begin with ``first``, in any process on any machine; whatever is wrong is a row's status."""
     began = time.perf_counter()
@@ -242,18 +244,47 @@ def _status(answer: Answer) -> str:
 def lost_row(work: bytes, index: int, values: Values, reason: str) -> Planned:
     """A row that ends the process which plans it, as a chunk."""
     unpacked = _unpacked(work)
+    return Planned(written(_table(unpacked, index, values, _nothing(unpacked, reason))), 0.0)
+
+
+def _nothing(work: Work, reason: str) -> _Columns:
+    """What is known of a row that was never planned."""
     pa, _ = arrow()
-    columns = _Columns(
+    return _Columns(
         status=pa.array(["error"]),
         **{name: np.full(1, np.nan) for name in ("objective", "angular_momentum", "utilisation", "clearance")},
-        peaks=np.full((1, len(unpacked.base.robot.motors)), np.nan),
+        peaks=np.full((1, len(work.base.robot.motors)), np.nan),
         explanation=pa.array([reason]),
         starts=np.zeros(1, dtype=np.int64),
         milliseconds=np.full(1, np.nan),
         coefficients=[None],
         verdict=pa.array([""]),
     )
-    return Planned(written(_table(unpacked, index, values, columns)), 0.0)
+
+
+class Rows:
+    """What chunks of a study must hold."""
+
+    def __init__(self, study: StudyFile) -> None:
+        self._samples, work = study.samples, Work.of(study)
+        one = _table(work, 0, self._samples.values(0, 1), _nothing(work, ""))
+        self._schema = read_table(written(one)).schema
+
+    def are_in(self, table: Any, first: int, stop: int) -> bool:
+        """Whether a table holds these rows and no others, in their order, each with a status that there is."""
+        if not table.schema.equals(self._schema, check_metadata=True) or len(table) != stop - first:
+            return False
+        given = {"index": np.arange(first, stop), **self._samples.values(first, stop)}
+        said = {"status": STATUSES, **({"verdict": VERDICTS} if "verdict" in table.column_names else {})}
+        never_missing = [*given, *said, "explanation", "starts"]
+        if any(table[name].null_count for name in never_missing):
+            return False
+        solved = table.filter(np.isin(table["status"].to_numpy(), SOLVED))
+        return (
+            not any(solved[name].null_count for name in ("objective", "coefficients"))
+            and all(np.array_equal(table[name].to_numpy(), values) for name, values in given.items())
+            and all(np.isin(table[name].to_numpy(), words).all() for name, words in said.items())
+        )
 
 
 def _table(work: Work, first: int, values: Values, columns: _Columns) -> Any:

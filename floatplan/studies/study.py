@@ -26,7 +26,7 @@ from floatplan.studies.engines import started
 from floatplan.studies.file import StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
 from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
-from floatplan.studies.rows import row_seed
+from floatplan.studies.rows import Rows, row_seed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,7 +179,7 @@ def study(
     place = StudyFolder(asked.folder if folder is None else Path(folder), len(asked))
     with place.locked():
         place.open(asked.digest(), facts(asked), restart)
-        gaps = place.missing()
+        gaps = place.missing(Rows(asked).are_in)
         if asked.map:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.page",), daemon=True).start()
         if gaps:

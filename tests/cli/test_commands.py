@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from elsewhere import hear_ctrl_c
 from proof_plans import example_a, example_b
 
 import floatplan as fp
@@ -427,6 +428,7 @@ class TestProcess:
             capture_output=True,
             text=True,
             check=False,
+            preexec_fn=hear_ctrl_c,
             cwd=tmp_path,
         )
         assert done.returncode == 128 + signal.SIGINT

@@ -9,10 +9,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import PIPE
 from typing import Any
 
 import numpy as np
 import pytest
+from elsewhere import hear_ctrl_c
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PATIENCE = 60.0  # s until a process that should have ended is given up; less than the budgets here
@@ -36,7 +38,7 @@ def hopeless(tmp_path: Path) -> Path:
 def interrupted(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """Run the program in its own process group and send Ctrl-C to all of it once the search reports progress."""
     command = [sys.executable, "-m", "floatplan", "plan", *map(str, arguments), "-o", str(folder), "--no-figures"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0)
+    process = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True, process_group=0, preexec_fn=hear_ctrl_c)
     assert process.stderr is not None
     first = process.stderr.readline()
     os.killpg(process.pid, signal.SIGINT)

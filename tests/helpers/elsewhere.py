@@ -1,8 +1,9 @@
-"""Python in another folder, with the package that is there."""
+"""Python in a process of its own: in another folder with the package that is there, or as in a terminal."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -18,3 +19,8 @@ def told(code: str, folder: Path, **environment: str) -> str:
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(folder), **environment},
     ).stdout
+
+
+def hear_ctrl_c() -> None:
+    """Let a process that begins (``preexec_fn``) hear Ctrl-C, also where the tests run without, as under ``nohup``."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from multiprocessing import get_context
 from multiprocessing.context import ForkServerProcess
 
 import floatplan as fp
+from floatplan.pool import get_ready
 from floatplan.studies import driver
 
 ROWS, PAUSE = 4, 0.05  # of a chunk; [s] after it
@@ -20,8 +20,6 @@ def run(path: str, folder: str) -> None:
 
 def started(path: str, folder: str) -> ForkServerProcess:
     """Start a process that does so, with the package loaded already."""
-    context = get_context("forkserver")
-    context.set_forkserver_preload(["floatplan.studies.study"])
-    process = context.Process(target=run, args=(path, folder))
+    process = get_ready("floatplan.studies.study").Process(target=run, args=(path, folder))
     process.start()
     return process

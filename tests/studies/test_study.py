@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import random
+import shutil
 import signal
 import sys
 import time
@@ -273,6 +274,45 @@ def flipped(content):
     return content[:60] + bytes([content[60] ^ 1]) + content[61:]
 
 
+def replaced(name, values, kind=None):
+    """A table with other values in a column."""
+
+    def spoil(table):
+        index = table.column_names.index(name)
+        field = table.schema.field(name)
+        made = values(table[name].to_pylist())
+        return table.set_column(index, field if kind is None else name, pyarrow.array(made, type=kind or field.type))
+
+    return spoil
+
+
+WRONG = {
+    "a column is missing": lambda table: table.drop_columns(["clearance"]),
+    "a column is more": lambda table: table.append_column("more", table["index"]),
+    "columns in another order": lambda table: table.select(table.column_names[::-1]),
+    "another type": replaced("objective", lambda values: [str(each) for each in values], pyarrow.string()),
+    "a status is null": replaced("status", lambda values: [None, *values[1:]]),
+    "a status is unknown": replaced("status", lambda values: ["fine", *values[1:]]),
+    "an explanation is null": replaced("explanation", lambda values: [None, *values[1:]]),
+    "a plan without coefficients": lambda table: replaced(
+        "coefficients",
+        lambda values: [
+            None if status == "optimal" else each
+            for each, status in zip(values, table["status"].to_pylist(), strict=True)
+        ],
+    )(table),
+    "rows in reversed order": lambda table: table.take(list(range(len(table)))[::-1]),
+    "reversed rows, indices in order": lambda table: replaced("index", lambda values: values[::-1])(
+        table.take(list(range(len(table)))[::-1])
+    ),
+    "other indices": replaced("index", lambda values: [each + 1 for each in values]),
+    "a row is missing": lambda table: table.slice(1),
+    "another unit": lambda table: table.cast(
+        pyarrow.schema([field.with_metadata({"unit": "mm"}) for field in table.schema])
+    ),
+}
+
+
 class TestFolder:
     def test_of_another_study_is_refused(self, done, tmp_path, study_file, floatplan):
         _, study = done
@@ -304,6 +344,44 @@ class TestFolder:
         (chunk,) = (out / "chunks").iterdir()
         chunk.write_bytes(damage(chunk.read_bytes()))
         assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(first.table))
+
+    @pytest.mark.parametrize("spoil", WRONG.values(), ids=WRONG)
+    def test_chunks_that_do_not_hold_their_rows_are_planned_again(self, done, tmp_path, spoil):
+        path, study = done
+        out = tmp_path / "out"
+        shutil.copytree(study.folder, out)
+        chunk = sorted((out / "chunks").iterdir())[0]
+        columns.arrow()[1].write_table(spoil(columns.read_table(chunk.read_bytes())), chunk)
+        assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(study.table))
+
+    def test_a_chunk_that_holds_its_rows_is_kept_whoever_wrote_it(self, done, tmp_path, monkeypatch):
+        path, study = done
+        out = tmp_path / "out"
+        shutil.copytree(study.folder, out)
+        for chunk in (out / "chunks").iterdir():
+            columns.arrow()[1].write_table(columns.read_table(chunk.read_bytes()), chunk)
+        monkeypatch.setattr(rows, "plan_many", None)
+        assert fp.study(path, folder=out, jobs=1).table.equals(study.table)
+
+    @pytest.mark.parametrize("place", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["FIFO", "device"])
+    def test_chunks_that_are_no_files_are_planned_again(self, done, tmp_path, place):
+        path, study = done
+        out = tmp_path / "out"
+        shutil.copytree(study.folder, out)
+        chunk = sorted((out / "chunks").iterdir())[0]
+        chunk.unlink()
+        place(chunk)
+        assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(study.table))
+
+    def test_a_directory_in_the_place_of_a_chunk_is_told(self, done, tmp_path):
+        path, study = done
+        out = tmp_path / "out"
+        shutil.copytree(study.folder, out)
+        chunk = sorted((out / "chunks").iterdir())[0]
+        chunk.unlink()
+        chunk.mkdir()
+        with pytest.raises(InputError, match=chunk.name):
+            fp.study(path, folder=out, jobs=1)
 
     @pytest.mark.parametrize("record", ["[", "[]", '{"hash": 5}', "{}"])
     def test_of_a_spoiled_record_is_refused(self, study_file, tmp_path, record):

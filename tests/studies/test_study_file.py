@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
+import shutil
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from elsewhere import told
 
-from floatplan import InputError
-from floatplan.studies.file import MOST_ROWS, load_study_file
+from floatplan import FloatplanError, InputError
+from floatplan.studies.file import MOST_ROWS, load_study_file, versions
 from floatplan.studies.numbers import quantity
+from floatplan.studies.rows import Work, planned_rows
 from floatplan.studies.schema import study_schema
 
-STUDIES = sorted((Path(__file__).resolve().parents[2] / "problems" / "studies").glob("*.toml"))
+ROOT = Path(__file__).resolve().parents[2]
+STUDIES = sorted((ROOT / "problems" / "studies").glob("*.toml"))
 RANGE = "{ from = 0.9, to = 1.4, count = 3 }"
 
 
@@ -189,3 +195,19 @@ class TestSchema:
 
     def test_the_command_prints_it(self, floatplan):
         assert json.loads(floatplan("schema", "study").stdout) == study_schema()
+
+
+def test_the_versions_are_of_the_code_itself(tmp_path):
+    shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("__pycache__"))
+    code = "from floatplan.studies.file import versions; print(versions())"
+    assert told(code, tmp_path).strip() == str(versions())
+    with (tmp_path / "floatplan" / "motion" / "extrema.py").open("a") as module:
+        module.write("# changed\n")
+    assert told(code, tmp_path).strip() != str(versions())
+
+
+def test_a_worker_of_other_code_is_refused(study_file):
+    work = Work.of(load(study_file, '[vary]\n"flight.duration" = [1.0]'))
+    other = replace(work, versions={**work.versions, "code": "0123456789abcdef"})
+    with pytest.raises(FloatplanError, match=r"0123456789abcdef .*: install the same everywhere"):
+        planned_rows(pickle.dumps(other), 0, {"flight.duration": np.array([1.0])})

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.errors import InputError
-from floatplan.files import write_atomically
+from floatplan.files import read_text, write_atomically
 from floatplan.robot.shapes.capsules import MOST_SPLITS, Fit, Line, Outline, PlaneCapsule, fit
 from floatplan.robot.shapes.meshes import Mesh
 from floatplan.robot.shapes.outlines import MeshUse
@@ -56,10 +56,8 @@ def _key(use: MeshUse, mesh: Mesh) -> str:
 def _load(entry: Path) -> Fit | None:
     """Content of a cache entry; None where it is missing or damaged. Whoever can write there may have forged it."""
     try:
-        if not entry.is_file() or entry.stat().st_size > LARGEST_ENTRY:
-            return None
-        return _fit(json.loads(entry.read_text(encoding="utf-8")), MOST_SPLITS)
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return _fit(json.loads(read_text(entry, LARGEST_ENTRY, "a cache entry")), MOST_SPLITS)
+    except (ValueError, TypeError, KeyError, RecursionError):
         return None
 
 

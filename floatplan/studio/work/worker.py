@@ -7,18 +7,19 @@ import io
 import os
 import pickle
 import signal
-import sys
 import threading
-from collections.abc import Iterator
-from multiprocessing import forkserver, get_context
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import floatplan as fp
+from floatplan.pool import get_ready
 from floatplan.studio.work.tasks import Failure, Task, words_of
 
 ROBOT = "robot"
+LOADED = (  # before a process begins
+    *("floatplan.certificate.certify", "floatplan.kernel.library", "floatplan.planning.many"),
+    *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
+)
 
 
 class StoppedError(Exception):
@@ -95,31 +96,12 @@ class Worker:
     def _started(self) -> tuple[Any, Connection]:
         if self._closed:
             raise StoppedError
-        context = get_context("forkserver")
-        context.set_forkserver_preload(["__main__", "floatplan.studio.work.preloaded"])
-        with same_modules():
-            forkserver.ensure_running()
+        context = get_ready("__main__", *LOADED)
         ours, theirs = context.Pipe()
         process = context.Process(target=serve, args=(theirs, self._robot, self._niceness), daemon=True)
         process.start()
         theirs.close()
         return process, ours
-
-
-@contextlib.contextmanager
-def same_modules() -> Iterator[None]:
-    """Let a process that is started meanwhile import what this one does, whatever lies in the working directory."""
-    places = {"PYTHONPATH": os.pathsep.join(place or str(Path.cwd()) for place in sys.path), "PYTHONSAFEPATH": "1"}
-    before = {name: os.environ.get(name) for name in places}
-    os.environ.update(places)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def serve(pipe: Connection, robot: fp.Robot, niceness: int) -> None:

@@ -1,0 +1,131 @@
+"""Processes of floatplan import what the main one does, whatever lies in the working directory, and end with it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+from needed import skip_or_fail
+
+from floatplan.pool import processes
+
+ROOT = Path(__file__).resolve().parents[1]
+PATIENCE = 300.0  # [s] for what takes a few
+PLANTED = ("numpy.py", "random.py", "socket.py", "floatplan/__init__.py", "floatplan/studies/__init__.py")
+PROGRAM = "from floatplan.cli import main\nif __name__ == '__main__':\n    main()\n"
+MANY = """
+import sys
+import floatplan as fp
+if __name__ == "__main__":
+    problem = fp.load_problem(sys.argv[1])
+    plans = fp.plan_many([problem] * 9, jobs=2)
+    assert plans.ok.all(), plans.messages
+"""
+STUDY = """
+problem = "{}"
+[vary]
+"flight.duration" = {{ from = 0.9, to = 1.4, count = 200 }}
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    """A folder whose modules, where one is executed, leave their names in a file."""
+    folder = tmp_path / "here"
+    for name in PLANTED:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"open({str(tmp_path / 'executed')!r}, 'a').write({name!r} + ' ')\n")
+    return folder
+
+
+def run_there(here: Path, script: str, *arguments: str | Path) -> None:
+    """Run a script of another folder, as an installed command is, and see that nothing planted was executed."""
+    program = here.parent / "bin" / "floatplan"
+    program.parent.mkdir()
+    program.write_text(script)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    environment["PYTHONPATH"] = os.pathsep.join(place for place in sys.path if place)
+    done = subprocess.run(
+        [sys.executable, str(program), *map(str, arguments)],
+        cwd=here,
+        env=environment,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    executed = here.parent / "executed"
+    assert not executed.exists(), executed.read_text()
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.fixture
+def study_file(tmp_path: Path) -> Path:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.format(ROOT / "problems" / "somersault.toml"))
+    return path
+
+
+@pytest.mark.parametrize("engine", ["processes", "dask"])
+def test_a_study_executes_nothing_of_the_working_directory(here: Path, study_file: Path, engine: str) -> None:
+    try:
+        import distributed  # noqa: F401
+        import pyarrow  # noqa: F401
+    except ImportError:
+        skip_or_fail("the extra study is not installed")
+    run_there(here, PROGRAM, "study", study_file, "--jobs", "2", "--engine", engine)
+
+
+def test_nor_does_a_search(here: Path) -> None:
+    problem = ROOT / "problems" / "obstacle.toml"
+    run_there(here, PROGRAM, "plan", problem, "--jobs", "2", "--starts", "4", "--no-figures")
+
+
+def test_nor_do_many_searches(here: Path) -> None:
+    run_there(here, MANY, ROOT / "problems" / "obstacle.toml")
+
+
+def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path: Path, study_file: Path) -> None:
+    """Each process reads a script anew, and this one would start further processes there."""
+    script = tmp_path / "script.py"
+    script.write_text(f"import floatplan as fp\nfp.study({str(study_file)!r}, folder='out', jobs=2)\n")
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(place for place in sys.path if place)},
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 1
+    assert "no process can be started" in done.stderr.splitlines()[-1]
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_the_environment_is_as_it_was() -> None:
+    before = os.environ.get("PYTHONPATH"), os.environ.get("PYTHONSAFEPATH"), os.environ.get("OPENBLAS_NUM_THREADS")
+    with processes(1, ()) as executor:
+        assert executor.submit(os.getpid).result() != os.getpid()
+    after = os.environ.get("PYTHONPATH"), os.environ.get("PYTHONSAFEPATH"), os.environ.get("OPENBLAS_NUM_THREADS")
+    assert after == before
+
+
+def large() -> bytes:
+    return bytes(300_000_000)
+
+
+def test_they_end_amid_an_answer() -> None:
+    """Whoever waits for the rest of what a dead process was sending waits for ever."""
+    with processes(1, ()) as executor:
+        asked: Future[bytes] = executor.submit(large)
+        while not executor._result_queue._reader.poll():  # type: ignore[attr-defined]
+            assert not asked.done()
+            time.sleep(0.001)

@@ -1,0 +1,139 @@
+"""The same bits whatever the number of threads that BLAS may use; and that number is the user's again afterwards."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan import threads
+
+ROOT = Path(__file__).resolve().parents[1]
+PROBLEMS = ("obstacle_hard", "moving_hoop")  # their sums are long enough to be shared among threads
+STUDY = """
+problem = "{problem}"
+[vary]
+"flight.angular_momentum" = {{ from = 2.8, to = 4.4, count = 6 }}
+"flight.duration" = {{ from = 0.9, to = 1.4, count = 4 }}
+"""
+ANSWERS = """
+import json, sys
+import floatplan as fp
+folder, *problems = sys.argv[1:]
+for problem in problems:
+    plan = fp.load_plan(fp.plan(fp.load_problem(problem), prove=True).save(f"{folder}/plan.json"))
+    content = json.load(open(f"{folder}/plan.json"))
+    del content["solver"]["seconds"], content["certificate"]["seconds"]
+    print(json.dumps(content))
+    print(plan.at(plan.duration / 3).torques.tolist(), fp.authority(plan).momentum.tolist())
+"""
+TABLE = """
+import sys
+import floatplan as fp
+folder, study = sys.argv[1:]
+if __name__ == "__main__":
+    for jobs in (1, 2):
+        print(fp.study(study, folder=f"{folder}/{jobs}", jobs=jobs).table.drop_columns(["milliseconds"]).to_pylist())
+"""
+
+
+def told(code: str, wanted: str | None, folder: Path, *arguments: str) -> str:
+    """What a script prints where BLAS may use so many threads; None: as many as it likes."""
+    folder.mkdir()
+    (folder / "script.py").write_text(code)
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    if wanted is not None:
+        environment["OPENBLAS_NUM_THREADS"] = wanted
+    command = [sys.executable, str(folder / "script.py"), str(folder), *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+
+
+def test_plans_are_the_same_bit_for_bit(tmp_path: Path) -> None:
+    problems = [str(ROOT / "problems" / f"{name}.toml") for name in PROBLEMS]
+    one, *others = (told(ANSWERS, wanted, tmp_path / f"{wanted}", *problems) for wanted in ("1", "2", None))
+    assert json.loads(one.splitlines()[0])["certificate"]["verdict"] == "proved"
+    assert all(other == one for other in others)
+
+
+def test_studies_are_the_same_bit_for_bit(tmp_path: Path) -> None:
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        skip_or_fail("pyarrow is not installed: the extra study")
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY.format(problem=ROOT / "problems" / "somersault.toml"))
+    tables = [
+        table for wanted in ("1", "2") for table in told(TABLE, wanted, tmp_path / wanted, str(study)).split("\n")
+    ]
+    assert len(tables[0]) > 1000
+    assert {*tables} == {tables[0], ""}
+
+
+class Library:
+    """A library that has as many threads as it is told."""
+
+    num_threads = 3
+
+    def set_num_threads(self, count: int) -> None:
+        self.num_threads = count
+
+
+@pytest.fixture
+def library(monkeypatch: pytest.MonkeyPatch) -> Library:
+    made = Library()
+    monkeypatch.setattr(threads, "_libraries", lambda: (made,))
+    return made
+
+
+def test_it_is_held_until_the_last_call_ends(library: Library) -> None:
+    begun, enough = threading.Event(), threading.Event()
+
+    def slow() -> None:
+        begun.set()
+        enough.wait()
+
+    other = threading.Thread(target=threads.one_thread(slow))
+    other.start()
+    begun.wait()
+    assert threads.one_thread(lambda: library.num_threads)() == 1
+    assert library.num_threads == 1
+    enough.set()
+    other.join()
+    assert library.num_threads == 3
+
+
+def test_an_error_lets_go_too(library: Library) -> None:
+    def outer() -> None:
+        threads.one_thread(fails)()
+
+    def fails() -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        threads.one_thread(outer)()
+    assert library.num_threads == 3
+
+
+@pytest.mark.parametrize(
+    "compute", [fp.plan, lambda problem: fp.plan_many([problem]), fp.takeoff], ids=["plan", "plan_many", "takeoff"]
+)
+def test_public_calls_hold_numpys_library_and_give_it_back(
+    compute: Callable[[fp.Problem], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (blas, *_) = threads._libraries()
+    problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
+    seen = []
+    monkeypatch.setattr(type(blas), "set_num_threads", lambda _, count: seen.append(count))
+    monkeypatch.setattr(type(blas), "num_threads", 4)
+    compute(problem)
+    assert seen[0] == 1
+    assert seen[-1] == 4
