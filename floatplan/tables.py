@@ -113,8 +113,8 @@ RANGES: dict[str, Range] = {
     "duration": Range(1e-3, 1e3, "s"),
     "orientation": _within(1e4, "rad"),
     "positions": _within(1e4, "rad"),
-    "velocities": _within(1e5, "rad/s"),
-    "accelerations": _within(1e8, "rad/s^2"),
+    "velocities": _within(1e8, "rad/s"),
+    "accelerations": _within(1e12, "rad/s^2"),
     "angular_momentum": _within(1e9, "kg m^2/s"),
     "horizontal_velocity": _within(1e4, "m/s"),
     "gravity": Range(0.0, 1e4, "m/s^2"),
@@ -141,7 +141,7 @@ def check_number(value: object, element: str, key: str, advice: str | None = Non
     allowed = RANGES[key]
     try:
         numbers = _numbers(value)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, RecursionError):
         numbers = [math.nan]
     if not all(map(math.isfinite, numbers)):
         raise InputError(f"{value!r} is not a finite number", element=element)

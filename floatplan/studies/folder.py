@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from floatplan.errors import InputError
-from floatplan.files import read_text, write_atomically
+from floatplan.files import read_json, write_atomically
 from floatplan.studies.columns import arrow, written
 
 FORMAT = "floatplan.study/1"
@@ -83,11 +83,9 @@ class StudyFolder:
         if not path.exists():
             return None
         try:
-            content = json.loads(read_text(path, LARGEST_STUDY_RECORD, "a study's record"))
-        except (ValueError, RecursionError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError("is not JSON", source=path, advice=ADVICE) from None
+            content = read_json(path, LARGEST_STUDY_RECORD, "a study's record")
+        except InputError as error:
+            raise InputError(error.reason, source=path, advice=ADVICE) from None
         digest = content.get("hash") if isinstance(content, dict) else None
         return digest if isinstance(digest, str) else ""
 
