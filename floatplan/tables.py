@@ -139,6 +139,7 @@ def check_number(value: object, element: str, key: str, advice: str | None = Non
         Not a number, not finite, or out of the range.
     """
     allowed = RANGES[key]
+    value = value.tolist() if hasattr(value, "tolist") else value
     try:
         numbers = _numbers(value)
     except (TypeError, ValueError, OverflowError, RecursionError):
