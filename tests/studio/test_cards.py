@@ -42,10 +42,10 @@ def test_a_verdict_for_each_stage(present: Flown) -> None:
     missed = replace(quick, plan=replace(quick.plan, ok=False))
     assert replace(view, flown=missed).verdict == "waiting"
     assert replace(view, flown=replace(missed, settled=True)).verdict == "not found"
-    for verdict in ("refuted", "undecided"):
-        judged = replace(present, certificate=replace(present.certificate, verdict=verdict))
-        assert replace(view, flown=judged).verdict == verdict
-        assert verdict in cards.status_card(replace(view, flown=judged)).lower()
+    for word in ("refuted", "undecided"):
+        judged = replace(present, certificate=replace(present.certificate, verdict=word))
+        assert replace(view, flown=judged).verdict == word
+        assert word in cards.status_card(replace(view, flown=judged)).lower()
 
 
 def test_the_verdict_is_said_as_summary_and_report_say_it(present: Flown) -> None:
