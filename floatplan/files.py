@@ -10,7 +10,8 @@ import socket
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +188,13 @@ def plain(value: Any) -> Any:
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
-    """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file."""
+    """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file.
+
+    Raises
+    ------
+    InputError
+        The system refuses it, such as on a full disk, or there is something else than a file.
+    """
     return write_together({Path(path): content})[0]
 
 
@@ -198,20 +205,36 @@ def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[],
     ----------
     contents : what to write, by path
     replacing : called once everything is written and nothing has taken its place yet
+
+    Raises
+    ------
+    InputError
+        As :func:`write_atomically`; it names the file that was to be written.
     """
     written: dict[Path, Path] = {}
     try:
         for path, content in contents.items():
-            written[path] = _written_beside(path, content)
+            with _refusals_of(path):
+                written[path] = _written_beside(path, content)
         if replacing is not None:
             replacing()
         for path, temporary in written.items():
-            temporary.replace(path)
+            with _refusals_of(path):
+                temporary.replace(path)
     except BaseException:
         for temporary in written.values():
             temporary.unlink(missing_ok=True)
         raise
     return list(contents)
+
+
+@contextmanager
+def _refusals_of(path: Path) -> Iterator[None]:
+    """Name the file, not its temporary name, in what the system refuses."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", source=path) from None
 
 
 def _written_beside(path: Path, content: str | bytes) -> Path:

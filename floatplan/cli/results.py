@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from floatplan.errors import InputError
@@ -63,9 +61,8 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
     InputError
         The directory cannot be written to.
     """
-    with naming_the_place(directory):
-        contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
-        return write_together(contents, replacing=lambda: _remove_older(directory))
+    contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
+    return write_together(contents, replacing=lambda: _remove_older(directory))
 
 
 def _remove_older(directory: Path) -> None:
@@ -90,10 +87,8 @@ def _remove_older(directory: Path) -> None:
 
 def write_problem(plan: Plan, directory: Path) -> Path:
     """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
-    with naming_the_place(directory):
-        return write_atomically(
-            directory / PROBLEM, schema_line(directory) + problem_text(plan.problem, directory / PROBLEM)
-        )
+    path = directory / PROBLEM
+    return write_atomically(path, schema_line(directory) + problem_text(plan.problem, path))
 
 
 def schema_line(directory: Path) -> str:
@@ -108,22 +103,11 @@ def write_figures(plan: Plan, directory: Path, compare: Plan | None = None) -> l
     """
     from floatplan.view.figures.figures import save_figures
 
-    with naming_the_place(directory):
-        return save_figures(plan, directory / FIGURES, compare=compare)
+    return save_figures(plan, directory / FIGURES, compare=compare)
 
 
 def write_page(plan: Plan, directory: Path) -> Path:
     """Write report.html, the page that plays the plan; errors as :func:`write_results`."""
     from floatplan.view.report.report import write_report
 
-    with naming_the_place(directory):
-        return write_report(plan, directory / REPORT)
-
-
-@contextmanager
-def naming_the_place(directory: Path) -> Iterator[None]:
-    """Turn what goes wrong while writing into an InputError that names the file."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", source=error.filename or directory) from None
+    return write_report(plan, directory / REPORT)

@@ -131,16 +131,19 @@ class StudyFolder:
 
 
 ADVICE = "--restart discards them; or give another folder"
+KEPT = "what is there stays, and is resumed"
 
 
 @contextmanager
 def naming_the_folder(path: Path) -> Iterator[None]:
-    """Turn what the system refuses, such as a full disk, into an error that names the file."""
+    """Say of what the system refuses, such as on a full disk, which file it is and that nothing is lost."""
     try:
         yield
+    except InputError as error:
+        raise InputError(error.reason, source=error.source, advice=KEPT) from None
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"
-        raise InputError(reason, source=error.filename or path, advice="what is there stays, and is resumed") from None
+        raise InputError(reason, source=error.filename or path, advice=KEPT) from None
 
 
 def _is_whole(path: Path, rows: int) -> bool:

@@ -105,7 +105,7 @@ class TestWriteWhole:
             raise OSError("disc full")
 
         monkeypatch.setattr(Path, "replace", fail)
-        with pytest.raises(OSError, match="disc full"):
+        with pytest.raises(fp.InputError, match="disc full"):
             write_atomically(path, "new")
         assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
         assert path.read_text() == "old"

@@ -28,8 +28,6 @@ class Saving:
             path = self._free(asked)
             self._write(view, part, path)
             self._written[path.resolve()] = _version(path)
-        except OSError as error:
-            return f"Not saved: {error.filename or folder}: {error.strerror or error}"
         except Exception as error:  # of a name, of a full disk, of what a report may find: the page goes on
             return f"Not saved: {words_of(error)}"
         return f"{path} is saved." if path == asked else f"{path} is saved: there is another {asked.name} already."
@@ -44,13 +42,11 @@ class Saving:
 
     def _write(self, view: View, part: Part, path: Path) -> None:
         if part == "problem":
-            path.parent.mkdir(parents=True, exist_ok=True)
             fp.save_problem(view.problem, path)
             return
         if view.flown is None or not view.is_current or not view.flown.settled:
             raise fp.InputError("the plan is not settled yet", advice="wait a moment")
         plan = view.flown.complete_plan()
-        path.parent.mkdir(parents=True, exist_ok=True)
         if part == "plan":
             plan.save(path)
         else:
