@@ -37,7 +37,7 @@ from floatplan.cli.schema import schema
 from floatplan.cli.show import export, show
 from floatplan.cli.studio import studio
 from floatplan.cli.study import study
-from floatplan.errors import InputError
+from floatplan.errors import InputError, escaped
 from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def plan(
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
     with progress("writing", quiet):
-        files = write_results(answer, directory, rate)
+        files = write_results(answer, directory, rate, tell=lambda words: quiet or typer.echo(escaped(words), err=True))
         if is_robot(source):
             files.append(write_problem(answer, directory))
         if figures or (figures is None and not json_output):

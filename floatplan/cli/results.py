@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from floatplan.errors import InputError
@@ -51,10 +52,13 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
     return InputError(reason, source="--output", element=str(directory), advice="choose another directory")
 
 
-def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
+def write_results(
+    plan: Plan, directory: Path, rate: float, tell: Callable[[str], object] = lambda _: None
+) -> list[Path]:
     """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
 
-    Older results stay where the new ones cannot be written, and go before the first new one takes its place.
+    Older results stay where the new ones cannot be written, and go before the first new one takes its place; ``tell``
+    is told in a sentence which they were.
 
     Raises
     ------
@@ -62,10 +66,10 @@ def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
         The directory cannot be written to.
     """
     contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
-    return write_together(contents, replacing=lambda: _remove_older(directory))
+    return write_together(contents, replacing=lambda: _remove_older(directory, tell))
 
 
-def _remove_older(directory: Path) -> None:
+def _remove_older(directory: Path, tell: Callable[[str], object]) -> None:
     """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
 
     Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
@@ -80,9 +84,12 @@ def _remove_older(directory: Path) -> None:
     made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
-    for path in made:
-        if path.is_file():
-            path.unlink()
+    older = [path for path in made if path.is_file()]
+    for path in older:
+        path.unlink()
+    names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older if path.name != TRAJECTORY)
+    if names:
+        tell(f"{directory}: the plan there is replaced, and what was made of it removed: {', '.join(names)}")
 
 
 def write_problem(plan: Plan, directory: Path) -> Path:

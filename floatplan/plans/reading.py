@@ -21,7 +21,7 @@ LARGEST_FOUND = (
 )
 LARGEST_ANGLE = 1e6  # [rad] of a term of p
 ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
-STATUSES = ("optimal", "feasible", "infeasible")
+STATUSES = ("optimal", "feasible", "infeasible", "interrupted")
 TABLES = ("problem", "solver")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers

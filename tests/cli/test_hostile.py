@@ -149,7 +149,9 @@ class TestWrites:
         (tmp_path / "notes.txt").write_text("mine")
         older = {path.name for path in tmp_path.rglob("*") if path.is_file()}
         assert {"report.html", "torques.png", "flight.npz"} <= older | {"flight.npz"}
-        assert floatplan("plan", problem, "-o", tmp_path, "--no-figures", "-q").code == 0
+        run = floatplan("plan", problem, "-o", tmp_path, "--no-figures")
+        told = "the plan there is replaced, and what was made of it removed: report.html, trajectory.npz, figures"
+        assert (run.code, run.stderr) == (0, f"{tmp_path}: {told}\n")
         assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {
             "plan.json",
             "trajectory.csv",
