@@ -52,9 +52,7 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
     return InputError(reason, source="--output", element=str(directory), advice="choose another directory")
 
 
-def write_results(
-    plan: Plan, directory: Path, rate: float, tell: Callable[[str], object] = lambda _: None
-) -> list[Path]:
+def write_results(plan: Plan, directory: Path, rate: float, tell: Callable[[str], object] | None = None) -> list[Path]:
     """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
 
     Older results stay where the new ones cannot be written, and go before the first new one takes its place; ``tell``
@@ -69,7 +67,7 @@ def write_results(
     return write_together(contents, replacing=lambda: _remove_older(directory, tell))
 
 
-def _remove_older(directory: Path, tell: Callable[[str], object]) -> None:
+def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None:
     """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
 
     Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
@@ -88,7 +86,7 @@ def _remove_older(directory: Path, tell: Callable[[str], object]) -> None:
     for path in older:
         path.unlink()
     names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older if path.name != TRAJECTORY)
-    if names:
+    if names and tell is not None:
         tell(f"{directory}: the plan there is replaced, and what was made of it removed: {', '.join(names)}")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from floatplan.errors import InputError
 from floatplan.files import is_file, plain
 from floatplan.plans.record import RobotRecord
-from floatplan.problem.file import robot_as_asked
+from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.example_robots import PREFIX
 

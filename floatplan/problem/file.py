@@ -19,6 +19,7 @@ from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.problem.validation import validated
+from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Robot
 from floatplan.tables import REST
 
@@ -67,30 +68,6 @@ def load_robot(path: str | Path) -> Robot:
         return robot_as_asked(_urdf_source(table.urdf, path), table.choices(), path, "robot.")
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
-
-
-def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:
-    """Return the robot of a URDF.
-
-    Parameters
-    ----------
-    urdf : path
-    choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
-    prefix : of their names there, such as "robot."
-
-    Raises
-    ------
-    InputError
-        As of ``Robot.from_urdf``.
-    """
-    try:
-        return Robot.from_urdf(urdf, **choices)
-    except InputError as error:
-        word = (error.element or "").split(" ")[0]
-        if asker is None or word not in choices or all(value is None for value in choices.values()):
-            raise
-        raise InputError(error.reason, source=asker, element=f"{prefix}{error.element}", advice=error.advice) from None
 
 
 def problem_from_dict(

@@ -17,9 +17,9 @@ from floatplan.problem.file import (
     load_robot,
     problem_from_dict,
     problem_to_dict,
-    robot_as_asked,
 )
 from floatplan.problem.problem import Problem
+from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 
 PLACE = "command line"
