@@ -1,6 +1,6 @@
 """``python -m floatplan``."""
 
-from floatplan.cli.commands import main
+from floatplan.cli import main
 
 if __name__ == "__main__":
     main()

@@ -9,7 +9,9 @@ import re
 import socket
 import stat
 import tempfile
-from collections.abc import Callable, Mapping
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from floatplan.errors import InputError
 
 LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
 LARGEST_URDF = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
+DEEPEST = 50  # [-] tables and lists within each other, of any file
 
 
 def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
@@ -69,21 +72,57 @@ def read_text(path: str | Path, largest: int, kind: str) -> str:
         raise InputError("is not a text file in UTF-8", source=path) from None
 
 
-def read_json(path: Path) -> Any:
-    """Read a plan file's JSON.
+def read_json(path: Path, largest: int = LARGEST_PLAN, kind: str = "a plan file") -> Any:
+    """Read a plan file, or another ``kind`` of JSON.
 
     Raises
     ------
     InputError
-        The file cannot be read, is not JSON, or gives a key twice in one object.
+        The file cannot be read, is not JSON, is nested too deeply, or gives a key twice in one object.
     """
-    text = read_text(path, LARGEST_PLAN, "a plan file")
+    text = read_text(path, largest, kind)
+    return _parsed(path, "JSON", lambda: json.loads(text, object_pairs_hook=_single_keys))
+
+
+def parsed_toml(text: str, path: Path) -> dict[str, Any]:
+    """Return the content of a TOML file; errors as :func:`read_json`."""
+    content: dict[str, Any] = _parsed(path, "TOML", lambda: tomllib.loads(text))
+    return content
+
+
+def _parsed(path: Path, form: str, parse: Callable[[], Any]) -> Any:
     try:
-        return json.loads(text, object_pairs_hook=_single_keys)
+        content = parse()
+        check_depth(content)
     except InputError as error:
         raise error.within(source=path) from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not JSON: {error}", source=path) from None
+    except RecursionError:
+        raise _too_deep().within(source=path) from None
+    except ValueError as error:
+        raise InputError(f"is not {form}: {error}", source=path) from None
+    return content
+
+
+def check_depth(content: Any, kinds: Any = Mapping | list | tuple) -> None:
+    """Refuse mappings and sequences, or other ``kinds``, nested deeper than in any file: others walk them recursively.
+
+    Raises
+    ------
+    InputError
+        They are, or hold themselves.
+    """
+    level: list[Any] = [(content,)]
+    for _ in range(DEEPEST + 1):
+        inner = (item.values() if isinstance(item, Mapping) else item for item in level)
+        found = {id(each): each for item in inner for each in item if isinstance(each, kinds)}
+        level = list(found.values())
+        if not level:
+            return
+    raise _too_deep()
+
+
+def _too_deep() -> InputError:
+    return InputError("is nested too deeply", advice=f"no file has more than {DEEPEST} levels")
 
 
 def check_finite(content: Any, element: str = "") -> None:
@@ -149,7 +188,13 @@ def plain(value: Any) -> Any:
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
-    """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file."""
+    """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file.
+
+    Raises
+    ------
+    InputError
+        The system refuses it, such as on a full disk, or there is something else than a file.
+    """
     return write_together({Path(path): content})[0]
 
 
@@ -160,20 +205,36 @@ def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[],
     ----------
     contents : what to write, by path
     replacing : called once everything is written and nothing has taken its place yet
+
+    Raises
+    ------
+    InputError
+        As :func:`write_atomically`; it names the file that was to be written.
     """
     written: dict[Path, Path] = {}
     try:
         for path, content in contents.items():
-            written[path] = _written_beside(path, content)
+            with _refusals_of(path):
+                written[path] = _written_beside(path, content)
         if replacing is not None:
             replacing()
         for path, temporary in written.items():
-            temporary.replace(path)
+            with _refusals_of(path):
+                temporary.replace(path)
     except BaseException:
         for temporary in written.values():
             temporary.unlink(missing_ok=True)
         raise
     return list(contents)
+
+
+@contextmanager
+def _refusals_of(path: Path) -> Iterator[None]:
+    """Name the file, not its temporary name, in what the system refuses."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", source=path) from None
 
 
 def _written_beside(path: Path, content: str | bytes) -> Path:

@@ -113,8 +113,8 @@ RANGES: dict[str, Range] = {
     "duration": Range(1e-3, 1e3, "s"),
     "orientation": _within(1e4, "rad"),
     "positions": _within(1e4, "rad"),
-    "velocities": _within(1e5, "rad/s"),
-    "accelerations": _within(1e8, "rad/s^2"),
+    "velocities": _within(1e8, "rad/s"),
+    "accelerations": _within(1e12, "rad/s^2"),
     "angular_momentum": _within(1e9, "kg m^2/s"),
     "horizontal_velocity": _within(1e4, "m/s"),
     "gravity": Range(0.0, 1e4, "m/s^2"),
@@ -139,9 +139,10 @@ def check_number(value: object, element: str, key: str, advice: str | None = Non
         Not a number, not finite, or out of the range.
     """
     allowed = RANGES[key]
+    value = value.tolist() if hasattr(value, "tolist") else value
     try:
         numbers = _numbers(value)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, RecursionError):
         numbers = [math.nan]
     if not all(map(math.isfinite, numbers)):
         raise InputError(f"{value!r} is not a finite number", element=element)

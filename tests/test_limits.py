@@ -41,6 +41,7 @@ SIZES = {
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
     "a mesh": f"{meshes.LARGEST_MESH // 10**6} MB",
+    "tables and lists within each other, in any file": files.DEEPEST,
     "characters of a name": errors.LONGEST_NAME,
 }
 
@@ -73,6 +74,7 @@ def test_sizes(page):
         f"{limits.NARROWEST:g} rad wide",
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
+        f"above {reading.LARGEST_FOUND:g}",
         f"below {values.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
         *(f"`.{kind}`" for kind in meshes.KINDS),

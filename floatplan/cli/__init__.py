@@ -1,5 +1,17 @@
 """The command line."""
 
-from floatplan.cli.commands import app, main
+from __future__ import annotations
 
-__all__ = ["app", "main"]
+import sys
+
+INTERRUPTED = 130  # exit code where Ctrl-C ended it, as shells have it
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C ends it without a traceback, also while it is imported."""
+    try:
+        from floatplan.cli.commands import main as run
+
+        run()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -37,7 +37,7 @@ from floatplan.cli.schema import schema
 from floatplan.cli.show import export, show
 from floatplan.cli.studio import studio
 from floatplan.cli.study import study
-from floatplan.errors import InputError
+from floatplan.errors import InputError, escaped
 from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def plan(
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
     with progress("writing", quiet):
-        files = write_results(answer, directory, rate)
+        files = write_results(answer, directory, rate, tell=None if quiet else _tell)
         if is_robot(source):
             files.append(write_problem(answer, directory))
         if figures or (figures is None and not json_output):
@@ -212,7 +212,7 @@ def bounds(
     ] = None,
     json_output: Json = False,
 ) -> None:
-    """Tell which angular momentum suits a flight: of joints that do not turn back, and of what they can push off.
+    """Tell which angular momentum suits a flight: of joints that do not turn back, and with feet at rest at both ends.
 
     For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
     the frame on the ground being at rest: intervals of angular momentum and velocity.
@@ -236,6 +236,10 @@ def bounds(
 
     print_summary(momentum_summary(problem, facts))
     print_summary(reachable_summary(facts))
+
+
+def _tell(words: str) -> None:
+    typer.echo(escaped(words), err=True)
 
 
 def _without_obstacles(answer: Plan, seed: int) -> Plan | None:

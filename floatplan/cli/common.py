@@ -11,11 +11,12 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import Annotated, Any, ParamSpec, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperGroup
 
+from floatplan.cli import INTERRUPTED
 from floatplan.errors import FloatplanError, InputError, escaped, printable
 from floatplan.optional import near
 
@@ -51,7 +52,7 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except InputError as error:
-            _complain(str(error).replace("\n", "\nerror: "))
+            _complain(str(_as_typed(error, command)).replace("\n", "\nerror: "))
             raise typer.Exit(BAD_INPUT) from None
         except FloatplanError as error:
             _complain(str(error))
@@ -60,11 +61,29 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
             place = "" if error.filename is None else f"{printable(str(error.filename))}: "
             _complain(f"{place}{error.strerror or error}")
             raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            _complain("interrupted")
+            raise typer.Exit(INTERRUPTED) from None
         except MemoryError:
             _complain("there is not enough memory for this")
             raise typer.Exit(BAD_INPUT) from None
 
     return run
+
+
+def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
+    """The same error; one about an option of the command names it as it is typed, with its dashes."""
+    option = f"--{error.element}"
+    if error.source is None and option in _options(command):
+        return InputError(error.reason, element=option, advice=error.advice)
+    return error
+
+
+def _options(command: Callable[..., object]) -> Iterator[str]:
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        for info in getattr(hint, "__metadata__", ()):
+            if isinstance(info, typer.models.OptionInfo):
+                yield from info.param_decls or (f"--{name.replace('_', '-')}",)
 
 
 class Commands(TyperGroup):

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from floatplan.cli.common import print_json
-from floatplan.cli.results import check_directory, naming_the_place
+from floatplan.cli.results import check_directory
 from floatplan.cli.summary import print_summary
 from floatplan.errors import escaped
 from floatplan.inflight.authority import Authority, authority
@@ -63,9 +63,7 @@ def fly_many(
 def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | None) -> Path:
     from floatplan.view.report.flights_page import write_flights_page
 
-    with naming_the_place(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return write_flights_page(plan, path, flown, found)
+    return write_flights_page(plan, path, flown, found)
 
 
 def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:

@@ -22,10 +22,11 @@ def init(
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Write a problem file for a robot: a flip that it can push off and land, else the largest turn found.
+    """Write a problem file for a robot: a flip from feet at rest to feet at rest, else the largest turn found.
 
     The file plans as it stands: floatplan plan FILE.toml proves its flight, without warnings. It says what was found:
-    plane, joints with their ranges, couplings, feet, and the limits of the URDF.
+    plane, joints with their ranges, couplings, feet, and the limits of the URDF. Of takeoff and landing the joint rates
+    at that instant are checked; whether the legs have the stroke, the force and the balance for it is not.
     """
     from floatplan.files import write_atomically
     from floatplan.initial.flight import first_flight

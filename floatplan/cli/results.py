@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 from floatplan.errors import InputError
@@ -53,22 +52,22 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
     return InputError(reason, source="--output", element=str(directory), advice="choose another directory")
 
 
-def write_results(plan: Plan, directory: Path, rate: float) -> list[Path]:
+def write_results(plan: Plan, directory: Path, rate: float, tell: Callable[[str], object] | None = None) -> list[Path]:
     """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
 
-    Older results stay where the new ones cannot be written, and go before the first new one takes its place.
+    Older results stay where the new ones cannot be written, and go before the first new one takes its place; ``tell``
+    is told in a sentence which they were.
 
     Raises
     ------
     InputError
         The directory cannot be written to.
     """
-    with naming_the_place(directory):
-        contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
-        return write_together(contents, replacing=lambda: _remove_older(directory))
+    contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
+    return write_together(contents, replacing=lambda: _remove_older(directory, tell))
 
 
-def _remove_older(directory: Path) -> None:
+def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None:
     """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
 
     Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
@@ -83,17 +82,18 @@ def _remove_older(directory: Path) -> None:
     made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
-    for path in made:
-        if path.is_file():
-            path.unlink()
+    older = [path for path in made if path.is_file()]
+    for path in older:
+        path.unlink()
+    names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older if path.name != TRAJECTORY)
+    if names and tell is not None:
+        tell(f"{directory}: the plan there is replaced, and what was made of it removed: {', '.join(names)}")
 
 
 def write_problem(plan: Plan, directory: Path) -> Path:
     """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
-    with naming_the_place(directory):
-        return write_atomically(
-            directory / PROBLEM, schema_line(directory) + problem_text(plan.problem, directory / PROBLEM)
-        )
+    path = directory / PROBLEM
+    return write_atomically(path, schema_line(directory) + problem_text(plan.problem, path))
 
 
 def schema_line(directory: Path) -> str:
@@ -108,22 +108,11 @@ def write_figures(plan: Plan, directory: Path, compare: Plan | None = None) -> l
     """
     from floatplan.view.figures.figures import save_figures
 
-    with naming_the_place(directory):
-        return save_figures(plan, directory / FIGURES, compare=compare)
+    return save_figures(plan, directory / FIGURES, compare=compare)
 
 
 def write_page(plan: Plan, directory: Path) -> Path:
     """Write report.html, the page that plays the plan; errors as :func:`write_results`."""
     from floatplan.view.report.report import write_report
 
-    with naming_the_place(directory):
-        return write_report(plan, directory / REPORT)
-
-
-@contextmanager
-def naming_the_place(directory: Path) -> Iterator[None]:
-    """Turn what goes wrong while writing into an InputError that names the file."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", source=error.filename or directory) from None
+    return write_report(plan, directory / REPORT)

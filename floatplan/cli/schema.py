@@ -36,8 +36,6 @@ def schema(
     if output is None:
         typer.echo(text)
         return
-    from floatplan.cli.results import naming_the_place
     from floatplan.files import write_atomically
 
-    with naming_the_place(output):
-        print_path(write_atomically(output, f"{text}\n"))
+    print_path(write_atomically(output, f"{text}\n"))

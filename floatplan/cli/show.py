@@ -61,30 +61,27 @@ def show(
 
 
 def _pages(plan: Plan, directory: Path, scene: bool, report: bool) -> list[Path]:
-    from floatplan.cli.results import SCENE, naming_the_place, write_page
+    from floatplan.cli.results import SCENE, write_page
 
     files = [write_page(plan, directory)] if report else []
     if scene:
         from floatplan.view.scene.scene import write_scene
 
-        with naming_the_place(directory):
-            files.append(write_scene(plan, directory / SCENE))
+        files.append(write_scene(plan, directory / SCENE))
     return files
 
 
 def _pictures(
     plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float, bar: Bar
 ) -> list[Path]:
-    from floatplan.cli.results import FIGURES, FILM, naming_the_place
+    from floatplan.cli.results import FIGURES, FILM
 
     files: list[Path] = []
-    with naming_the_place(directory):
-        if formats:
-            from floatplan.view.figures.figures import save_figures
+    if formats:
+        from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
-    return files
+        files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
+    return files + [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
 
 
 @reporting_errors
@@ -113,7 +110,6 @@ def export(
     mcap       a ROS 2 bag, also for Foxglove (extra "mcap")
     unitree    CSV as Unitree's motion data
     """  # noqa: D301
-    from floatplan.cli.results import naming_the_place
     from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of
     from floatplan.plans.plan_file import load_plan
@@ -121,7 +117,7 @@ def export(
     known = format_of(form)
     plan = load_plan(plan_file, urdf)
     path = Path(plan_file).parent / known.file if output is None else output
-    with naming_the_place(path), progress("exporting", quiet):
+    with progress("exporting", quiet):
         path = write(plan, form, path, rate)
     if not quiet:
         print_path(path)

@@ -16,7 +16,7 @@ from rich.text import Text
 from floatplan.errors import escaped
 from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
-from floatplan.plans.verdicts import Certificate
+from floatplan.plans.verdicts import Certificate, verdict_in_words
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
 from floatplan.tables import OBJECTIVE_TABLE
@@ -186,13 +186,13 @@ def _verdict(plan: Plan) -> Text:
     seconds = plan.record.solver.get("seconds")
     took = "" if seconds is None else f" in {float(seconds):.3g} s"
     if plan.ok:
+        warned = bool(plan.warnings)
         proved = plan.certificate is not None and plan.certificate.proved
-        word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
+        word = verdict_in_words(True, plan.certificate, warned) if proved else "with warnings" if warned else ""
         parts = ", ".join(filter(None, (plan.status, word)))
-        return Text(
-            f"{plan.problem.name}: planned{took} ({parts})", style="bold yellow" if plan.warnings else "bold green"
-        )
-    return Text(f"{plan.problem.name}: no plan found{took} ({plan.status})", style="bold red")
+        return Text(f"{plan.problem.name}: planned{took} ({parts})", style="bold yellow" if warned else "bold green")
+    word = verdict_in_words(False, None, False)
+    return Text(f"{plan.problem.name}: {word}{took} ({plan.status})", style="bold red")
 
 
 def _problem(problem: Problem) -> str:

@@ -1,4 +1,4 @@
-"""A first flight of any robot: a flip that it can push off and land, else the largest turn, else one afloat."""
+"""A first flight of any robot: a flip from a foot at rest to a foot at rest, else the largest turn, else one afloat."""
 
 from __future__ import annotations
 
@@ -169,8 +169,8 @@ def _why(kind: str, tried: int, least: float) -> str:
     if tried:
         return f"Of {tried} {kind}s that could begin and end, no motion was found within the limits."
     if math.isfinite(least):
-        return f"For a {kind} the joints would have to turn at {least:.2g} times a velocity limit to push off or land."
-    return f"For a {kind} no posture was found from which to push off or land."
+        return f"For a {kind} the joints would have to turn at {least:.2g} times a velocity limit to take off or land."
+    return f"For a {kind} no posture was found to take off from or to land in."
 
 
 def _flips(chosen: ChosenRobot) -> Iterator[list[Flights]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.initial.limbs import LEG_JOINTS, feet
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
@@ -40,7 +40,8 @@ def chosen_robot(source: str | Path) -> ChosenRobot:
     InputError
         The file is not a sound URDF, or in none of the planes does the robot keep to it.
     """
-    posture = _posture(source)
+    with naming(urdf_path(source)):
+        posture = _posture(source)
     options = [{"coupled": "mirror"}, {}]
     tried: list[ChosenRobot] = []
     errors: list[InputError] = []

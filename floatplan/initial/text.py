@@ -21,6 +21,10 @@ from floatplan.problem.parts import Posture
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import PREFIX
 
+HELD = (
+    "Its foot leaves and meets the ground at rest, within the joints' velocity limits at these instants; whether the"
+    " legs have the stroke, the force and the balance to push off and to land was not looked at."
+)
 WIDTH = 110  # [-] characters of a comment
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -53,7 +57,7 @@ def _title(robot: Robot, flight: FirstFlight) -> list[str]:
     else:
         direction = "backwards" if turn * robot.plane.turn > 0 else "forwards"
         what = f"{name} flips {direction}, from {problem.takeoff.frame} to {problem.landing.frame}."
-    held = "It leaves and meets the ground at rest, within the limits of its joints." if problem.ground else ""
+    held = HELD if problem.ground else ""
     return _comment(" ".join([what, *flight.reasons, held]).strip())
 
 

@@ -16,6 +16,7 @@ from floatplan.planning.transcription.trajectory import sample_also, trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
+INTERRUPTED = "The search was interrupted before it found a plan; there may be one."
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
@@ -31,14 +32,15 @@ def explain(problem: Problem, prepared: Attempts, found: SearchResult, reasons: 
     """
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
-    sentences = [*reasons, *difficulties(problem), *_nearest(prepared, found)]
+    interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
+    sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]
     momentum = found.best.variables.angular_momentum(found.best.solution.x)
     sentences += [
         f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in motion_into_ground(problem, momentum)
     ]
     if found.interrupted:
-        sentences.append("The search was interrupted.")
-    elif found.ran_out_of_time and not found.ran_out_of_patience:
+        return " ".join(sentences)
+    if found.ran_out_of_time and not found.ran_out_of_patience:
         sentences.append("The search ran out of time; a larger budget may help.")
     if not reasons and found.best.variables.coefficients:
         sentences += _hardly_missed(prepared, found) or _more_freedom(problem)

@@ -77,10 +77,11 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
 def plan_of(prepared: Attempts, found: SearchResult, reasons: list[str], seconds: float) -> Plan:
     """Return the plan that a search ended at; ``reasons`` say why there can be none."""
     best = found.best
+    unsolved = "interrupted" if found.interrupted and not reasons else "infeasible"
     return Plan.of_motion(
         prepared.problem,
         *_motion(best),
-        status=best.solution.status if best.holds else "infeasible",
+        status=best.solution.status if best.holds else unsolved,
         ok=best.holds,
         explanation=explain(prepared.problem, prepared, found, reasons),
         solver={

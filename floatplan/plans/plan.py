@@ -56,7 +56,7 @@ class Plan(PlannedMotion):
     angular_momentum : kg m^2/s
     ballistics : path of the centre of mass
     angular_momentum_bounds : (low, high) of (9), kg m^2/s
-    status : "optimal", "feasible" or "infeasible"
+    status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
     ok : whether every constraint holds
     explanation : sentences for a person
     solver : mapping

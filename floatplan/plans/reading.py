@@ -11,13 +11,17 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.files import check_finite, numbers_hold, read_json
+from floatplan.files import check_depth, check_finite, numbers_hold, read_json
 from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.tables import check_number
 
-LARGEST = 1e12  # [SI] above every number of a plan file but coefficients; limits that are placeholders are as large
+LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
+LARGEST_FOUND = (
+    1e100  # [SI] above every number that follows from those: squares of torques are; its own square is finite
+)
 LARGEST_ANGLE = 1e6  # [rad] of a term of p
-STATUSES = ("optimal", "feasible", "infeasible")
+ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
+STATUSES = ("optimal", "feasible", "infeasible", "interrupted")
 TABLES = ("problem", "solver")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers
@@ -49,8 +53,6 @@ def load_record(path: str | Path) -> PlanRecord:
         return record_from_dict(content)
     except InputError as error:
         raise error.within(source=path) from None
-    except RecursionError:
-        raise InputError("is not a plan: nested too deeply", source=path) from None
 
 
 def record_from_dict(content: Any) -> PlanRecord:
@@ -114,25 +116,23 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
         angles = np.abs(coefficients) * duration ** np.arange(coefficients.shape[1])
     if not (angles <= LARGEST_ANGLE).all():
         raise InputError(f"give terms of more than {LARGEST_ANGLE:g} rad", element="coefficients")
-    others = {name: value for name, value in content.items() if name not in ("coefficients", "certificate", "replay")}
-    others["solver"] = {name: value for name, value in content["solver"].items() if name != "seed"}
-    if not numbers_hold(others, _is_of_a_size):
-        _check_size(others, "")
+    solver = {name: value for name, value in content["solver"].items() if name != "seed"}
+    for name, value in {**content, "solver": solver}.items():
+        if name not in ("coefficients", "certificate", "replay"):
+            largest = LARGEST if name in ASKED else LARGEST_FOUND
+            if not numbers_hold(value, lambda number, largest=largest: not abs(number) > largest):  # type: ignore[misc]
+                _refuse_size(value, name, largest)
 
 
-def _is_of_a_size(value: float) -> bool:
-    return not abs(value) > LARGEST
-
-
-def _check_size(value: Any, element: str) -> None:
+def _refuse_size(value: Any, element: str, largest: float) -> None:
     if isinstance(value, dict):
         for key, item in value.items():
-            _check_size(item, f"{element}.{key}".lstrip("."))
+            _refuse_size(item, f"{element}.{key}", largest)
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):
-            _check_size(item, f"{element}[{index}]")
-    elif isinstance(value, int | float) and not _is_of_a_size(value):
-        raise InputError(f"{value:g} is larger than anything in a flight, {LARGEST:g}", element=element)
+            _refuse_size(item, f"{element}[{index}]", largest)
+    elif isinstance(value, int | float) and abs(value) > largest:
+        raise InputError(f"{value:g} is larger than anything in a flight, {largest:g}", element=element)
 
 
 def _robot_record(content: Any) -> RobotRecord:
@@ -166,6 +166,7 @@ def as_written(record: PlanRecord) -> PlanRecord:
     InputError
         As :func:`load_record`; and of numbers that are not finite, which a file would hold as ``null``.
     """
+    check_depth(vars(record))
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
     check_finite({**stated, "robot": vars(record.robot)})
     return _record(record.to_dict())

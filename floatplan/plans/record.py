@@ -42,7 +42,7 @@ class PlanRecord:
 
     Attributes
     ----------
-    status : "optimal", "feasible" or "infeasible"
+    status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
     ok : whether every constraint holds
     explanation : one or more sentences; empty where there is nothing to explain
     problem : the problem as resolved: the tables of a problem file, in rad, lists in joint order

@@ -7,6 +7,7 @@ from pathlib import Path
 from floatplan.errors import InputError
 from floatplan.files import is_file, plain
 from floatplan.plans.record import RobotRecord
+from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.example_robots import PREFIX
 
@@ -27,13 +28,14 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     InputError
         The URDF is missing, or is not what it was when the plan was made.
     """
-    robot = Robot.from_urdf(
-        find_urdf(record.urdf, plan_file) if urdf is None else urdf,
-        plane=record.plane,
-        joints=record.joints,
-        coupled={name: Coupling(**values) for name, values in record.coupled.items()},
-        locked=dict(record.locked),
-    )
+    choices = {
+        "plane": record.plane,
+        "joints": record.joints,
+        "coupled": {name: Coupling(**values) for name, values in record.coupled.items()},
+        "locked": dict(record.locked),
+    }
+    place = find_urdf(record.urdf, plan_file) if urdf is None else urdf
+    robot = robot_as_asked(place, choices, plan_file, "robot.")
     if robot.sha256 != record.sha256:
         raise InputError(
             "the URDF has changed since the plan was made",

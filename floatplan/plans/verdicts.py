@@ -187,6 +187,24 @@ def _short(number: float | None) -> str:
     return "" if number is None or not math.isfinite(number) else f"{number:.4g}"
 
 
+def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool) -> str:
+    """The verdict on a plan as summary, report and studio say it.
+
+    Parameters
+    ----------
+    found : whether there is a plan
+    certificate : what was proved of it; None where nothing was
+    warned : whether it has warnings
+    """
+    if not found:
+        return "no plan found"
+    if certificate is None:
+        return "planned, not proved yet"
+    if certificate.proved:
+        return "proved, with warnings" if warned else "proved"
+    return "planned, proof undecided" if certificate.verdict == "undecided" else "refuted"
+
+
 def worst(findings: Sequence[Finding]) -> Verdict:
     """Refuted if anything is, else undecided if anything is, else proved."""
     verdicts = {finding.verdict for finding in findings}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -15,11 +14,12 @@ import tomli_w
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.files import plain, read_text, write_atomically
+from floatplan.files import parsed_toml, plain, read_text, write_atomically
 from floatplan.problem.parts import JointState, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.problem.validation import validated
+from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Robot
 from floatplan.tables import REST
 
@@ -48,10 +48,10 @@ def load_problem(path: str | Path) -> Problem:
     """
     path = Path(path)
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
-    content = _parsed(text, path)
+    content = parsed_toml(text, path)
     try:
         tables = validated(ProblemFileTable, content)
-        robot = Robot.from_urdf(_urdf_source(tables.robot.urdf, path), **tables.robot.choices())
+        robot = robot_as_asked(_urdf_source(tables.robot.urdf, path), tables.robot.choices(), path, "robot.")
         return _problem(tables, robot, path.stem, text)
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
@@ -60,12 +60,12 @@ def load_problem(path: str | Path) -> Problem:
 def load_robot(path: str | Path) -> Robot:
     """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
     path = Path(path)
-    content = _parsed(read_text(path, LARGEST_PROBLEM, "a problem file"), path)
+    content = read_toml(path)
     if not set(content) <= set(RobotFileTable.model_fields):
         return load_problem(path).robot
     try:
         table = validated(RobotFileTable, content).robot
-        return Robot.from_urdf(_urdf_source(table.urdf, path), **table.choices())
+        return robot_as_asked(_urdf_source(table.urdf, path), table.choices(), path, "robot.")
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
 
@@ -192,17 +192,7 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
     InputError
         It cannot be read, or is not TOML.
     """
-    text = read_text(path, LARGEST_PROBLEM, kind)
-    return _parsed(text, path, kind)
-
-
-def _parsed(text: str, path: Path, kind: str = "a problem file") -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except ValueError as error:
-        raise InputError(f"is not TOML: {error}", source=path) from None
-    except RecursionError:
-        raise InputError(f"is not {kind}: nested too deeply", source=path) from None
+    return parsed_toml(read_text(path, LARGEST_PROBLEM, kind), path)
 
 
 def _urdf_source(urdf: str, path: Path) -> str | Path:

@@ -11,11 +11,30 @@ from typing import Any, Literal
 
 from floatplan.errors import InputError
 from floatplan.problem.checks import ProblemError
-from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
+from floatplan.problem.file import (
+    DATA_PREFIX,
+    load_problem,
+    load_robot,
+    problem_from_dict,
+    problem_to_dict,
+)
 from floatplan.problem.problem import Problem
+from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 
 PLACE = "command line"
+OPTIONS = {  # of floatplan plan, by the keys of a problem file that they stand for
+    "start.velocities": "start_velocities",
+    "start.accelerations": "start_accelerations",
+    "start": "start",
+    "goal.velocities": "goal_velocities",
+    "goal.accelerations": "goal_accelerations",
+    "goal": "goal",
+    "flight.takeoff.frame": "takeoff",
+    "flight.landing.frame": "landing",
+    **{f"flight.{name}": name for name in ("duration", "angular_momentum", "horizontal_velocity")},
+    **{f"motion.{name}": name for name in ("degree", "objective")},
+}
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
@@ -43,13 +62,14 @@ class RobotChoices:
         coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None
         if self.coupled is not None:
             coupled = "mirror" if self.coupled.strip() == "mirror" else self._couplings(self.coupled)
-        return Robot.from_urdf(
-            source,
-            plane=self.plane,
-            coupled=coupled,
-            locked=None if self.locked is None else self._locked(self.locked),
-            reference=self.reference,
-        )
+        choices = {
+            "plane": self.plane,
+            "joints": None,
+            "coupled": coupled,
+            "locked": None if self.locked is None else self._locked(self.locked),
+            "reference": self.reference,
+        }
+        return robot_as_asked(source, choices, PLACE, "--")
 
     def _couplings(self, text: str) -> dict[str, str | Coupling]:
         return {name: _leader(leader) for name, leader in _pairs("--coupled", text, "FOLLOWER=LEADER")}
@@ -208,12 +228,26 @@ def asked_problem(source: str, options: Options) -> Problem:
     return _from_tables(merged, problem.robot, options, f"{source} with options")
 
 
+def _as_typed(error: InputError, options: Options, place: str) -> InputError:
+    """The same error, about the option that a key of a problem file stands for where it was given, or nothing else."""
+    if isinstance(error, ProblemError):
+        return ProblemError([_as_typed(each, options, place) for each in error.errors])
+    place_in_file = error.element or ""
+    for key, option in OPTIONS.items():
+        beyond = place_in_file.removeprefix(key).removeprefix(".")
+        if place_in_file.startswith(key) and (place == PLACE or getattr(options, option) is not None):
+            element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))
+            return InputError(error.reason, source=PLACE, element=element, advice=error.advice)
+    return error
+
+
 def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, place: str) -> Problem:
     try:
         return problem_from_dict(content, robot, place)
-    except InputError as error:
+    except InputError as found:
+        error = _as_typed(found, options, place)
         if options.degrees or not _surely_degrees(options):
-            raise
+            raise error from None
         hint = InputError(
             "angles are in radians here", source=PLACE, element="--radians", advice="give --degrees if they are not"
         )

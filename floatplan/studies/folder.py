@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from floatplan.errors import InputError
-from floatplan.files import read_regular, read_text, write_atomically
+from floatplan.files import read_json, read_regular, write_atomically
 from floatplan.studies.columns import arrow, read_table, written
 
 FORMAT = "floatplan.study/1"
@@ -84,11 +84,9 @@ class StudyFolder:
         if not path.exists():
             return None
         try:
-            content = json.loads(read_text(path, LARGEST_STUDY_RECORD, "a study's record"))
-        except (ValueError, RecursionError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError("is not JSON", source=path, advice=ADVICE) from None
+            content = read_json(path, LARGEST_STUDY_RECORD, "a study's record")
+        except InputError as error:
+            raise InputError(error.reason, source=path, advice=ADVICE) from None
         digest = content.get("hash") if isinstance(content, dict) else None
         return digest if isinstance(digest, str) else ""
 
@@ -138,16 +136,19 @@ class StudyFolder:
 
 
 ADVICE = "--restart discards them; or give another folder"
+KEPT = "what is there stays, and is resumed"
 
 
 @contextmanager
 def naming_the_folder(path: Path) -> Iterator[None]:
-    """Turn what the system refuses, such as a full disk, into an error that names the file."""
+    """Say of what the system refuses, such as on a full disk, which file it is and that nothing is lost."""
     try:
         yield
+    except InputError as error:
+        raise InputError(error.reason, source=error.source, advice=KEPT) from None
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"
-        raise InputError(reason, source=error.filename or path, advice="what is there stays, and is resumed") from None
+        raise InputError(reason, source=error.filename or path, advice=KEPT) from None
 
 
 def _holds(path: Path, first: int, stop: int, are_in: Callable[[Any, int, int], bool]) -> bool:

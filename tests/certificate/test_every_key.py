@@ -251,8 +251,50 @@ def test_a_file_nested_without_end_is_no_plan(tmp_path):
     path = tmp_path / "plan.json"
     for depth in (300, 600, 900, 5_000):
         path.write_text('{"solver": ' + "[" * depth + "]" * depth + "}")
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="is nested too deeply"):
             fp.certify(path)
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        ("solver", "note"),
+        ("certificate",),
+        ("replay",),
+        ("warnings", 0),
+        ("utilisation", 0, "joint"),
+        ("problem", "name"),
+        ("problem", "ground"),
+        ("problem", "limits", "motor"),
+        ("problem", "motion", "degree"),
+        ("robot", "meshes"),
+    ],
+)
+def test_what_is_nested_600_deep_is_no_plan(honest, tmp_path, where):
+    """Each reader of a part of the file walks it recursively; none of them is given such a part."""
+    nest = 1.0
+    for _ in range(600):
+        nest = {"a": nest}
+    content = honest.to_dict()
+    inner = content
+    for key in where[:-1]:
+        inner = inner[key]
+    if where[-1] == 0 and not inner:
+        inner.append(nest)
+    inner[where[-1]] = nest
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(content))
+    for judge in (fp.certify, load_plan):
+        with pytest.raises(InputError, match="is nested too deeply") as caught:
+            judge(path)
+        assert caught.value.source == str(path)
+
+
+def test_a_record_built_in_python_is_no_deeper(honest):
+    endless = {}
+    endless["itself"] = endless
+    with pytest.raises(InputError, match="is nested too deeply"):
+        fp.certify(replace(honest, solver={**honest.solver, "note": endless}))
 
 
 STRAY = {  # path of a table or list, and what it holds instead

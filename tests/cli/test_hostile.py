@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import shutil
 import struct
@@ -11,6 +10,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from tempfile import mkstemp
 
 import pytest
 
@@ -18,6 +18,7 @@ import floatplan as fp
 from floatplan import files
 from floatplan.cli.results import write_figures, write_page, write_results
 from floatplan.errors import InputError, printable
+from floatplan.export.formats import FORMATS
 from floatplan.files import read_regular, write_atomically
 from floatplan.view.scene.moving_robot import visual_model
 
@@ -148,7 +149,9 @@ class TestWrites:
         (tmp_path / "notes.txt").write_text("mine")
         older = {path.name for path in tmp_path.rglob("*") if path.is_file()}
         assert {"report.html", "torques.png", "flight.npz"} <= older | {"flight.npz"}
-        assert floatplan("plan", problem, "-o", tmp_path, "--no-figures", "-q").code == 0
+        run = floatplan("plan", problem, "-o", tmp_path, "--no-figures")
+        told = "the plan there is replaced, and what was made of it removed: report.html, trajectory.npz, figures"
+        assert (run.code, run.stderr) == (0, f"{tmp_path}: {told}\n")
         assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {
             "plan.json",
             "trajectory.csv",
@@ -162,14 +165,55 @@ class TestWrites:
         write = files._written_beside
 
         def full(path, content):
-            if path.name == full_at:
-                raise OSError(errno.ENOSPC, "No space left on device")
-            return write(path, content)
+            with monkeypatch.context() as patch:
+                if path.name == full_at:
+                    patch.setattr(files.tempfile, "mkstemp", _on_a_full_disk)
+                return write(path, content)
 
         monkeypatch.setattr(files, "_written_beside", full)
         run = floatplan("plan", root / "problems" / "new_configuration.toml", "-o", results, "--seed", "1", "-q")
-        assert (run.code, "No space left on device" in run.stderr) == (2, True)
+        assert (run.code, run.stderr) == (2, f"error: {results / full_at}: {NO_SPACE}\n")
         assert _contents(results) == older
+
+    @pytest.mark.parametrize(
+        ("arguments", "file"),
+        [
+            *((["export", "-f", name], form.file) for name, form in FORMATS.items()),
+            (["show"], "report.html"),
+            (["show", "--scene"], "scene.html"),
+            (["show", "--png"], "figures/snapshots.png"),
+            (["show", "--svg"], "figures/snapshots.svg"),
+            (["show", "--gif"], "flight.gif"),
+            (["certify", "--save"], "plan.json"),
+            (["replay", "--save"], "plan.json"),
+            (["replay", "--replan", "100", "--flights", "1", "-o", "."], "flights.html"),
+        ],
+    )
+    def test_on_a_full_disk_the_file_is_named(self, floatplan, plan_file, tmp_path, monkeypatch, arguments, file):
+        """Of a plan; never the temporary name, of which nobody asked for anything."""
+        path = shutil.copy(plan_file, tmp_path)
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(files.tempfile, "mkstemp", _on_a_full_disk)
+        run = floatplan(arguments[0], path, *arguments[1:])
+        place = file if "-o" in arguments else tmp_path / file
+        assert (run.code, run.stderr) == (2, f"error: {place}: {NO_SPACE}\n")
+
+    @pytest.mark.parametrize(
+        ("arguments", "file"),
+        [
+            (["init", "urdf/acrobat.urdf", "-q"], "acrobat.toml"),
+            (["info", "urdf/gymnast.urdf", "--shapes", "a.png"], "a.png"),
+            (["bounds", "problems/gallery/go2.toml", "--picture", "a.png"], "a.png"),
+            (["schema", "-o", "a.json"], "a.json"),
+        ],
+    )
+    def test_so_is_that_of_a_robot(self, floatplan, tmp_path, monkeypatch, arguments, file):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(files.tempfile, "mkstemp", _on_a_full_disk)
+        run = floatplan(*arguments)
+        assert (run.code, run.stderr) == (2, f"error: {file}: {NO_SPACE}\n")
+        assert not list(tmp_path.glob(".floatplan-*"))
+        assert not Path(file).exists()
 
     def test_what_is_interrupted_leaves_nothing_older_beside_the_new(self, results, newer, tmp_path, monkeypatch):
         """Stopped before each of the removals and renamings: a plan has no company but what was made of it."""
@@ -292,6 +336,15 @@ class TestText:
         with pytest.raises(InputError, match=r"and 1\d\d more") as caught:
             replace(problem, obstacles=(bad,) * 200)
         assert len(str(caught.value)) < 2000
+
+
+NO_SPACE = "cannot be written: No space left on device"
+
+
+def _on_a_full_disk(**options):
+    """A temporary file of which nothing can be written."""
+    _, path = mkstemp(**options)
+    return os.open("/dev/full", os.O_WRONLY), path
 
 
 def _contents(folder: Path) -> dict[Path, bytes]:

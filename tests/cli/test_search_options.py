@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 from elsewhere import hear_ctrl_c
 
+import floatplan as fp
+
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PATIENCE = 60.0  # s until a process that should have ended is given up; less than the budgets here
 IMPOSSIBLE = """
@@ -55,7 +57,11 @@ class TestInterrupt:
         assert "Traceback" not in run.stderr
         content = json.loads((tmp_path / "out" / "plan.json").read_text())
         assert content["ok"] is False
-        assert "The search was interrupted." in content["explanation"]
+        assert content["status"] == "interrupted"
+        assert content["explanation"].startswith("The search was interrupted")
+        assert "freedom" not in content["explanation"]
+        assert "(interrupted)" in run.stdout
+        assert fp.load_plan(tmp_path / "out" / "plan.json").status == "interrupted"
         assert (tmp_path / "out" / "trajectory.csv").is_file()
 
     def test_the_best_plan_is_kept(self, tmp_path: Path) -> None:

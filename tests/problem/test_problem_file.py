@@ -287,6 +287,7 @@ WRONG = {
     "binary": (bytes(range(256)), "", "not a text file"),
     "empty": ("", "robot", "is missing"),
     "nested too deeply": ("a = " + "[" * 5000, "", "nested too deeply"),
+    "tables nested too deeply": (SOUND + f"[goal{'.a' * 600}]\nb = 1\n", "", "nested too deeply"),
 }
 
 

@@ -35,6 +35,7 @@ NOT_A_URDF = {
     "entity bomb": (BOMB.encode(), "document type"),
     "external entity": (b'<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', "document type"),
     "another root": (b"<mujoco><worldbody/></mujoco>", "root element is <mujoco>"),
+    "nested too deeply": (f"<robot>{'<a>' * 2000}{'</a>' * 2000}</robot>".encode("utf-16"), "nested too deeply"),
     "no links": (b'<robot name="r"/>', "has no <link>"),
 }
 

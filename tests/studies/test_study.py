@@ -383,7 +383,7 @@ class TestFolder:
         with pytest.raises(InputError, match=chunk.name):
             fp.study(path, folder=out, jobs=1)
 
-    @pytest.mark.parametrize("record", ["[", "[]", '{"hash": 5}', "{}"])
+    @pytest.mark.parametrize("record", ["[", "[]", '{"hash": 5}', "{}", '{"a":' * 5000])
     def test_of_a_spoiled_record_is_refused(self, study_file, tmp_path, record):
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "study.json").write_text(record)

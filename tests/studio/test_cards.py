@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import StringIO
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import floatplan as fp
+from floatplan.cli.summary import plan_summary
+from floatplan.plans.measures import PlanWarning
 from floatplan.studio.panel import cards
 from floatplan.studio.session.session import View
 from floatplan.studio.work.around import COLUMNS, ROWS, Map
 from floatplan.studio.work.flown import Flown, flown
 from floatplan.studio.work.tasks import Cell
+from floatplan.view.report.sections import verdict
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
@@ -36,10 +42,32 @@ def test_a_verdict_for_each_stage(present: Flown) -> None:
     missed = replace(quick, plan=replace(quick.plan, ok=False))
     assert replace(view, flown=missed).verdict == "waiting"
     assert replace(view, flown=replace(missed, settled=True)).verdict == "not found"
-    for verdict in ("refuted", "undecided"):
-        judged = replace(present, certificate=replace(present.certificate, verdict=verdict))
-        assert replace(view, flown=judged).verdict == verdict
-        assert verdict in cards.status_card(replace(view, flown=judged)).lower()
+    for word in ("refuted", "undecided"):
+        judged = replace(present, certificate=replace(present.certificate, verdict=word))
+        assert replace(view, flown=judged).verdict == word
+        assert word in cards.status_card(replace(view, flown=judged)).lower()
+
+
+def test_the_verdict_is_said_as_summary_and_report_say_it(present: Flown) -> None:
+    certificate = present.certificate
+    assert certificate is not None
+    warning = PlanWarning("ground", "hand", 0.1, 0.0, "m", 0.2, "hand goes into the ground")
+    refuted = replace(certificate, verdict="refuted")
+    undecided = replace(certificate, verdict="undecided")
+    for judged, warned in product((certificate, refuted, undecided), (False, True)):
+        warnings = (warning,) if warned else ()
+        plan = present.plan.with_record(
+            replace(present.plan.record, certificate=judged.to_dict(), warnings=[each.to_dict() for each in warnings])
+        )
+        vars(plan)["warnings"] = warnings
+        word, _ = verdict(plan)
+        card = cards.status_card(View(present.problem, flown=replace(present, certificate=judged, warnings=warnings)))
+        assert f"<b>{word.capitalize()}</b>" in card
+        if judged.proved:
+            assert word == ("proved, with warnings" if warned else "proved")
+            console = Console(file=StringIO(), width=200)
+            console.print(plan_summary(plan, []))
+            assert f", {word})" in console.file.getvalue()
 
 
 def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: Flown) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -40,6 +41,19 @@ def fresh(studio: Studio) -> Studio:
     while studio.session.view.can_undo:
         studio.session.undo()
     return studio
+
+
+CAMERA: dict[str, Any] = {
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (1.0, 1.0, 1.0),
+    "fov": 1.0,
+    "near": 0.01,
+    "far": 100.0,
+    "image_height": 100,
+    "image_width": 100,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
 
 
 def answered(studio: Studio) -> fp.Plan:
@@ -160,6 +174,38 @@ def test_sliders_follow_the_session(fresh: Studio) -> None:
     fresh.session.undo()
     answered(fresh)
     assert slider.value == pytest.approx(np.degrees(fresh.session.view.problem.goal.orientation), abs=0.01)
+
+
+@pytest.mark.parametrize("value", [math.nan, 1e300, -1e300, math.inf])
+def test_a_number_that_no_slider_has_is_refused(fresh: Studio, value: float) -> None:
+    """As a page may send it, to every slider: a message, and nothing changes."""
+    import msgspec
+    from viser import __version__ as version
+    from websockets.sync.client import connect
+
+    answered(fresh)
+    before, errors = fresh.session.view.problem, len(fresh.errors)
+    place = f"localhost:{fresh.server.get_port()}"
+    with connect(f"ws://{place}", origin=f"http://{place}", subprotocols=[f"viser-v{version}"], max_size=None) as page:
+
+        def send(kind: str, **content: Any) -> None:
+            page.send(msgspec.msgpack.encode({"type": kind, **content}))
+
+        send("ViewerCameraMessage", **CAMERA)
+        sliders = [fresh.controls.time, *(shown.slider for shown in fresh.controls.dials.shown)]
+        for slider in sliders:
+            fresh.session.refuse("")
+            send("GuiUpdateMessage", uuid=slider._impl.uuid, updates={"value": value})
+            assert fresh.session.wait(lambda view: view.refusal != "", PATIENCE), slider.label
+            assert "\n" not in fresh.session.view.refusal
+            assert "np.float64" not in fresh.session.view.refusal
+    assert fresh.session.view.problem is before
+    frames = fresh.player.frames
+    fresh.player.play(True)
+    while fresh.player.frames < frames + 3:
+        assert len(fresh.errors) == errors
+    fresh.player.play(False)
+    fresh.session.refuse("")
 
 
 def test_two_plans_fly_side_by_side(fresh: Studio) -> None:

@@ -20,7 +20,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.studio.panel import cards
-from floatplan.studio.session.saving import Saving
+from floatplan.studio.session.saving import NAMES, Part, Saving
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.around import COLUMNS, ROWS, Map
 from floatplan.studio.work.flown import body_poses, flown
@@ -213,15 +213,25 @@ def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatpl
     assert "<html" in Path(folder, "report.html").read_text()[:200]
 
 
-def test_a_problem_file_of_the_user_s_is_not_overwritten(session: Session, tmp_path: Path) -> None:
-    mine = tmp_path / "problem.toml"
-    mine.write_text("# mine")
-    told = Saving().save(session.view, "problem", str(tmp_path))
-    assert told.startswith("Not saved")
-    assert mine.read_text() == "# mine"
-    saving, other = Saving(), str(tmp_path / "other")
-    assert saving.save(session.view, "problem", other).endswith("is saved.")
-    assert saving.save(session.view, "problem", other).endswith("is saved.")
+@pytest.mark.parametrize("part", NAMES)
+def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Part) -> None:
+    assert session.wait(settled, PATIENCE)
+    mine = tmp_path / NAMES[part]
+    mine.write_text("mine")
+    saving = Saving()
+    own = mine.with_stem(f"{mine.stem}-2")
+    for _ in range(2):
+        told = saving.save(session.view, part, str(tmp_path))
+        assert told == f"{own} is saved: there is another {mine.name} already."
+        assert mine.read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == sorted((mine, own))
+    own.write_text("changed by another")
+    assert f"{mine.stem}-3" in saving.save(session.view, part, str(tmp_path))
+    assert own.read_text() == "changed by another"
+    mine.unlink()
+    mine.symlink_to(tmp_path / "nowhere")
+    assert saving.save(session.view, part, str(tmp_path)).startswith(str(tmp_path / f"{mine.stem}-3"))
+    assert mine.is_symlink()
 
 
 @pytest.mark.parametrize("folder", ["/proc/nowhere", "\0", "a" * 5000])

@@ -9,7 +9,7 @@ from typing import NoReturn
 from xml.etree import ElementTree
 
 from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, read_regular
+from floatplan.files import LARGEST_URDF, check_depth, read_regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +50,7 @@ def _parse(content: bytes, path: Path) -> ElementTree.Element:
     try:
         parser.feed(content)
         root = parser.close()
+        check_depth(root, ElementTree.Element)
     except InputError as error:
         raise error.within(path) from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:

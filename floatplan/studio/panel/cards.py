@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from floatplan.plans.measures import Utilisation
+from floatplan.plans.verdicts import verdict_in_words
 from floatplan.studio.session.session import Verdict, View
 from floatplan.studio.work.around import COLUMNS, ROWS, Map
 from floatplan.studio.work.flown import Flown
@@ -19,15 +20,12 @@ NEARLY = 0.9  # [-] share of a limit from which its bar is amber
 MOST_WARNINGS = 6  # [-] told; the others are counted
 WIDEST = 1.25  # [-] share of a limit at the end of a bar
 
-HEADLINES: Mapping[Verdict, tuple[str, str]] = {
+BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
     "waiting": (GREY, "Searching …"),
     "planned": (BLUE, "Planned; proving …"),
-    "proved": (GREEN, "Proved at every instant"),
-    "undecided": (AMBER, "Planned; the proof is undecided"),
-    "refuted": (RED, "Refuted"),
-    "not found": (RED, "No plan found"),
     "failed": (RED, "Not possible"),
 }
+COLOURS: Mapping[Verdict, str] = {"proved": GREEN, "undecided": AMBER, "refuted": RED, "not found": RED}
 
 STYLE = """<style>
 div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
@@ -65,7 +63,7 @@ def is_news(told: View | None, view: View) -> bool:
 
 def status_card(view: View) -> str:
     """The verdict in a colour, why, and the numbers that count."""
-    colour, headline = HEADLINES[view.verdict]
+    colour, headline = _headline(view)
     parts = []
     if view.refusal:
         parts.append(f'<div class="band refusal"><b>Not changed</b><p>{escape(view.refusal)}</p></div>')
@@ -76,6 +74,15 @@ def status_card(view: View) -> str:
         parts.append(_facts(view.flown))
         parts.append(_warnings(view.flown) if view.flown.plan.ok else "")
     return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
+
+
+def _headline(view: View) -> tuple[str, str]:
+    flown, known = view.flown, BEFORE_THE_END.get(view.verdict)
+    if known is not None or flown is None:
+        return known or BEFORE_THE_END["waiting"]
+    warned = bool(flown.warnings)
+    words = verdict_in_words(flown.plan.ok, flown.certificate, warned)
+    return AMBER if warned and view.verdict == "proved" else COLOURS[view.verdict], words.capitalize()
 
 
 def _words(view: View) -> str:
@@ -91,7 +98,7 @@ def _words(view: View) -> str:
     elif view.verdict in ("undecided", "refuted") and flown.certificate is not None:
         words = [f"{finding.verdict}: {finding.label}" for finding in flown.certificate.unproved[:MOST_WARNINGS]]
     elif view.verdict == "proved" and flown.certificate is not None:
-        words = [f"{len(flown.certificate.findings)} constraints hold, from takeoff to landing."]
+        words = [f"All {len(flown.certificate.findings)} constraints hold at every instant, from takeoff to landing."]
     return _paragraphs(*words)
 
 

@@ -85,13 +85,13 @@ class Controls:
         if self._momentum.disabled != fixed:
             self._momentum.disabled = fixed
         longest = max(flown.plan.duration for flown in (view.flown, view.kept) if flown is not None)
-        if self._time.max != longest:
-            self._time.max = longest
+        if self.time.max != longest:
+            self.time.max = longest
         return self.dials.follow(view.problem) or begun
 
     def at(self, instant: float) -> None:
         """Show the flight's time, s."""
-        self._time.value = round(float(np.clip(instant, 0.0, self._time.max)), 3)
+        self.time.value = round(float(np.clip(instant, 0.0, self.time.max)), 3)
 
     def _history(self) -> None:
         session, player = self._session, self._player
@@ -112,10 +112,18 @@ class Controls:
 
     def _playing(self) -> None:
         duration = float(self._session.view.problem.flight.duration)
-        self._time = self._gui.add_slider(
+        self.time = self._gui.add_slider(
             "time, s", min=0.0, max=duration, step=0.001, initial_value=0.0, hint="Moving it stops the flight."
         )
-        by_hand(self._time.on_update, lambda _: self._player.seek(float(self._time.value)))
+        by_hand(self.time.on_update, lambda _: self._seek(float(self.time.value)))
+
+    def _seek(self, instant: float) -> None:
+        longest = float(self.time.max)
+        if 0.0 <= instant <= longest:
+            self._player.seek(instant)
+        else:
+            self._session.refuse(f"time: {instant:g} s is not within the flight, 0 to {longest:g} s")
+            self.time.value = 0.0
 
     def _posture(self, end: str) -> None:
         problem = self._session.view.problem

@@ -105,7 +105,10 @@ class Dials:
 
     def _turn(self, slider: Any, dial: Dial) -> None:
         value = float(slider.value) * dial.unit
-        self._session.edit(numbers(dict.fromkeys(dial.paths, value)), dial.paths[0])
+        if np.isfinite(value):
+            self._session.edit(numbers(dict.fromkeys(dial.paths, value)), dial.paths[0])
+        else:
+            self._session.refuse(f"{dial.paths[0]}: {value} is not a finite number")
 
 
 def _step(width: float) -> float:

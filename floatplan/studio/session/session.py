@@ -100,7 +100,7 @@ class Session:
             try:
                 problem = edit(self._view.problem)
             except Exception as error:  # of whatever a hand can reach: it is said, and nothing changes
-                self._show(refusal=words_of(error))
+                self.refuse(words_of(error))
                 return False
             if problem is self._view.problem:
                 return True
@@ -131,6 +131,11 @@ class Session:
         chart = self._view.map
         if chart is not None:
             self.edit(numbers(chart.values(row, column)))
+
+    def refuse(self, words: str) -> None:
+        """Say why something that was asked is not done."""
+        with self._lock:
+            self._show(refusal=words)
 
     def keep(self, wanted: bool = True) -> None:
         """Keep the present answer to compare with, or let it go."""

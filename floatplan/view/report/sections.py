@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.plans.measures import Utilisation, told_limits
 from floatplan.plans.plan import Plan
-from floatplan.plans.verdicts import Certificate, Verdict
+from floatplan.plans.verdicts import Certificate, Verdict, verdict_in_words
 from floatplan.problem.parts import (
     JointState,
     Obstacle,
@@ -41,15 +41,11 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
 
 def verdict(plan: Plan) -> tuple[str, str]:
     """Return the plan's verdict in a word or two, and its tone."""
-    certificate = plan.certificate
-    if not plan.ok:
-        return "no plan found", "bad"
-    if certificate is None:
-        return "planned, not proved yet", "open"
-    if plan.warnings and certificate.proved:
-        return "proved, with warnings", "open"
-    word = "planned, proof undecided" if certificate.verdict == "undecided" else certificate.verdict
-    return word, TONES[certificate.verdict]
+    certificate, warned = plan.certificate, bool(plan.warnings)
+    word = verdict_in_words(plan.ok, certificate, warned)
+    if certificate is None or not plan.ok:
+        return word, "open" if plan.ok else "bad"
+    return word, "open" if certificate.proved and warned else TONES[certificate.verdict]
 
 
 def _problem(problem: Problem) -> list[Row]:
