@@ -218,7 +218,9 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str
         motion=tables.motion.motion(),
         limits=tables.limits.limits(),
         obstacles=tuple(obstacle.obstacle() for obstacle in tables.obstacles),
-        self_clearances=tuple(SelfClearance(pair.links, pair.margin) for pair in tables.self_clearance),
+        self_clearances=tuple(
+            SelfClearance.unchecked(links=pair.links, margin=pair.margin) for pair in tables.self_clearance
+        ),
         name=tables.name or default_name,
         ground=tables.ground,
         written=written,

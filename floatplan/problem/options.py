@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from floatplan.errors import InputError
-from floatplan.problem.checks import ProblemError
+from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Coupling, Robot

@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.errors import InputError, naming
+from floatplan.errors import InputError, naming, refuse
 from floatplan.files import plain, read_regular
 from floatplan.kernel.library import description
 from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.recorded_robot import robot_record
-from floatplan.problem.checks import refuse
 from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
