@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields
+from itertools import count
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias
@@ -18,8 +19,10 @@ import numpy.typing as npt
 
 from floatplan.arrays import read_only
 from floatplan.errors import InputError, refuse
-from floatplan.tables import RANGES, Range, check_number
+from floatplan.tables import LEAST, RANGES, Range, check_number
 
+LARGEST_SEED = 2**63 - 1
+MOST_ERRORS = 1000  # of one sequence
 Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a message names -> the value kept
 
 
@@ -41,13 +44,14 @@ class Checked:
             try:
                 kept = check(value, place + name)
             except InputError as error:
-                errors += getattr(error, "errors", (error,))
+                errors.append(error)
             else:
                 if kept is not value:
                     object.__setattr__(self, name, kept)
         if not errors:
             errors = [InputError(reason, element=place + name) for name, reason in self.contradictions()]
-        object.__setattr__(self, "_is_checked", not errors)
+        if not errors:
+            vars(self).pop("_is_checked", None)
         return errors
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
@@ -90,6 +94,11 @@ def number(allowed: str | Range, *, infinite: bool = False, advice: str | None =
     return check
 
 
+def positive(most: float = math.inf, unit: str = "") -> Check:
+    """A number above zero, at most as large; infinity too, where nothing is the most."""
+    return number(Range(LEAST, most, unit), infinite=most == math.inf)
+
+
 def whole(allowed: Range, advice: str | None = None) -> Check:
     """A whole number in a range."""
 
@@ -100,6 +109,10 @@ def whole(allowed: Range, advice: str | None = None) -> Check:
         return int(value)
 
     return check
+
+
+FINITE = number(Range(-math.inf, math.inf, ""))
+SEED = whole(Range(0, LARGEST_SEED, ""))
 
 
 def optional(check: Check) -> Check:
@@ -132,9 +145,10 @@ def function(value: Any, element: str) -> Any:
 
 def path(value: Any, element: str) -> Path:
     """Check the path of a file or a folder."""
-    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
+    name = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(name, str) or "\0" in name:
         raise InputError(f"{value!r} is not a path", element=element)
-    return Path(value)
+    return Path(name)
 
 
 def one_of(*words: str, or_number: Check | None = None) -> Check:
@@ -172,7 +186,7 @@ def many(check: Check, of: str) -> Check:
         items = _items(value)
         if items is None:
             raise InputError(f"{value!r} is not a sequence of {of}", element=element, advice="give a list or a tuple")
-        return _checked(items, check, element)
+        return tuple(_checked(items, check, _numbered(element)))
 
     return each
 
@@ -195,7 +209,8 @@ def by_name(check: Check) -> Check:
     def each(value: Any, element: str) -> dict[str, Any]:
         if not isinstance(value, Mapping):
             raise InputError(f"{value!r} is not a mapping by joint", element=element)
-        return {text(name, element): check(item, f"{element}.{name}") for name, item in value.items()}
+        names = [text(name, element) for name in value]
+        return dict(zip(names, _checked(value.values(), check, (f"{element}.{name}" for name in names)), strict=True))
 
     return each
 
@@ -217,8 +232,8 @@ def by_joint(check: Check, *words: str, single: bool = True, mapping: bool = Tru
             return named(value, element)
         items = _items(value)
         if items is not None:
-            found = _checked(items, check, element)
-            return read_only(found) if isinstance(value, np.ndarray) else found
+            found = _checked(items, check, _numbered(element))
+            return read_only(found) if isinstance(value, np.ndarray) and value.dtype.kind == "f" else tuple(found)
         if not single or isinstance(value, Mapping):
             raise InputError(f"must be {wanted}, not {value!r}", element=element)
         return check(value, element)
@@ -248,8 +263,23 @@ def _items(value: Any) -> tuple[Any, ...] | list[Any] | None:
     return tuple(value)
 
 
-def _checked(items: Iterable[Any], check: Check, element: str) -> tuple[Any, ...]:
-    return tuple([check(item, f"{element}[{index}]") for index, item in enumerate(items)])
+def _numbered(element: str) -> Iterator[str]:
+    return (f"{element}[{index}]" for index in count())
+
+
+def _checked(items: Iterable[Any], check: Check, elements: Iterator[str]) -> list[Any]:
+    """What is kept of the items; what is wrong with each, as far as anybody reads on."""
+    kept: list[Any] = []
+    errors: list[InputError] = []
+    for item, element in zip(items, elements, strict=False):
+        try:
+            kept.append(check(item, element))
+        except InputError as error:
+            errors.append(error)
+            if len(errors) == MOST_ERRORS:
+                break
+    refuse(errors)
+    return kept
 
 
 def _real(value: Any, element: str) -> float:

@@ -94,7 +94,9 @@ class ProblemError(InputError):
     """
 
     def __init__(self, errors: Sequence[InputError]) -> None:
-        self.errors = tuple(errors)
+        self.errors: tuple[InputError, ...] = tuple(
+            one for error in errors for one in getattr(error, "errors", (error,))
+        )
         super().__init__("several things are wrong")
 
     def __str__(self) -> str:
@@ -126,7 +128,7 @@ def faults(checks: Iterable[Callable[[], None]]) -> list[InputError]:
         try:
             check()
         except InputError as error:
-            errors += getattr(error, "errors", (error,))
+            errors.append(error)
     return errors
 
 

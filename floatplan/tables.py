@@ -89,6 +89,9 @@ LIMIT_TABLE: dict[LimitKey, LimitRow] = {row.key: row for row in _LIMITS}
 JOINT_LIMITS: tuple[LimitRow, ...] = tuple(row for row in _LIMITS if row.of == "joints")
 
 
+LEAST = math.ulp(0.0)  # the least number above zero
+
+
 @dataclass(frozen=True)
 class Range:
     """Numbers from ``low`` to ``high``, both included, in ``unit``."""
@@ -99,7 +102,7 @@ class Range:
 
     def __str__(self) -> str:
         """As a message says it."""
-        return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
+        return f"{0.0 if self.low == LEAST else self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
 def _within(largest: float, unit: str) -> Range:

@@ -28,7 +28,7 @@ SIZES = {
     "processes of a search or a study, threads of a batch": search.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "keys that a study varies": study_file.MOST_VARIED,
-    "solved starts of a study's row": study_file.MOST_STARTS,
+    "solved starts of a search, and of a study's row": search.MOST_SOLVED,
     "rows on a study's page": study_page.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,

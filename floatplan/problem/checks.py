@@ -93,7 +93,7 @@ def degrees_of(robot: Robot, motion: Motion) -> tuple[int, ...]:
     n = len(robot.joints)
     if n > MOST_JOINTS:
         raise InputError(f"{n} planned joints, more than {MOST_JOINTS}", element="robot.joints", advice="lock some")
-    if motion.degree == "auto":
+    if isinstance(motion.degree, str):
         return (7,) * n
     degrees = (motion.degree,) * n if isinstance(motion.degree, int) else tuple(motion.degree)
     if len(degrees) != n:

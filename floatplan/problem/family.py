@@ -12,6 +12,7 @@ import numpy.typing as npt
 from floatplan.arguments import Check, Checked, by_name, made, numbers
 from floatplan.errors import InputError
 from floatplan.problem.problem import Problem
+from floatplan.shown import Outlined
 
 MOST_PROBLEMS = 10_000_000  # of a family
 FIELDS = {
@@ -35,8 +36,8 @@ def _column(values: npt.ArrayLike, element: str) -> npt.NDArray[Any]:
     return array
 
 
-@dataclass(frozen=True, eq=False)
-class Family(Checked, Sequence[Problem]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Family(Checked, Outlined, Sequence[Problem]):
     """N problems that differ from a base problem in a few numbers.
 
     ``family[i]`` is the i-th :class:`~floatplan.Problem`, made and checked when asked for; ``family[i:j]`` is a family.

@@ -7,13 +7,25 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
-from floatplan.arguments import Check, Checked, by_joint, by_name, made, number, one_of, optional, pair, text, whole
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    Checked,
+    by_joint,
+    by_name,
+    made,
+    number,
+    one_of,
+    optional,
+    pair,
+    text,
+    whole,
+)
 from floatplan.arrays import Array
 from floatplan.tables import LIMIT_TABLE, OBJECTIVES, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 PLACE = pair(number("place"))
-FINITE = number(Range(-math.inf, math.inf, ""))
 
 SHORTEST_NORMAL = 1e-9  # as written
 LOWEST_DEGREE = 5

@@ -116,7 +116,7 @@ class Problem(Checked):
         "file_text": optional(text),
     }
 
-    def __post_init__(self, written: str | None) -> None:  # type: ignore[override]
+    def __post_init__(self, written: str | None) -> None:
         """Resolve and check everything; report all that is wrong, not only the first."""
         object.__setattr__(self, "file_text", written)
         errors = self.faults()

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arguments import SEED, Check, Checked, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.reduced_model import ReducedModel
+from floatplan.tables import Range
 
 FASTEST = 1e4  # [rad/s] bandwidth of feedback
 LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Disturbance(Checked):
     """Relative errors: of the angular momentum at takeoff, of the bodies' masses, of the joints' torques.
 
     Masses (with their inertias) and torques each become larger or smaller by that much, by a coin tossed with ``seed``.
@@ -29,12 +32,10 @@ class Disturbance:
     mass: float = 0.0
     torque: float = 0.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("h", "mass", "torque"):
-            if not abs(getattr(self, name)) <= LARGEST:
-                value = f"{getattr(self, name):.3g}"
-                raise InputError(f"must be from {-LARGEST:.0%} to {LARGEST:.0%}, not {value}", element=name)
+    checks: ClassVar[Mapping[str, Check]] = {
+        **dict.fromkeys(("h", "mass", "torque"), number(Range(-LARGEST, LARGEST, ""))),
+        "seed": SEED,
+    }
 
     @property
     def any(self) -> bool:
@@ -101,10 +102,6 @@ def feedback_of(reduced: ReducedModel, posture: Array, bandwidth: float) -> Feed
 
     That inertia is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
     """
-    if not 0.0 < bandwidth < math.inf:
-        raise InputError(f"{bandwidth} rad/s is not positive", element="feedback", advice="give a positive number")
-    if bandwidth > FASTEST:
-        raise InputError(f"{bandwidth} rad/s is above {FASTEST:g} rad/s, faster than any joint", element="feedback")
     inverse = pin.computeMinverse(reduced.model, reduced.model.createData(), np.asarray(posture))
     inertia = 1.0 / np.diagonal(inverse)[BASE_COORDINATES:]
     return Feedback(read_only(bandwidth**2 * inertia), read_only(2.0 * bandwidth * inertia))

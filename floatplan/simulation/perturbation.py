@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from floatplan.arguments import Check, Checked, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.tables import Range
 
 LARGEST = 0.9  # [-] of a relative error: masses and torques keep their sign
 NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that of angles
@@ -19,6 +23,12 @@ UNITS = {
     "angle": {"deg": math.pi / 180, "rad": 1.0, "": 1.0},
     "rate": {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0},
     "time": {"ms": 1e-3, "s": 1.0, "": 1.0},
+}
+SIZES = {
+    "relative": number(Range(-LARGEST, LARGEST, "")),
+    "angle": number(Range(0.0, LARGEST_NOISE, "rad")),
+    "rate": optional(number(Range(0.0, LARGEST_NOISE, "rad/s"))),
+    "time": number(Range(0.0, LONGEST_DELAY, "s")),
 }
 KINDS = {
     "h": "relative",
@@ -32,7 +42,7 @@ KINDS = {
 
 
 @dataclass(frozen=True)
-class Perturbation:
+class Perturbation(Checked):
     """Sizes of what differs between the flights and the plan; of relative errors each has the sign of a coin.
 
     Attributes
@@ -54,16 +64,7 @@ class Perturbation:
     rate_noise: float | None = None
     delay: float = 0.0
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is None:
-                continue
-            kind = KINDS[field.name]
-            most = LARGEST if kind == "relative" else LONGEST_DELAY if kind == "time" else LARGEST_NOISE
-            if not (abs(value) if kind == "relative" else value) <= most or (kind != "relative" and value < 0):
-                low = -most if kind == "relative" else 0.0
-                raise InputError(f"must be from {low:g} to {most:g}, not {value:.3g}", element=f"perturb: {field.name}")
+    checks: ClassVar[Mapping[str, Check]] = {name: SIZES[kind] for name, kind in KINDS.items()}
 
     @property
     def noise_of_rates(self) -> float:

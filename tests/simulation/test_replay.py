@@ -163,7 +163,7 @@ class TestInput:
             ({"perturb": "speed=1%"}, "cannot disturb 'speed'"),
             ({"perturb": "h=much"}, "is not a number"),
             ({"perturb": "h=1%,h=2%"}, "given twice"),
-            ({"perturb": "mass=95%"}, "from -90% to 90%"),
+            ({"perturb": "mass=95%"}, "mass: 0.95 is outside -0.9 to 0.9"),
             ({"feedback": 0.0}, "is not positive"),
             ({"step": -1.0}, "is not positive"),
         ],
