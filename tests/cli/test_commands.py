@@ -218,7 +218,7 @@ class TestRobotAndOptions:
             (["--start", "0,0,0"], ["goal", "is missing", "flight.duration"]),
             (["--start", "0,0,nan", "--goal", "0,0,0", "--duration", "1"], ["start.positions", "nan is not a finite"]),
             ([*HANDSTAND, "--takeoff", "toe"], ["flight.takeoff.frame", "no frame 'toe'", "foot"]),
-            ([*HANDSTAND, "--degree", "4"], ["motion.degree", "degree 4"]),
+            ([*HANDSTAND, "--degree", "4"], ["motion.degree", "4 is outside"]),
             ([*HANDSTAND, "--degree", "x"], ["motion.degree", "'x'"]),
             ([*HANDSTAND, "--objective", "beauty"], ["motion.objective", "'beauty'"]),
             ([*HANDSTAND, "--angular-momentum", "much"], ["flight.angular_momentum", "'much'"]),
