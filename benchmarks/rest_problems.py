@@ -119,11 +119,11 @@ def frame_speeds(plan: fp.Plan) -> np.ndarray:
     speeds = []
     for instant, name in ((0.0, problem.takeoff.frame), (plan.duration, problem.landing.frame)):
         state = plan.at(instant)
-        positions = robot.reference + robot.selection @ state.positions[0]
-        rates = robot.selection @ state.velocities[0]
-        positions[2], rates[2] = state.orientation[0], state.orientation_rate[0]
+        positions = robot.reference + robot.selection @ state.positions
+        rates = robot.selection @ state.velocities
+        positions[2], rates[2] = state.orientation, state.orientation_rate
         pin.centerOfMass(model, data, positions, rates)
-        com = state.com_velocity[0] - axes @ data.vcom[0]
+        com = state.com_velocity - axes @ data.vcom[0]
         pin.forwardKinematics(model, data, positions, rates)
         pin.updateFramePlacements(model, data)
         frame = next(model.getFrameId(name, kind) for kind in kinds if model.existFrame(name, kind))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,6 +11,7 @@ LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a pr
 LONGEST_WORD = 80  # characters of something quoted
 LONGEST_PART = 400  # characters of a reason, an element or an advice
 LONGEST_PATH = 300  # characters of a file's path
+LONGEST = 1700  # characters of all that is wrong with a problem
 
 
 def escaped(text: str) -> str:
@@ -81,6 +82,54 @@ class InputError(FloatplanError, ValueError):
         """Return the same error with its file, or the element around it, added."""
         inner = ".".join(part for part in (element, self.element) if part) or None
         return InputError(self.reason, source=source or self.source, element=inner, advice=self.advice)
+
+
+class ProblemError(InputError):
+    """All that is wrong with a problem, one thing a line.
+
+    Attributes
+    ----------
+    errors : tuple of InputError
+        At least one.
+    """
+
+    def __init__(self, errors: Sequence[InputError]) -> None:
+        self.errors: tuple[InputError, ...] = tuple(
+            one for error in errors for one in getattr(error, "errors", (error,))
+        )
+        super().__init__("several things are wrong")
+
+    def __str__(self) -> str:
+        """All of them, as far as there is room."""
+        told, room = [], LONGEST
+        for error in map(str, self.errors):
+            room -= len(error) + 1
+            if room < 0:
+                break
+            told.append(error)
+        rest = len(self.errors) - len(told)
+        return "\n".join([*told, *([f"and {rest} more"] if rest else [])])
+
+    def within(self, source: str | Path | None = None, element: str | None = None) -> ProblemError:
+        """Return the same errors, each with its file, or the element around it, added."""
+        return ProblemError([error.within(source, element) for error in self.errors])
+
+
+def refuse(errors: Sequence[InputError]) -> None:
+    """Raise what is wrong, if anything is: one error as it is, several together."""
+    if errors:
+        raise ProblemError(errors) if len(errors) > 1 else errors[0]
+
+
+def faults(checks: Iterable[Callable[[], None]]) -> list[InputError]:
+    """Run the checks and return what they raise."""
+    errors: list[InputError] = []
+    for check in checks:
+        try:
+            check()
+        except InputError as error:
+            errors.append(error)
+    return errors
 
 
 @contextmanager

@@ -89,6 +89,9 @@ LIMIT_TABLE: dict[LimitKey, LimitRow] = {row.key: row for row in _LIMITS}
 JOINT_LIMITS: tuple[LimitRow, ...] = tuple(row for row in _LIMITS if row.of == "joints")
 
 
+LEAST = math.ulp(0.0)  # the least number above zero
+
+
 @dataclass(frozen=True)
 class Range:
     """Numbers from ``low`` to ``high``, both included, in ``unit``."""
@@ -99,7 +102,7 @@ class Range:
 
     def __str__(self) -> str:
         """As a message says it."""
-        return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
+        return f"{0.0 if self.low == LEAST else self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
 def _within(largest: float, unit: str) -> Range:
@@ -130,15 +133,15 @@ PLACES = ("position", "height", "center", "point", "normal", "start", "end")  # 
 RANGES |= dict.fromkeys(PLACES, RANGES["place"])
 
 
-def check_number(value: object, element: str, key: str, advice: str | None = None) -> None:
-    """Refuse what is not a number in the range of a key, or not all such; ``advice`` is for one below it.
+def check_number(value: object, element: str, key: str | Range, advice: str | None = None) -> None:
+    """Refuse what is not a number in a range, or in that of a key, or not all such; ``advice`` is for one below it.
 
     Raises
     ------
     InputError
         Not a number, not finite, or out of the range.
     """
-    allowed = RANGES[key]
+    allowed = RANGES[key] if isinstance(key, str) else key
     value = value.tolist() if hasattr(value, "tolist") else value
     try:
         numbers = _numbers(value)
@@ -146,15 +149,16 @@ def check_number(value: object, element: str, key: str, advice: str | None = Non
         numbers = [math.nan]
     if not all(map(math.isfinite, numbers)):
         raise InputError(f"{value!r} is not a finite number", element=element)
-    if allowed.low >= 0 and any(number < 0 for number in numbers):
+    if allowed.low >= 0 and any(number < 0 or number == 0 < allowed.low for number in numbers):
         fault = "is not positive" if allowed.low > 0 else "is negative"
-        raise InputError(f"{value} {allowed.unit} {fault}", element=element, advice=advice)
+        raise InputError(" ".join(filter(None, (str(value), allowed.unit, fault))), element=element, advice=advice)
     if not all(allowed.low <= number <= allowed.high for number in numbers):
         degrees = ""
         if allowed.unit.startswith("rad"):
             turned = allowed.unit.replace("rad", "degrees", 1)
             degrees = f" ({math.degrees(allowed.low):.4g} to {math.degrees(allowed.high):.4g} {turned})"
-        raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element)
+        advice = advice if any(number < allowed.low for number in numbers) else None
+        raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element, advice=advice)
 
 
 def _numbers(value: Any) -> list[float]:

@@ -10,7 +10,7 @@ from floatplan import errors, files, tables
 from floatplan.export import ros_bag, table
 from floatplan.planning import search
 from floatplan.plans import reading
-from floatplan.problem import checks, family, file, limits
+from floatplan.problem import checks, family, file, limits, parts
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, values
 from floatplan.simulation import closed_loop, feedback, forward, replay
@@ -20,7 +20,7 @@ from floatplan.studies import page as study_page
 SIZES = {
     "planned joints": checks.MOST_JOINTS,
     "joints of a URDF": check.MOST_JOINTS,
-    "polynomial degree": checks.HIGHEST_DEGREE,
+    "polynomial degree": parts.HIGHEST_DEGREE,
     "problems of a family": family.MOST_PROBLEMS,
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
     "obstacles times shapes of links": checks.MOST_DISTANCES,
@@ -28,7 +28,7 @@ SIZES = {
     "processes of a search or a study, threads of a batch": search.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
     "keys that a study varies": study_file.MOST_VARIED,
-    "solved starts of a study's row": study_file.MOST_STARTS,
+    "solved starts of a search, and of a study's row": search.MOST_SOLVED,
     "rows on a study's page": study_page.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,

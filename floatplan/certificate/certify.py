@@ -8,31 +8,22 @@ from __future__ import annotations
 
 import cmath
 from pathlib import Path
-from typing import Protocol
 
+from floatplan.arguments import optional, whole
+from floatplan.arguments import path as as_path
 from floatplan.certificate.certificate import BUDGET, prove
 from floatplan.certificate.planar.shapes import LinkShape
 from floatplan.errors import naming
-from floatplan.plans.reading import load_record
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.recorded_robot import check_meshes, find_urdf, recorded_robot
+from floatplan.plans.recorded_robot import Recorded, check_meshes, find_urdf, recorded, recorded_robot
 from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.tables import Range
 from floatplan.threads import one_thread
 
-
-class Recorded(Protocol):
-    """A plan with its record and its robot, such as :class:`floatplan.Plan`."""
-
-    @property
-    def record(self) -> PlanRecord:
-        """The plan as data."""
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that flies."""
+MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 
 
 @one_thread
@@ -59,12 +50,8 @@ def certify(
     InputError
         The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
     """
-    if isinstance(plan, PlanRecord):
-        record, file, robot = plan, None, None
-    elif isinstance(plan, str | Path):
-        record, file, robot = load_record(plan), plan, None
-    else:
-        record, file, robot = plan.record, None, plan.robot
+    urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
+    record, file, robot = recorded(plan)
     with naming(file):
         path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
         record = checked(record)

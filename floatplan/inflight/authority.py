@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import FINITE
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.outlook import Outlook, Present
@@ -18,6 +20,8 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
+from floatplan.plans.plan_file import given_plan
+from floatplan.shown import Outlined
 from floatplan.threads import one_thread
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
@@ -29,8 +33,8 @@ ALLOWED = 0.01  # [-] by which a limit may be broken; of distances, of 0.1 m, be
 NODES = 6  # [-] of the quadrature from correction to correction
 
 
-@dataclass(frozen=True, eq=False)
-class Authority:
+@dataclass(frozen=True, eq=False, repr=False)
+class Authority(Outlined):
     """From which errors the landing is reached, by when corrections begin.
 
     Attributes
@@ -53,7 +57,7 @@ class Authority:
 
     def until(self, error: float) -> float | None:
         """Latest of ``times``, s, from which a momentum error of this size, either way, is still corrected."""
-        size = abs(error)
+        size = abs(FINITE(error, "error"))
         enough = (self.momentum[:, 0] <= -size) & (self.momentum[:, 1] >= size)
         return float(self.times[enough].max()) if enough.any() else None
 
@@ -64,7 +68,7 @@ class Authority:
 
 
 @one_thread
-def authority(plan: Plan) -> Authority:
+def authority(plan: Plan | str | Path) -> Authority:
     """Return from which errors of momentum and of inertia corrections in flight reach the landing, and until when.
 
     The joints are taken to follow their reference exactly, and what is measured to be exact: no controller does better.
@@ -72,13 +76,14 @@ def authority(plan: Plan) -> Authority:
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan, or path of a plan file
 
     Raises
     ------
     InputError
         The plan reaches no goal, or has no angular momentum to be wrong.
     """
+    plan = given_plan(plan)
     replanner = Replanner(plan, RATE / plan.duration)
     times = plan.duration * np.array(SHARES)
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 from floatplan.arrays import Array
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.reckoning import Foreseen
+from floatplan.shown import Outlined
 
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 
 
-@dataclass(frozen=True, eq=False)
-class Correction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Correction(Outlined):
     """What became of a measurement.
 
     Attributes
@@ -34,6 +36,7 @@ class Correction:
     foreseen: Foreseen
     landing: float
     angular_momentum: float
+    shown: ClassVar[Sequence[str]] = ("status", "reason", "predicted_miss", "landing", "angular_momentum")
 
     @property
     def motion(self) -> RemainingMotion:
@@ -51,8 +54,8 @@ class Correction:
         return self.foreseen.outlook.torque_peak
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reference(Outlined):
     """What the joints are to do at a time.
 
     Attributes

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from floatplan.arguments import optional, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.compiled import CompiledReckoning
@@ -24,6 +26,8 @@ from floatplan.kernel.library import kernel
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
+from floatplan.plans.plan_file import given_plan
+from floatplan.shown import outline
 from floatplan.threads import one_thread
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
@@ -34,6 +38,7 @@ LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at onc
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
 LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
+LARGEST = 1e12  # [SI] sigma and acceleration
 
 
 class Replanner:
@@ -44,7 +49,7 @@ class Replanner:
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan, or path of a plan file
     rate : float
         Corrections per second at most, Hz; calls between them measure only.
     sigma : float
@@ -60,13 +65,10 @@ class Replanner:
 
     @one_thread
     def __init__(
-        self, plan: Plan, rate: float = 200.0, sigma: float = SIGMA, acceleration: float | None = None
+        self, plan: Plan | str | Path, rate: float = 200.0, sigma: float = SIGMA, acceleration: float | None = None
     ) -> None:
-        for name, value in (("rate", rate), ("sigma", sigma), ("acceleration", acceleration)):
-            if value is not None and not 0 < value < math.inf:
-                raise InputError(f"{value} is not positive", element=name, advice="give a positive number")
-        if rate > FASTEST:
-            raise InputError(f"{rate:g} Hz is above {FASTEST:g} Hz", element="rate")
+        plan, rate, sigma = given_plan(plan), positive(FASTEST, "Hz")(rate, "rate"), positive(LARGEST)(sigma, "sigma")
+        acceleration = optional(positive(LARGEST))(acceleration, "acceleration")
         if not plan.ok:
             raise InputError("the plan does not reach its goal", element="plan", advice="plan again")
         self.plan, self.rate = plan, float(rate)
@@ -83,6 +85,11 @@ class Replanner:
         self._warm_starts = WarmStarts(self._law, self.motion, self._at_takeoff, plan.angular_momentum)
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
+
+    def __repr__(self) -> str:
+        """The plan that it corrects, how often, and when the robot lands as far as is known."""
+        rows = [("plan", repr(self.plan.problem).partition("\n")[0]), ("landing", f"{self.landing:.4g} s")]
+        return outline(f"Replanner({self.rate:g} Hz)", rows)
 
     @one_thread
     def reset(self) -> None:
@@ -126,7 +133,7 @@ class Replanner:
     @one_thread
     def reference(self, t: float) -> Reference:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
-        time = float(t)
+        time = _time(t)
         positions, velocities, accelerations = self._motion_at(time).at(time if math.isfinite(time) else self._now)
         moments = self._dynamics.moments(positions, velocities, accelerations, self._base_rate(positions, velocities))
         torques = (moments @ self._turns)[0]

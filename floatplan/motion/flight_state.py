@@ -6,24 +6,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from floatplan.arrays import Array
+from floatplan.shown import Outlined
 
 
-@dataclass(frozen=True, eq=False)
-class FlightState:
-    """The robot at N instants of its flight.
+@dataclass(frozen=True, eq=False, repr=False)
+class FlightState(Outlined):
+    """The robot at instants of its flight: a number, or an array of any shape, which is the ``...`` of all others.
 
     Attributes
     ----------
-    times : (N,) s
-    orientation, orientation_rate : (N,) rad, rad/s
-    positions, velocities, accelerations, torques : (N, n) rad, rad/s, rad/s^2, N m
+    times : (...) s
+    orientation, orientation_rate : (...) rad, rad/s
+    positions, velocities, accelerations, torques : (..., n) rad, rad/s, rad/s^2, N m
         Torques are generalised: a leader's is the sum over its group, by ratio.
-    motor_torques : (N, m) N m
+    motor_torques : (..., m) N m
         Each motor's own, in the order of ``robot.motors``.
-    com_position, com_velocity : (N, 2) m, m/s; horizontal, vertical
-    base_position : (N, 2) m
+    com_position, com_velocity : (..., 2) m, m/s; horizontal, vertical
+    base_position : (..., 2) m
         Origin of the base link.
-    angular_momentum : (N,) kg m^2/s
+    angular_momentum : (...) kg m^2/s
         Computed from the state, not assumed.
     """
 
@@ -40,9 +41,16 @@ class FlightState:
     base_position: Array
     angular_momentum: Array
 
+    def shaped(self, shape: tuple[int, ...]) -> FlightState:
+        """Return the same with as many instants in another shape."""
+        if shape == self.times.shape:
+            return self
+        arrays = {name: values.reshape(shape + values.shape[1:])[()] for name, values in vars(self).items()}
+        return FlightState(**arrays)
 
-@dataclass(frozen=True, eq=False)
-class Peaks:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Peaks(Outlined):
     """Extremes over the flight, and the instants, s, of those that belong to one.
 
     Attributes

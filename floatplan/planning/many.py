@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
 from floatplan.kernel import rows as plain
 from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, MOST_STARTS, OPTIMAL, Answers, Search
@@ -16,6 +18,7 @@ from floatplan.planning.search import SearchOptions
 from floatplan.planning.work import DEFAULT_WORK
 from floatplan.plans.plans import SOLVED, Plans
 from floatplan.problem.family import Family
+from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 from floatplan.threads import one_thread
 
@@ -27,7 +30,7 @@ PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved:
 
 @one_thread
 def plan_many(
-    problems: Sequence[Problem] | Family,
+    problems: Iterable[Problem | str | Path] | Family,
     *,
     starts: int = 1,
     jobs: int = 1,
@@ -45,10 +48,10 @@ def plan_many(
 
     Parameters
     ----------
-    problems : sequence of Problem, or Family
+    problems : sequence of Problem or of paths of problem files, or Family
         Those of a family are not made, unless one needs the search.
     starts : int
-        Solved starts to choose the best from, as of :func:`floatplan.plan`.
+        Solved starts to choose the best from, at most 1000, as of :func:`floatplan.plan`.
     jobs : int
         Threads of the kernel, processes of the search.
     search : bool
@@ -67,9 +70,11 @@ def plan_many(
     Raises
     ------
     InputError
-        ``starts``, ``jobs`` or ``seed`` cannot be.
+        What is to be planned is no sequence of problems, or a number is none, or out of its range.
     """
     options = SearchOptions(seed=seed, starts=starts, jobs=jobs)
+    search, prove = flag(search, "search"), flag(prove, "prove")
+    problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
     plans = Plans.of(problems, *_shape(problems), seed)
     whole, few = Effort(seed, starts), Effort(seed, starts, _most_starts(options))
     brief = whole if search else Effort(seed, starts, patience=PATIENCE)

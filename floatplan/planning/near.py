@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.errors import refuse
 from floatplan.kernel.rows import is_plain
 from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import basis
@@ -17,7 +18,6 @@ from floatplan.planning.search import SearchOptions, SearchResult
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.program import decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.problem.checks import refuse
 from floatplan.problem.problem import Problem
 
 SHARE = 0.5  # [-] of the budget that the motion at hand may take before another is searched, and that this has at least

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from floatplan.arrays import Array
+from floatplan.errors import refuse
 from floatplan.kernel.batch import MOST_STARTS, Search
 from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials
@@ -18,7 +19,6 @@ from floatplan.planning.explanation import explain, proven_impossible
 from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SAME, SearchOptions, SearchResult, search
 from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
-from floatplan.problem.checks import refuse
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)

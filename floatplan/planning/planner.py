@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
+from floatplan.arguments import flag
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
+from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 from floatplan.threads import one_thread
 
 
 @one_thread
 def plan(
-    problem: Problem,
+    problem: Problem | str | Path,
     *,
     seed: int = 0,
     starts: int = 1,
@@ -26,11 +29,12 @@ def plan(
 
     Parameters
     ----------
-    problem : Problem
+    problem : Problem, or path of a problem file
     seed : int
         Of the random starts; the same seed gives the same plan.
     starts : int
-        Solved starts to choose the best from; 1 is the quick way. More are never worse, unless a budget ends them.
+        Solved starts to choose the best from, at most 1000; 1 is the quick way. More are never worse, unless a
+        budget ends them.
     budget : float, optional
         Seconds, by the clock, after which the search ends with the best motion so far; left out, so much work as takes
         about 7 s, counted without a clock: the same problem and seed then have the same answer everywhere.
@@ -52,10 +56,11 @@ def plan(
     Raises
     ------
     InputError
-        ``starts``, ``budget`` or ``jobs`` is not positive; or what stands on the ground moves down at takeoff.
+        The problem is none, or its file is wrong; a number is none, or out of its range; or what stands on the ground
+        moves down at takeoff.
     """
-    found = planned(problem, SearchOptions(seed, starts, budget, jobs, progress))
-    if not prove:
+    found = planned(given_problem(problem), SearchOptions(seed, starts, budget, jobs, progress))
+    if not flag(prove, "prove"):
         return found.plan
     from floatplan.planning.repair import proved_plan  # here, because most plans do without
 

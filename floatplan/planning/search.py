@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import ClassVar
 
 import numpy as np
 
-from floatplan.errors import InputError
+from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.kernel.stages import WANTED_AFTER_FAILURE
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome, best
 from floatplan.planning.compiled import Followed
@@ -23,10 +24,12 @@ from floatplan.planning.runner import expiry, runner
 from floatplan.planning.starts import MOMENTUM_FRACTIONS
 from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
+from floatplan.tables import Range
 
 LOG = logging.getLogger(__name__)
-LARGEST_SEED = 2**63 - 1
 MOST_JOBS = 64  # [-] processes
+MOST_SOLVED = 1000  # [-] solved starts to choose the best from
+JOBS = whole(Range(1, MOST_JOBS, ""))
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
 ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
 RAISED = 2  # [-] nearest motions of one degree that are starts at the next
@@ -56,7 +59,7 @@ class SearchResult:
 
 
 @dataclass(frozen=True)
-class SearchOptions:
+class SearchOptions(Checked):
     """How to search; see :func:`floatplan.plan`.
 
     Attributes
@@ -73,7 +76,7 @@ class SearchOptions:
     Raises
     ------
     InputError
-        ``starts``, ``budget`` or ``jobs`` is not positive.
+        A number is none, or out of its range; or ``progress`` cannot be called.
     """
 
     seed: int = 0
@@ -84,15 +87,13 @@ class SearchOptions:
     work: float | None = None
     patience: float | None = None
 
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        for name, value in (("starts", self.starts), ("budget", self.budget), ("jobs", self.jobs)):
-            if value is not None and not value > 0:
-                raise InputError(f"{value} is not positive", element=name)
-        if not 0 <= self.seed <= LARGEST_SEED:
-            raise InputError(f"{self.seed} is outside 0 to {LARGEST_SEED}", element="seed")
-        if self.jobs > MOST_JOBS:
-            raise InputError(f"{self.jobs} processes, more than {MOST_JOBS}", element="jobs")
+    checks: ClassVar[Mapping[str, Check]] = {
+        "seed": SEED,
+        "starts": whole(Range(1, MOST_SOLVED, "")),
+        "budget": optional(positive(unit="s")),
+        "jobs": JOBS,
+        "progress": optional(function),
+    }
 
 
 def search(

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
+from floatplan.arguments import number, optional
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact
 from floatplan.motion.planar.reachable import reachable
 from floatplan.plans.contact_advice import FAST, Momentum, advice, size, told
+from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
+from floatplan.shown import Outlined
 from floatplan.tables import RELATIVE
 from floatplan.threads import one_thread
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
+@dataclass(frozen=True, eq=False, repr=False)
+class Contact(Outlined):
     """The frame at one end of a flight, and the joint rates with which it is at rest there.
 
     They are those with the least largest ``|rate| / limit``, for the posture, angular momentum and velocity of the
@@ -43,6 +48,7 @@ class Contact:
     end: End
     momentum: Momentum
     found: ContactRates | None
+    shown: ClassVar[Sequence[str]] = ("frame", "end", "ok", "ratio", "joint", "rates", "angular_momentum", "verdict")
 
     @property
     def frame(self) -> str:
@@ -152,19 +158,25 @@ class Contact:
 
 
 @one_thread
-def takeoff(problem: Problem, angular_momentum: float | None = None) -> Contact:
+def takeoff(problem: Problem | str | Path, angular_momentum: float | None = None) -> Contact:
     """Tell whether the takeoff frame can leave the ground at rest within the joints' velocity limits.
 
     Parameters
     ----------
+    problem : Problem, or path of a problem file
     angular_momentum : float, optional
         kg m^2/s; left out, the problem's; where it is free, the one that lets the joints be slowest.
+
+    Raises
+    ------
+    InputError
+        The problem is none, or its file is wrong; or the angular momentum is no number in its range.
     """
     return _contact(problem, "takeoff", angular_momentum)
 
 
 @one_thread
-def landing(problem: Problem, angular_momentum: float | None = None) -> Contact:
+def landing(problem: Problem | str | Path, angular_momentum: float | None = None) -> Contact:
     """Tell whether the landing frame can meet the ground at rest; see :func:`takeoff`."""
     return _contact(problem, "landing", angular_momentum)
 
@@ -185,7 +197,9 @@ def no_common_momentum(problem: Problem) -> str | None:
     )
 
 
-def _contact(problem: Problem, end: End, angular_momentum: float | None) -> Contact:
+def _contact(given: Problem | str | Path, end: End, angular_momentum: float | None) -> Contact:
+    problem = given_problem(given)
+    angular_momentum = optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
     asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
     if not has_contact(problem, end):
         return Contact(problem, end, asked, None)

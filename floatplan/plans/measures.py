@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
+import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
@@ -25,11 +26,12 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
-Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing"]
+Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns"]
 
 CONTACT = 1e-8  # [m] tolerance of the ground, as of obstacles
 RELATIVE = 1e-9  # [-] of limits
 ROUNDING = 1e-9  # [rad] of joint ranges
+MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
 
 
 class Measured(Protocol):
@@ -72,7 +74,7 @@ class PlanWarning:
 
     Attributes
     ----------
-    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff" or "landing"
+    kind : "ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing" or "turns"
     subject : link, joint, or the frame that cannot be at rest
     value, limit : in ``unit``; None where it could not be measured
     instant : s, when; None where it belongs to no instant
@@ -182,7 +184,7 @@ def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
 
 def measured_warnings(plan: Measured) -> tuple[PlanWarning, ...]:
     """Return what the plan does to the ground and to limits, wherever that is more than they allow."""
-    return (*_ground(plan), *_contacts(plan), *_joints(plan), *_motors(plan), *_held(plan))
+    return (*_ground(plan), *_contacts(plan), *_joints(plan), *_motors(plan), *_held(plan), *_turns(plan.problem))
 
 
 def _ground(plan: Measured) -> Iterator[PlanWarning]:
@@ -275,6 +277,20 @@ def _held(plan: Measured) -> Iterator[PlanWarning]:
                 f" {joint.effort:.4g} {unit}; lock it elsewhere, or move the others more slowly."
             )
             yield PlanWarning("holding_torque", name, torque, joint.effort, unit, instant, message)
+
+
+def _turns(problem: Problem) -> Iterator[PlanWarning]:
+    """Angles that are asked for and so large that degrees may have been meant: of the base, and of each joint."""
+    start, goal = problem.initial, problem.final
+    base = max(abs(start.orientation), abs(goal.orientation), abs(goal.orientation - start.orientation))
+    joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
+    for name, angle in zip((problem.robot.tree.names[0], *problem.robot.joints), (base, *joints), strict=True):
+        if angle > MOST_TURNS + ROUNDING:
+            message = (
+                f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"
+                ' where degrees are meant, fp.Posture.degrees or angles = "deg" says so.'
+            )
+            yield PlanWarning("turns", name, angle, MOST_TURNS, "rad", None, message)
 
 
 def _follows(coupling: Coupling, joints: tuple[str, ...]) -> tuple[int, float, float]:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from floatplan.arguments import flag, function, made, optional, positive, text
+from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
 from floatplan.motion.flight_state import FlightState, Peaks
@@ -272,10 +274,11 @@ class Plan(PlannedMotion):
 
     def save(self, path: str | Path) -> Path:
         """Write the plan file, whole or not at all."""
-        return self.record.save(path)
+        return self.record.save(as_path(path, "path"))
 
     def figures(self, compare: Plan | None = None) -> dict[str, Figure]:
         """Return the paper's figures, by name, as matplotlib figures; the curves of a plan to compare are dashed."""
+        optional(made(Plan))(compare, "compare")
         found: dict[str, Figure] = output("figures")(self, compare=compare)
         return found
 
@@ -290,11 +293,14 @@ class Plan(PlannedMotion):
 
         ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
         """
+        path, speed = as_path(path, "path"), positive()(speed, "speed")
+        progress = optional(function)(progress, "progress")
         return Path(output("animate")(self, path, speed=speed, progress=progress))
 
     def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
         """Write the report, a page that plays the flight, and open it in the browser unless ``browse`` is false."""
-        page = Path(output("write_report")(self, path))
+        browse = flag(browse, "browse")
+        page = Path(output("write_report")(self, as_path(path, "path")))
         if browse:
             webbrowser.open(page.resolve().as_uri())
         return page
@@ -317,7 +323,8 @@ class Plan(PlannedMotion):
         InputError
             The format is unknown, or the rate is wrong.
         """
-        return Path(output("export")(self, form, path, rate))
+        path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
+        return Path(output("export")(self, text(form, "format"), path, rate))
 
     def __repr__(self) -> str:
         """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""

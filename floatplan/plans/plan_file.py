@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from floatplan.arguments import optional
+from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
 from floatplan.errors import InputError, naming
 from floatplan.motion.planar.ballistics import Ballistics
@@ -58,6 +60,15 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
         raise error.within(source=source) from None
 
 
+def given_plan(plan: Plan | str | Path) -> Plan:
+    """Return the plan that a function was given, or read its file; errors as :func:`load_plan`."""
+    if isinstance(plan, Plan):
+        return plan
+    if not isinstance(plan, str | Path):
+        raise InputError(f"{plan!r} is neither a Plan nor the path of one", element="plan")
+    return load_plan(plan)
+
+
 @one_thread
 def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
     """Read a plan file and the URDF that it names, or another place of the same file.
@@ -67,4 +78,5 @@ def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
     InputError
         Either is missing, damaged, or does not belong to the other.
     """
+    path, urdf = as_path(path, "path"), optional(as_path)(urdf, "urdf")
     return rebuild(load_record(path), path, urdf)

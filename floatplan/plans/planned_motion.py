@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.flight_state import FlightState
@@ -69,20 +70,26 @@ class PlannedMotion:
 
     @one_thread
     def at(self, times: npt.ArrayLike) -> FlightState:
-        """State of the robot at times (N,) or one time, s, within [0, duration].
+        """State of the robot at times of any shape, s, within [0, duration]: its arrays begin with that shape.
 
         Raises
         ------
         InputError
             A time is not a number or lies outside the flight.
         """
-        try:
-            instants = np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
-        except (TypeError, ValueError):
-            raise InputError("a time is not a number", element="times") from None
+        instants = self._within(times)
+        return self._state(instants.ravel()).shaped(instants.shape)
+
+    def _within(self, times: npt.ArrayLike) -> Array:
+        """Times as numbers; errors as of :meth:`at`."""
+        instants = np.asarray(numbers(times, "times"), dtype=np.float64)
         slack = 1e-12 * self.duration
         if not ((instants >= -slack) & (instants <= self.duration + slack)).all():
             raise InputError(f"a time lies outside the flight, [0, {self.duration}] s", element="times")
+        return instants
+
+    def _state(self, instants: Array) -> FlightState:
+        """State at times (N,) within the flight."""
         positions, velocities, accelerations = self.joint_motion(instants)
         momentum_map = self.dynamics.momentum_map(positions)
         joint_part = np.einsum("ki,ki->k", momentum_map[:, 1:], velocities)
@@ -108,11 +115,11 @@ class PlannedMotion:
         )
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:
-        """Motion of every joint that the URDF has, and of the base in space, at times (N,); errors as of :meth:`at`."""
-        return FullMotion(self.dynamics, self.at(times), self.ballistics.gravity)
+        """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
+        return FullMotion(self.dynamics, self._state(self._within(times).ravel()), self.ballistics.gravity)
 
     def q(self, times: npt.ArrayLike) -> Array:
-        """Configuration (nq,) or (N, nq), m and rad, in the order of the free-flyer model of the file itself.
+        """Configuration (..., nq), m and rad, in the order of the free-flyer model of the file itself.
 
         That is ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``: place of the root link, quaternion x y z w,
         all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.free_flyer` for the world's
@@ -120,8 +127,8 @@ class PlannedMotion:
 
         Parameters
         ----------
-        times : number or (N,)
-            s, within the flight.
+        times : number or array
+            s, within the flight; the configuration's shape begins with theirs.
 
         Raises
         ------
@@ -131,15 +138,15 @@ class PlannedMotion:
         return self._in_file(times, free_flyer(self.robot).configurations)
 
     def v(self, times: npt.ArrayLike) -> Array:
-        """Velocity (nv,) or (N, nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
+        """Velocity (..., nv), m/s and rad/s: of the base in its own axes, linear then angular, and of joints."""
         return self._in_file(times, free_flyer(self.robot).velocities)
 
     def a(self, times: npt.ArrayLike) -> Array:
-        """Acceleration (nv,) or (N, nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
+        """Acceleration (..., nv), m/s^2 and rad/s^2: the derivative of :meth:`v`, gravity's included."""
         return self._in_file(times, free_flyer(self.robot).accelerations)
 
     def tau(self, times: npt.ArrayLike) -> Array:
-        """Torques (nv,) or (N, nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
+        """Torques (..., nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
         return self._in_file(times, free_flyer(self.robot).torques)
 
     @one_thread

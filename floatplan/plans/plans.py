@@ -15,6 +15,7 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
+from floatplan.shown import Outlined
 from floatplan.threads import one_thread
 
 SOLVED = ("optimal", "feasible")
@@ -84,8 +85,8 @@ class Answer:
         return plan.with_record(plan.record.with_checks(certificate=self.certificate))
 
 
-@dataclass(frozen=True, eq=False)
-class Plans(Sequence[Plan]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Plans(Outlined, Sequence[Plan]):
     """Answers to N problems, in their order: what :func:`floatplan.plan_many` returns.
 
     ``plans[i]`` is a :class:`~floatplan.Plan`, made when asked for; of a problem that is wrong it raises what is.

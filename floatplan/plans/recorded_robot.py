@@ -3,13 +3,44 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
 from floatplan.errors import InputError
 from floatplan.files import is_file, plain
-from floatplan.plans.record import RobotRecord
+from floatplan.plans.reading import load_record
+from floatplan.plans.record import PlanRecord, RobotRecord
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.example_robots import PREFIX
+
+
+class Recorded(Protocol):
+    """A plan with its record and its robot, such as :class:`floatplan.Plan`."""
+
+    @property
+    def record(self) -> PlanRecord:
+        """The plan as data."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that flies."""
+
+
+def recorded(plan: Recorded | PlanRecord | str | Path) -> tuple[PlanRecord, str | Path | None, Robot | None]:
+    """Return a plan's record; the file that it was read from, and its robot, where there is one.
+
+    Raises
+    ------
+    InputError
+        It is no plan, nor the path of one; or its file is wrong.
+    """
+    if isinstance(plan, PlanRecord):
+        return plan, None, None
+    if isinstance(plan, str | Path):
+        return load_record(plan), plan, None
+    if not isinstance(getattr(plan, "record", None), PlanRecord):
+        raise InputError(f"{plan!r} is neither a Plan nor the path of one", element="plan")
+    return plan.record, None, plan.robot
 
 
 def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urdf: str | Path | None = None) -> Robot:

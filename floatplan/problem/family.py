@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, overload
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
+from floatplan.arguments import Check, Checked, by_name, made, numbers
 from floatplan.errors import InputError
 from floatplan.problem.problem import Problem
+from floatplan.shown import Outlined
 
 MOST_PROBLEMS = 10_000_000  # of a family
 FIELDS = {
@@ -26,8 +28,16 @@ BY_JOINT = ("positions", "velocities", "accelerations")
 BY_MOTOR = ("velocity", "acceleration", "torque")
 
 
-@dataclass(frozen=True, eq=False)
-class Family(Sequence[Problem]):
+def _column(values: npt.ArrayLike, element: str) -> npt.NDArray[Any]:
+    array = numbers(values, element.removeprefix("varied.")).copy()
+    if array.ndim != 1:
+        raise InputError("must be an array (N,) of numbers", element=element.removeprefix("varied."))
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Family(Checked, Outlined, Sequence[Problem]):
     """N problems that differ from a base problem in a few numbers.
 
     ``family[i]`` is the i-th :class:`~floatplan.Problem`, made and checked when asked for; ``family[i:j]`` is a family.
@@ -48,18 +58,15 @@ class Family(Sequence[Problem]):
 
     base: Problem
     varied: Mapping[str, npt.ArrayLike]
+    checks: ClassVar[Mapping[str, Check]] = {"base": made(Problem), "varied": by_name(_column)}
 
     def __post_init__(self) -> None:
         """Check paths and shapes; numbers are checked row by row."""
+        super().__post_init__()
         if not self.varied:
             raise InputError("varies nothing", element="Family", advice='give a path such as "flight.duration"')
-        arrays: dict[str, npt.NDArray[Any]] = {}
-        for path, values in self.varied.items():
-            array = np.array(values)
-            array.setflags(write=False)
-            if array.ndim != 1 or array.dtype.kind not in "iuf":
-                raise InputError("must be an array (N,) of numbers", element=path)
-            arrays[path] = array
+        arrays = self.arrays
+        for path in arrays:
             _with_values(self.base, {path: 0.0})
         lengths = {len(array) for array in arrays.values()}
         if len(lengths) > 1:
@@ -67,7 +74,6 @@ class Family(Sequence[Problem]):
             raise InputError(f"the arrays differ in length: {told}", element="Family")
         if max(lengths) > MOST_PROBLEMS:
             raise InputError(f"{max(lengths)} problems, more than {MOST_PROBLEMS}", element="Family")
-        object.__setattr__(self, "varied", arrays)
 
     def __len__(self) -> int:
         return len(next(iter(self.arrays.values())))
@@ -117,11 +123,11 @@ def _set(current: Any, parts: Sequence[str], value: float, base: Problem, path: 
         if key not in current and rest:
             raise InputError(f"the base problem gives {key!r} nothing that could be varied", element=path)
         return {**current, key: _set(current.get(key), rest, value, base, path)}
-    if is_dataclass(current) and not isinstance(current, type):
-        if key not in {each.name for each in fields(current)}:
+    if isinstance(current, Checked):
+        if key not in current.checks:
             raise InputError(f"there is no {key!r}", element=path)
         inner = _spelt_out(base, path, key, getattr(current, key))
-        return replace(current, **{key: _set(inner, rest, value, base, path)})
+        return current.changed(**{key: _set(inner, rest, value, base, path)})
     if isinstance(current, tuple | list):
         names = base.robot.joints
         index = names.index(key) if key in names and len(names) == len(current) else _index(key, len(current), path)

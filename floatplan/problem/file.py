@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from floatplan.arguments import made
+from floatplan.arguments import path as as_path
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
@@ -46,7 +48,7 @@ def load_problem(path: str | Path) -> Problem:
     InputError
         The file is missing or no TOML; or keys are unknown, missing or wrong: all of these in one message, a line each.
     """
-    path = Path(path)
+    path = as_path(path, "path")
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
     content = parsed_toml(text, path)
     try:
@@ -55,6 +57,15 @@ def load_problem(path: str | Path) -> Problem:
         return _problem(tables, robot, path.stem, text)
     except InputError as error:
         raise error if error.source else error.within(source=path) from None
+
+
+def given_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:
+    """Return the problem that a function was given, or read its file; errors as :func:`load_problem`."""
+    if isinstance(problem, Problem):
+        return problem
+    if not isinstance(problem, str | Path):
+        raise InputError(f"{problem!r} is neither a Problem nor the path of one", element=element)
+    return load_problem(problem)
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -164,7 +175,8 @@ def save_problem(problem: Problem, path: str | Path) -> Path:
     InputError
         The robot was not read from a file.
     """
-    return write_atomically(path, problem_text(problem, path))
+    path = as_path(path, "path")
+    return write_atomically(path, problem_text(made(Problem)(problem, "problem"), path))
 
 
 def problem_text(problem: Problem, path: str | Path) -> str:
@@ -208,7 +220,9 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str
         motion=tables.motion.motion(),
         limits=tables.limits.limits(),
         obstacles=tuple(obstacle.obstacle() for obstacle in tables.obstacles),
-        self_clearances=tuple(SelfClearance(pair.links, pair.margin) for pair in tables.self_clearance),
+        self_clearances=tuple(
+            SelfClearance.unchecked(links=pair.links, margin=pair.margin) for pair in tables.self_clearance
+        ),
         name=tables.name or default_name,
         ground=tables.ground,
         written=written,

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.errors import InputError
-from floatplan.problem.checks import ProblemError, check_joint_names, faults
+from floatplan.errors import InputError, ProblemError, faults
+from floatplan.problem.checks import check_joint_names
 from floatplan.problem.parts import JointState, JointValues, Limits
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow, check_number
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 NARROWEST = 1e-6  # rad, of a joint's range
@@ -29,10 +29,6 @@ def position_limits(robot: Robot, limits: Limits) -> Array:
     if isinstance(limits.position, str):
         if limits.position == "full":
             given[:] = FULL_RANGE
-        elif limits.position != "urdf":
-            raise InputError(
-                f"must be 'urdf', 'full' or a table by joint, not {limits.position!r}", element="limits.position"
-            )
     elif isinstance(limits.position, Mapping):
         check_joint_names(robot, limits.position, "limits.position")
         for joint, interval in limits.position.items():
@@ -46,10 +42,7 @@ def position_limits(robot: Robot, limits: Limits) -> Array:
 
 
 def _interval(interval: Sequence[float], element: str) -> tuple[float, float]:
-    if len(interval) != 2:
-        raise InputError("a range has two numbers, low and high", element=element)
     low, high = interval
-    check_number(interval, element, "positions")
     if not low < high:
         raise InputError(f"low {low} is not below high {high}", element=element)
     if high - low < NARROWEST:
@@ -86,7 +79,7 @@ def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
     if isinstance(given, str):
         if row.in_urdf and given == "urdf":
             return read_only(getattr(robot, f"{row.key}_limits"))
-        return _no_limits(len(robot.joints), row, given)
+        return _no_limits(len(robot.joints))
     if not isinstance(given, Mapping | int | float):
         return _by_coordinate(robot, given, row)
     own = _by_motor(robot, given, row)
@@ -101,7 +94,7 @@ def motor_torque_limits(robot: Robot, given: str | JointValues) -> Array:
     A sequence (n,) is about the generalised torques: it is a motor's own limit where the joint has but one motor.
     """
     if isinstance(given, str):
-        return robot.motor_torque_limits if given == "urdf" else _no_limits(len(robot.motors), TORQUE, given)
+        return robot.motor_torque_limits if given == "urdf" else _no_limits(len(robot.motors))
     if isinstance(given, Mapping | int | float):
         return _by_motor(robot, given, TORQUE)
     generalized = _by_coordinate(robot, given, TORQUE)
@@ -118,11 +111,8 @@ def torque_limits(robot: Robot, given: str | JointValues) -> Array:
     return _by_coordinate(robot, given, TORQUE)
 
 
-def _no_limits(count: int, row: LimitRow, word: str) -> Array:
+def _no_limits(count: int) -> Array:
     """No limit of any of so many motors or coordinates."""
-    if word != "none":
-        words = "'urdf', 'none'" if row.in_urdf else "'none'"
-        raise InputError(f"must be {words}, a number or a table by joint, not {word!r}", element=f"limits.{row.key}")
     return read_only(np.full(count, math.inf))
 
 
@@ -134,7 +124,6 @@ def _by_motor(robot: Robot, given: Mapping[str, float] | float, row: LimitRow) -
         values = np.array([_of_motor(robot, given, index, math.inf) for index in range(len(robot.motors))], np.float64)
     else:
         values = np.full(len(robot.motors), given, np.float64)
-    _check_positive(values, robot.motors, element)
     return read_only(values)
 
 
@@ -144,16 +133,7 @@ def _by_coordinate(robot: Robot, given: Sequence[float] | Array, row: LimitRow) 
     values = np.array(list(given), dtype=np.float64)
     if values.shape != (len(robot.joints),):
         raise InputError(f"{values.size} values for {len(robot.joints)} joints", element=element)
-    _check_positive(values, robot.joints, element)
     return read_only(values)
-
-
-def _check_positive(values: Array, names: Sequence[str], element: str) -> None:
-    for joint, value in zip(names, values, strict=True):
-        if not value > 0:
-            raise InputError(f"{value} is not a positive number", element=f"{element}.{joint}")
-        if math.isfinite(value):
-            check_number(value, f"{element}.{joint}", "limit")
 
 
 def _leaders(robot: Robot) -> IntArray:
@@ -170,21 +150,8 @@ def _of_motor(robot: Robot, given: Mapping[str, Any], motor: int, default: Any) 
 def motor_values(robot: Robot, limits: Limits, name: str, default: float) -> Array:
     """Return one field of the motors' curves (m,), the default where a motor has none."""
     _check_motor_names(robot, limits.motor, "limits.motor")
-    for joint, motor in limits.motor.items():
-        value = getattr(motor, name)
-        check_number(value, f"limits.motor.{joint}.{name}", "limit" if name == "stall" else name)
     curves = [_of_motor(robot, limits.motor, index, None) for index in range(len(robot.motors))]
     return read_only([default if curve is None else getattr(curve, name) for curve in curves])
-
-
-def check_orientation_rate(limits: Limits) -> None:
-    """Refuse a limit that is not positive."""
-    if limits.orientation_rate is not None and not (
-        limits.orientation_rate > 0 and math.isfinite(limits.orientation_rate)
-    ):
-        raise InputError(f"{limits.orientation_rate} is not a positive number", element="limits.orientation_rate")
-    if limits.orientation_rate is not None:
-        check_number(limits.orientation_rate, "limits.orientation_rate", "limit")
 
 
 def _check_motor_names(robot: Robot, values: Mapping[str, object], element: str) -> None:

@@ -9,15 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from floatplan.errors import InputError
-from floatplan.problem.checks import ProblemError
-from floatplan.problem.file import (
-    DATA_PREFIX,
-    load_problem,
-    load_robot,
-    problem_from_dict,
-    problem_to_dict,
-)
+from floatplan.errors import InputError, ProblemError
+from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
@@ -72,7 +65,7 @@ class RobotChoices:
         return robot_as_asked(source, choices, PLACE, "--")
 
     def _couplings(self, text: str) -> dict[str, str | Coupling]:
-        return {name: _leader(leader) for name, leader in _pairs("--coupled", text, "FOLLOWER=LEADER")}
+        return {name: _leader(name, leader) for name, leader in _pairs("--coupled", text, "FOLLOWER=LEADER")}
 
     def _locked(self, text: str) -> dict[str, float]:
         pairs = {joint: _number("--locked", value) for joint, value in _pairs("--locked", text, "JOINT=ANGLE")}
@@ -90,10 +83,15 @@ class RobotChoices:
                 )
 
 
-def _leader(text: str) -> str | Coupling:
+def _leader(follower: str, text: str) -> str | Coupling:
     """``leader``, ``-leader``, ``0.5*leader``."""
     ratio, star, leader = text.partition("*")
-    return Coupling(leader.strip(), _number("--coupled", ratio)) if star else text
+    if not star:
+        return text
+    try:
+        return Coupling(leader.strip(), _number("--coupled", ratio))
+    except InputError as error:
+        raise error if error.source else error.within(PLACE, f"--coupled {follower}") from None
 
 
 def _pairs(option: str, text: str, form: str) -> list[tuple[str, str]]:

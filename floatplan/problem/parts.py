@@ -7,16 +7,34 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    Checked,
+    by_joint,
+    by_name,
+    made,
+    number,
+    one_of,
+    optional,
+    pair,
+    text,
+    whole,
+)
 from floatplan.arrays import Array
-from floatplan.tables import Objective
+from floatplan.tables import LIMIT_TABLE, OBJECTIVES, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
+PLACE = pair(number("place"))
 
 SHORTEST_NORMAL = 1e-9  # as written
+LOWEST_DEGREE = 5
+TOO_STIFF = "six boundary conditions per joint need degree 5; one more at least is needed to steer, (16)"
+HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class Posture(Checked):
     """Base orientation and joints at one end of the flight, as the user gives them.
 
     Parameters
@@ -38,6 +56,40 @@ class Posture:
     velocities: JointValues | Literal["takeoff", "landing"] = 0.0
     accelerations: JointValues | Literal["free"] = 0.0
     settled: tuple[JointValues | None, JointValues | None] | None = None
+    checks: ClassVar[Mapping[str, Check]] = {
+        "orientation": number("orientation"),
+        "positions": by_joint(number("positions")),
+        "velocities": by_joint(number("velocities"), *REST.values()),
+        "accelerations": by_joint(number("accelerations"), "free"),
+        "settled": optional(pair(optional(by_joint(FINITE)), "sequences")),
+    }
+
+    @classmethod
+    def degrees(
+        cls,
+        orientation: float,
+        positions: JointValues,
+        velocities: JointValues | Literal["takeoff", "landing"] = 0.0,
+        accelerations: JointValues | Literal["free"] = 0.0,
+    ) -> Posture:
+        """Return the posture whose angles and rates are given in degrees: deg, deg/s, deg/s^2.
+
+        Raises
+        ------
+        InputError
+            A number is none, or out of its range.
+        """
+        converted = by_joint(_radians, *REST.values(), "free")
+        return cls(
+            _radians(orientation, "orientation"),
+            converted(positions, "positions"),
+            converted(velocities, "velocities"),
+            converted(accelerations, "accelerations"),
+        )
+
+
+def _radians(degrees: float, element: str) -> float:
+    return math.radians(FINITE(degrees, element))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +109,16 @@ class JointState:
 
 
 @dataclass(frozen=True)
-class Takeoff:
+class Takeoff(Checked):
     """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical)."""
 
     frame: str
     position: tuple[float, float] = (0.0, 0.0)
+    checks: ClassVar[Mapping[str, Check]] = {"frame": text, "position": PLACE}
 
 
 @dataclass(frozen=True)
-class Landing:
+class Landing(Checked):
     """The frame that lands first, and its height at t = T, m.
 
     Left out, its link's shapes rest on the ground where the problem has one; else the height is 0.
@@ -73,10 +126,11 @@ class Landing:
 
     frame: str
     height: float | None = None
+    checks: ClassVar[Mapping[str, Check]] = {"frame": text, "height": optional(number("height"))}
 
 
 @dataclass(frozen=True)
-class Flight:
+class Flight(Checked):
     """The flight as a whole.
 
     Parameters
@@ -101,10 +155,18 @@ class Flight:
     landing: Landing | None = None
     horizontal_velocity: float = 0.0
     gravity: float = 9.81
+    checks: ClassVar[Mapping[str, Check]] = {
+        "duration": number("duration"),
+        "angular_momentum": one_of("midpoint", "free", or_number=number("angular_momentum")),
+        "takeoff": optional(made(Takeoff)),
+        "landing": optional(made(Landing)),
+        "horizontal_velocity": number("horizontal_velocity"),
+        "gravity": number("gravity", advice="downwards is positive"),
+    }
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(Checked):
     """The class of motions searched, (12), and the objective.
 
     Parameters
@@ -117,18 +179,23 @@ class Motion:
 
     degree: int | Sequence[int] | Literal["auto"] = 7
     objective: Objective = "coefficients"
+    checks: ClassVar[Mapping[str, Check]] = {
+        "degree": by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False),
+        "objective": one_of(*OBJECTIVES),
+    }
 
 
 @dataclass(frozen=True, eq=False)
-class Motor:
+class Motor(Checked):
     """Speed-dependent torque limit ``|torque| + slope |velocity| <= stall``, N m and N m s/rad."""
 
     stall: float
     slope: float
+    checks: ClassVar[Mapping[str, Check]] = {"stall": number("limit"), "slope": number("slope")}
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class Limits(Checked):
     """What the robot can do.
 
     Parameters
@@ -154,10 +221,20 @@ class Limits:
     motor: Mapping[str, Motor] = field(default_factory=dict)
     orientation_rate: float | None = None
     acceleration: Literal["none"] | JointValues = "none"
+    checks: ClassVar[Mapping[str, Check]] = {
+        "position": by_joint(pair(number("positions")), "urdf", "full", single=False),
+        **{
+            row.key: by_joint(number("limit", infinite=True), *(["urdf"] if row.in_urdf else []), "none")
+            for row in LIMIT_TABLE.values()
+            if row.of != "base"
+        },
+        "motor": by_name(made(Motor)),
+        "orientation_rate": optional(number("limit")),
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
-class Obstacle:
+class Obstacle(Checked):
     """What all obstacles share.
 
     Parameters
@@ -175,6 +252,11 @@ class Obstacle:
     margin: float = 0.0
     velocity: tuple[float, float] = (0.0, 0.0)
     window: tuple[float, float] | None = None
+    checks: ClassVar[Mapping[str, Check]] = {
+        "margin": number("margin"),
+        "velocity": pair(number("velocity")),
+        "window": optional(pair(number("window"))),
+    }
 
     @property
     def thickness(self) -> float:
@@ -186,9 +268,11 @@ class Obstacle:
         """Where it stands and how large it is, for a person."""
         raise NotImplementedError
 
-    def faults(self) -> Iterator[tuple[str, str]]:
-        """What cannot be, of numbers in their ranges: field and reason."""
-        yield from ()
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle."""
+        if self.window is not None and not self.window[0] < self.window[1]:
+            start, end = self.window
+            yield "window", f"the window ends ({end} s) before it begins ({start} s)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,6 +282,7 @@ class Circle(Obstacle):
     kind: ClassVar[str] = "circle"
     center: tuple[float, float]
     radius: float
+    checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "center": PLACE, "radius": number("radius")}
 
     @property
     def thickness(self) -> float:
@@ -218,6 +303,7 @@ class HalfPlane(Obstacle):
     bounded: ClassVar[bool] = False
     point: tuple[float, float] = (0.0, 0.0)
     normal: tuple[float, float] = (0.0, 1.0)
+    checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "point": PLACE, "normal": PLACE}
 
     @property
     def thickness(self) -> float:
@@ -229,9 +315,9 @@ class HalfPlane(Obstacle):
         """Point and normal."""
         return f"at {_pair(self.point)} m, normal {_pair(self.normal)}"
 
-    def faults(self) -> Iterator[tuple[str, str]]:
+    def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle, and a normal that has no direction."""
-        yield from super().faults()
+        yield from super().contradictions()
         if math.hypot(*self.normal) < SHORTEST_NORMAL:
             yield "normal", "the normal has length zero"
 
@@ -244,6 +330,12 @@ class Bar(Obstacle):
     start: tuple[float, float]
     end: tuple[float, float]
     radius: float
+    checks: ClassVar[Mapping[str, Check]] = {
+        **Obstacle.checks,
+        "start": PLACE,
+        "end": PLACE,
+        "radius": number("radius"),
+    }
 
     @property
     def thickness(self) -> float:
@@ -264,8 +356,14 @@ def _pair(values: tuple[float, float]) -> str:
 
 
 @dataclass(frozen=True)
-class SelfClearance:
+class SelfClearance(Checked):
     """Two links whose shapes must stay ``margin`` apart, m."""
 
     links: tuple[str, str]
     margin: float = 0.0
+    checks: ClassVar[Mapping[str, Check]] = {"links": pair(text, "names of links"), "margin": number("margin")}
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """A link cannot keep away from itself."""
+        if self.links[0] == self.links[1]:
+            yield "links", "the two links are the same"

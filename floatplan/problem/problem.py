@@ -10,30 +10,24 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
+from typing import ClassVar
 
+from floatplan.arguments import Check, Checked, flag, made, many, optional, text
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError, check_name
+from floatplan.errors import check_name, faults, refuse
 from floatplan.problem.checks import (
-    ProblemError,
-    check_angular_momentum,
-    check_ballistics,
     check_contact,
     check_counts,
-    check_duration,
-    check_objective,
-    check_obstacle,
     check_pair,
+    check_window,
     degrees_of,
-    faults,
     joint_state,
     landing_of,
-    refuse,
     takeoff_of,
 )
 from floatplan.problem.ground import ground_height
 from floatplan.problem.limits import (
     check_inside,
-    check_orientation_rate,
     joint_limits,
     motor_torque_limits,
     motor_values,
@@ -41,6 +35,7 @@ from floatplan.problem.limits import (
     torque_limits,
 )
 from floatplan.problem.parts import (
+    OBSTACLE_KINDS,
     Flight,
     HalfPlane,
     JointState,
@@ -58,9 +53,11 @@ from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
 from floatplan.threads import one_thread
 
+PAIRS = many(made(SelfClearance), "SelfClearance")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Problem:
+class Problem(Checked):
     """A flight to plan. Checked and resolved when made; raises :class:`~floatplan.errors.InputError`.
 
     Attributes
@@ -106,20 +103,31 @@ class Problem:
     takeoff: Takeoff = field(init=False)
     landing: Landing = field(init=False)
     file_text: str | None = field(init=False, repr=False)
+    checks: ClassVar[Mapping[str, Check]] = {
+        "robot": made(Robot, advice="load it with Robot.from_urdf"),
+        "start": made(Posture),
+        "goal": made(Posture),
+        "flight": made(Flight),
+        "motion": made(Motion),
+        "limits": made(Limits),
+        "obstacles": many(made(*OBSTACLE_KINDS.values()), "obstacles"),
+        "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
+        "name": text,
+        "ground": flag,
+        "file_text": optional(text),
+    }
 
     @one_thread
     def __post_init__(self, written: str | None) -> None:
         """Resolve and check everything; report all that is wrong, not only the first."""
         object.__setattr__(self, "file_text", written)
-        errors: list[InputError] = []
-        for name, resolve in self._resolvers().items():
-            try:
-                object.__setattr__(self, name, resolve())
-            except ProblemError as error:
-                errors += error.errors
-            except InputError as error:
-                errors.append(error)
-        errors.extend(faults(self._checks()))
+        errors = self.faults()
+        try:
+            errors += faults(self._resolutions())
+            errors += faults(self._checks())
+        except (AttributeError, TypeError, ValueError):
+            if not errors:
+                raise  # else it comes of what is wrong already
         if not errors:
             errors = faults(self._edge_checks())
         refuse(errors)
@@ -150,9 +158,9 @@ class Problem:
         ]
         return html_table(self.name, rows)
 
-    def _resolvers(self) -> dict[str, Callable[[], object]]:
+    def _resolutions(self) -> Iterator[Callable[[], None]]:
         robot, limits = self.robot, self.limits
-        return {
+        resolvers: dict[str, Callable[[], object]] = {
             "initial": lambda: joint_state(robot, self.start, "start"),
             "final": lambda: joint_state(robot, self.goal, "goal"),
             "position_limits": lambda: position_limits(robot, limits),
@@ -164,23 +172,18 @@ class Problem:
             "degrees": lambda: degrees_of(robot, self.motion),
             "takeoff": lambda: takeoff_of(robot, self.flight),
             "landing": lambda: landing_of(robot, self.flight, self.start, self.goal, self.ground),
-            "obstacles": lambda: tuple(self.obstacles),
-            "self_clearances": lambda: tuple(self.self_clearances),
         }
+        for name, resolve in resolvers.items():
+            yield lambda name=name, resolve=resolve: object.__setattr__(self, name, resolve())  # type: ignore[misc]
 
     def _checks(self) -> Iterator[Callable[[], None]]:
         yield partial(refuse_leak, self.robot)
         yield partial(check_name, self.name, "name")
         yield lambda: check_counts(self.robot, self.obstacles, self.self_clearances)
-        yield lambda: check_duration(self.flight)
-        yield lambda: check_angular_momentum(self.flight)
-        yield lambda: check_ballistics(self.flight)
-        yield lambda: check_objective(self.motion)
-        yield lambda: check_orientation_rate(self.limits)
         if self.obstacles or self.self_clearances or self.ground:
             yield self.robot.check_shapes
         for index, obstacle in enumerate(self.obstacles):
-            yield partial(check_obstacle, obstacle, f"obstacles[{index}]", self.flight.duration)
+            yield partial(check_window, obstacle, f"obstacles[{index}]", self.flight.duration)
         for index, pair in enumerate(self.self_clearances):
             yield partial(check_pair, self.robot, pair, f"self_clearance[{index}]")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
@@ -91,7 +91,11 @@ class PostureTable(Table):
 
     def posture(self) -> asked.Posture:
         """Return what the table says."""
-        return asked.Posture(self.orientation, self.positions, self.velocities, self.accelerations)
+        return asked.Posture.unchecked(**self.stated())
+
+    def stated(self) -> dict[str, Any]:
+        """The fields of the posture."""
+        return {name: getattr(self, name) for name in ("orientation", "positions", "velocities", "accelerations")}
 
 
 class RecordedPostureTable(PostureTable):
@@ -100,17 +104,16 @@ class RecordedPostureTable(PostureTable):
     velocities_asked: Literal["takeoff", "landing"] | None = None
     accelerations_asked: Literal["free"] | None = None
 
-    def posture(self) -> asked.Posture:
-        """Return what the table says."""
-        posture = super().posture()
+    def stated(self) -> dict[str, Any]:
+        """The fields of the posture."""
+        stated = super().stated()
         if not (self.velocities_asked or self.accelerations_asked):
-            return posture
-        return replace(
-            posture,
-            velocities=self.velocities_asked or self.velocities,
-            accelerations=self.accelerations_asked or self.accelerations,
-            settled=(_numbers(self.velocities), _numbers(self.accelerations)),
-        )
+            return stated
+        return stated | {
+            "velocities": self.velocities_asked or self.velocities,
+            "accelerations": self.accelerations_asked or self.accelerations,
+            "settled": (_numbers(self.velocities), _numbers(self.accelerations)),
+        }
 
 
 def _numbers(values: asked.JointValues | str) -> asked.JointValues | None:
@@ -125,7 +128,7 @@ class TakeoffTable(Table):
 
     def takeoff(self) -> asked.Takeoff:
         """Return what the table says."""
-        return asked.Takeoff(self.frame, self.position)
+        return asked.Takeoff.unchecked(frame=self.frame, position=self.position)
 
 
 class LandingTable(Table):
@@ -136,7 +139,7 @@ class LandingTable(Table):
 
     def landing(self) -> asked.Landing:
         """Return what the table says."""
-        return asked.Landing(self.frame, self.height)
+        return asked.Landing.unchecked(frame=self.frame, height=self.height)
 
 
 class FlightTable(Table):
@@ -151,7 +154,7 @@ class FlightTable(Table):
 
     def flight(self) -> asked.Flight:
         """Return what the table says."""
-        return asked.Flight(
+        return asked.Flight.unchecked(
             duration=self.duration,
             angular_momentum=self.angular_momentum,
             takeoff=self.takeoff.takeoff() if self.takeoff else None,
@@ -169,7 +172,7 @@ class MotionTable(Table):
 
     def motion(self) -> asked.Motion:
         """Return what the table says."""
-        return asked.Motion(self.degree, self.objective)
+        return asked.Motion.unchecked(degree=self.degree, objective=self.objective)
 
 
 class MotorTable(Table):
@@ -192,11 +195,9 @@ class LimitsTable(Table):
     def limits(self) -> asked.Limits:
         """Return what the table says; ``null`` or ``"none"`` in a list is no limit."""
         by_joint = {row.key: _unlimited(getattr(self, row.key)) for row in LIMIT_TABLE.values() if row.of != "base"}
-        return asked.Limits(
-            position=self.position,
-            **by_joint,
-            motor={joint: asked.Motor(motor.stall, motor.slope) for joint, motor in self.motor.items()},
-            orientation_rate=self.orientation_rate,
+        motors = {name: asked.Motor.unchecked(stall=each.stall, slope=each.slope) for name, each in self.motor.items()}
+        return asked.Limits.unchecked(
+            position=self.position, **by_joint, motor=motors, orientation_rate=self.orientation_rate
         )
 
 
@@ -208,7 +209,7 @@ class RecordedLimitsTable(LimitsTable):
     def limits(self) -> asked.Limits:
         """Return what the table says; the motors' own limits contain those of the generalised torques."""
         limits = super().limits()
-        return limits if self.motor_torque is None else replace(limits, torque=self.motor_torque)
+        return limits if self.motor_torque is None else limits.changed(torque=self.motor_torque)
 
 
 def _unlimited(values: Any) -> Any:
@@ -223,7 +224,7 @@ class ObstacleTable(Table):
     def obstacle(self) -> asked.Obstacle:
         """Return what the table says."""
         values = {name: getattr(self, name) for name in type(self).model_fields if name != "kind"}
-        return asked.OBSTACLE_KINDS[self.kind](**values)
+        return asked.OBSTACLE_KINDS[self.kind].unchecked(**values)
 
 
 _TYPES: dict[Any, Any] = {float: Number, tuple[float, float]: Place, tuple[float, float] | None: Place | None}

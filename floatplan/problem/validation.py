@@ -8,8 +8,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from floatplan.errors import InputError
-from floatplan.problem.checks import ProblemError
+from floatplan.errors import InputError, ProblemError
 
 AnyTable = TypeVar("AnyTable", bound=BaseModel)
 

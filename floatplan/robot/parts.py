@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
+from floatplan.arguments import FINITE, Check, Checked, text
 from floatplan.arrays import Array
 
 
@@ -31,12 +34,13 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(Checked):
     """A joint that follows a planned one: ``position = ratio * leader's position + offset`` (rad)."""
 
     leader: str
     ratio: float = 1.0
     offset: float = 0.0
+    checks: ClassVar[Mapping[str, Check]] = {"leader": text, "ratio": FINITE, "offset": FINITE}
 
 
 @dataclass(frozen=True)

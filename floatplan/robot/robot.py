@@ -12,6 +12,8 @@ from xml.etree.ElementTree import fromstring
 
 import numpy as np
 
+from floatplan.arguments import FINITE, by_name, made, many, optional, text
+from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.parts import Coupling, Frame, LinkCapsule, Plane
@@ -32,6 +34,9 @@ from floatplan.robot.urdf.srdf import reference_posture
 from floatplan.robot.urdf.tree import UrdfTree
 from floatplan.threads import one_thread
 
+NAME = optional(text)
+NAMES = many(text, "names")
+LEADER = made(str, Coupling)
 __all__ = ["Coupling", "Frame", "LinkCapsule", "PlanarTree", "Plane", "Robot"]
 
 
@@ -139,8 +144,13 @@ class Robot:
         InputError
             If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
         """
+        source = source if isinstance(source, str) else as_path(source, "source")
         path = urdf_path(source)
         try:
+            plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
+            joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
+            if not isinstance(coupled, str):
+                coupled = optional(by_name(LEADER))(coupled, "coupled")
             text = read_urdf(path)
             tree = check_urdf(text.root)
             posture = None if reference is None else reference_posture(reference, tree, path)

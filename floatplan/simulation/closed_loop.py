@@ -11,19 +11,22 @@ import math
 import time as clock
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arguments import SEED, made, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight.correction import Correction
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.plans.plan import Plan
+from floatplan.plans.plan_file import given_plan
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
-from floatplan.simulation.feedback import feedback_of
+from floatplan.simulation.feedback import FASTEST, feedback_of
 from floatplan.simulation.flights import ClosedLoop, Landings, Path
 from floatplan.simulation.forward import (
     Accelerations,
@@ -37,6 +40,7 @@ from floatplan.simulation.perturbation import Drawn, Perturbation, parse_perturb
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.replay import Engine, check_engine
+from floatplan.tables import Range
 from floatplan.threads import one_thread
 
 PERIOD = 1e-3  # [s] of the joints' control
@@ -54,7 +58,7 @@ TRACE_STEP = 5  # [-] periods between the points of a path
 
 @one_thread
 def closed_loop(
-    plan: Plan,
+    plan: Plan | str | FilePath,
     rate: float = 200.0,
     *,
     perturb: str | Perturbation = PERTURBED,
@@ -68,7 +72,7 @@ def closed_loop(
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan, or path of a plan file
     rate : float
         Corrections per second, Hz.
     perturb : str or Perturbation
@@ -91,17 +95,16 @@ def closed_loop(
     """
     began = clock.perf_counter()
     check_engine(engine)
-    if not 1 <= flights <= MOST_FLIGHTS:
-        raise InputError(f"must be from 1 to {MOST_FLIGHTS}, not {flights}", element="flights")
-    if not 0 < rate <= MOST_RATE:
-        raise InputError(f"must be above 0 and at most {MOST_RATE:g} Hz, not {rate:g}", element="replan")
-    if budget is not None and not budget > 0:
-        raise InputError(f"{budget} s is not positive", element="budget", advice="give a positive number of seconds")
+    flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
+    rate = positive(MOST_RATE, "Hz")(rate, "replan")
+    feedback = positive(FASTEST, "rad/s")(feedback, "feedback")
+    seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
+    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else made(Perturbation)(perturb, "perturb")
+    plan = given_plan(plan)
     if plan.duration > MOST_PERIODS * PERIOD:
         raise InputError(
             f"a flight of {plan.duration:g} s is too long for closed loops: at most {MOST_PERIODS * PERIOD:g} s"
         )
-    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else perturb
     loop = _Loop(plan, rate, perturbation, feedback, engine, math.inf if budget is None else began + budget)
     with_corrections: list[_Flown] = []
     without: list[_Flown] = []

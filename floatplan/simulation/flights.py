@@ -9,12 +9,13 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.files import plain
+from floatplan.shown import Outlined
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.replay import Engine
 
 
-@dataclass(frozen=True, eq=False)
-class Landings:
+@dataclass(frozen=True, eq=False, repr=False)
+class Landings(Outlined):
     """How F flights ended.
 
     Attributes
@@ -48,8 +49,8 @@ class Path:
     corrections: Array
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoop(Outlined):
     """Result of :func:`closed_loop`.
 
     Attributes

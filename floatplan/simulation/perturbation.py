@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arguments import Check, Checked, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.tables import Range
 
 NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that of angles
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """A kind of number: its least and largest value, and what one of each unit is in SI units."""
+    """A kind of number: what it may be, and what one of each unit is in SI units."""
 
-    least: float
-    most: float
+    check: Check
     units: dict[str, float]
 
 
-RELATIVE = _Kind(-0.9, 0.9, {"%": 0.01, "": 1.0})  # masses and torques keep their sign
-ANGLE = _Kind(0.0, 1.0, {"deg": math.pi / 180, "rad": 1.0, "": 1.0})
-RATE = _Kind(0.0, 1.0, {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0})
-TIME = _Kind(0.0, 1.0, {"ms": 1e-3, "s": 1.0, "": 1.0})
+RELATIVE = _Kind(number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0})  # masses and torques keep their sign
+ANGLE = _Kind(number(Range(0.0, 1.0, "rad")), {"deg": math.pi / 180, "rad": 1.0, "": 1.0})
+RATE = _Kind(optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0})
+TIME = _Kind(number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0})
 KINDS = {
     "h": RELATIVE,
     "mass": RELATIVE,
@@ -42,7 +44,7 @@ MEASURED = ("noise", "rate_noise", "delay")  # felt by corrections and feedback 
 
 
 @dataclass(frozen=True)
-class Perturbation:
+class Perturbation(Checked):
     """Sizes of what differs between the flights and the plan; of relative errors each has the sign of a coin.
 
     Attributes
@@ -71,12 +73,7 @@ class Perturbation:
     rate_noise: float | None = None
     delay: float = 0.0
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value, kind = getattr(self, field.name), KINDS[field.name]
-            if value is not None and not kind.least <= value <= kind.most:
-                reason = f"must be from {kind.least:g} to {kind.most:g}, not {value:.3g}"
-                raise InputError(reason, element=f"perturb: {field.name}")
+    checks: ClassVar[Mapping[str, Check]] = {name: kind.check for name, kind in KINDS.items()}
 
     @property
     def any(self) -> bool:

@@ -7,23 +7,24 @@ alone. The base is free, each joint that moves gets its own torque, and locked j
 
 from __future__ import annotations
 
-import math
 import time as clock
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Protocol, TypeAlias
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arguments import SEED, made, one_of, optional, positive
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.recorded_robot import recorded_robot
+from floatplan.plans.recorded_robot import Recorded, recorded, recorded_robot
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.shown import html_table
-from floatplan.simulation.feedback import JointTorques, feedback_of
+from floatplan.shown import html_table, outline
+from floatplan.simulation.feedback import FASTEST, JointTorques, feedback_of
 from floatplan.simulation.forward import (
     LOOSE,
     MOST_STEPS,
@@ -45,18 +46,7 @@ Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
 STEP = 5e-4  # [s] of MuJoCo's fixed steps
-
-
-class HasRecord(Protocol):
-    """A solved flight, with its record and its robot."""
-
-    @property
-    def record(self) -> PlanRecord:
-        """The plan as data."""
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that flies."""
+LONGEST_STEP = 1e3  # [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +116,7 @@ class Replay:
 
     def __repr__(self) -> str:
         """A line for each result."""
-        lines = [f"Replay({self.engine}, {'landed' if self.landed else 'landed elsewhere'})"]
-        return "\n".join([*lines, *(f"  {name}: {text}" for name, text in self._rows())])
+        return outline(f"Replay({self.engine}, {'landed' if self.landed else 'landed elsewhere'})", self._rows())
 
     def _repr_html_(self) -> str:
         """A table, as notebooks show it."""
@@ -157,7 +146,7 @@ class Replay:
 
 @one_thread
 def replay(
-    plan: HasRecord | PlanRecord,
+    plan: Recorded | PlanRecord | str | Path,
     robot: Robot | None = None,
     *,
     engine: Engine = "pinocchio",
@@ -170,7 +159,7 @@ def replay(
 
     Parameters
     ----------
-    plan : Plan or PlanRecord
+    plan : Plan, PlanRecord, or path of a plan file
     robot : Robot, optional
         Left out, the plan's; of a record, the one that it names.
     engine : "pinocchio" or "mujoco"
@@ -193,14 +182,16 @@ def replay(
     """
     began = clock.perf_counter()
     check_engine(engine)
-    if not 0.0 < step < math.inf:
-        raise InputError(f"{step} s is not positive", element="step", advice="give a positive number of seconds")
-    record = plan if isinstance(plan, PlanRecord) else plan.record
+    step = positive(LONGEST_STEP, "s")(step, "step")
+    feedback = optional(positive(FASTEST, "rad/s"))(feedback, "feedback")
+    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else made(Perturbation)(perturb, "perturb")
+    seed = SEED(seed, "seed")
+    record, file, own = recorded(plan)
+    robot = own if robot is None else made(Robot)(robot, "robot")
     if engine == "mujoco" and record.duration / step > MOST_STEPS:
         raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
-        robot = recorded_robot(record.robot) if isinstance(plan, PlanRecord) else plan.robot
-    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else perturb
+        robot = recorded_robot(record.robot, file)
     for name in MEASURED:
         if getattr(perturbation, name):
             raise InputError("is for flights with corrections", element=f"perturb: {name}", advice="add --replan")
@@ -243,11 +234,8 @@ def replay(
 
 def check_engine(name: str) -> Engine:
     """Return the engine of that name; InputError where there is none."""
-    if name == "pinocchio":
-        return "pinocchio"
-    if name == "mujoco":
-        return "mujoco"
-    raise InputError(f"must be 'pinocchio' or 'mujoco', not {name!r}", element="engine")
+    engine: Engine = one_of(*get_args(Engine))(name, "engine")
+    return engine
 
 
 def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:

@@ -76,8 +76,6 @@ def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engi
     if scheduler is not None and name != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
     count = processors() if jobs is None else jobs
-    if not 1 <= count <= MOST_JOBS:
-        raise InputError(f"{count} processes, not 1 to {MOST_JOBS}", element="jobs")
     engine = _Dask(count, scheduler) if name == "dask" else _Pool(count) if count > 1 else _Inline()
     try:
         yield engine

@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.errors import InputError, naming
+from floatplan.arguments import LARGEST_SEED
+from floatplan.errors import InputError, naming, refuse
 from floatplan.files import plain, read_regular
 from floatplan.kernel.library import description
-from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.recorded_robot import robot_record
-from floatplan.problem.checks import refuse
 from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
@@ -32,7 +31,6 @@ from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable
 PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
 MOST_VARIED = 32  # numbers of a problem that a study varies
-MOST_STARTS = 1000  # solved starts of a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +128,6 @@ def load_study_file(path: str | Path) -> StudyFile:
     base = load_problem(problem)
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
     with naming(path):
-        if tables.plan.starts > MOST_STARTS:
-            raise InputError(f"{tables.plan.starts} starts, more than {MOST_STARTS}", element="plan.starts")
         samples = _samples(tables, base, degrees=read_toml(problem).get("angles") == "deg")
         folder = Path(tables.result.folder) if tables.result.folder else default_folder(path)
         return StudyFile(path.stem, base, content, samples, tables.plan, folder, _map(tables, base))

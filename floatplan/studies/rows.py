@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import FloatplanError, printable
 from floatplan.kernel.peaks import many_peaks
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.many import plan_many
-from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.measures import Utilisation
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.problem.family import Family

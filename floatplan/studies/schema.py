@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, Tag, model_validator
 
+from floatplan.planning.search import MOST_SOLVED
 from floatplan.problem.json_schema import DIALECT
 from floatplan.problem.schema import Table
 from floatplan.problem.values import Number, Whole, any_of
@@ -33,7 +34,9 @@ Varied: TypeAlias = Annotated[
 class PlanTable(Table):
     """How hard to try."""
 
-    starts: Annotated[Whole, Field(ge=1)] = Field(default=1, description="solved starts to choose the best from")
+    starts: Annotated[Whole, Field(ge=1, le=MOST_SOLVED)] = Field(
+        default=1, description="solved starts to choose the best from"
+    )
     prove: Annotated[bool, Field(strict=True)] = Field(default=False, description="prove each plan")
     search: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="search longer, up to 10 s, for rows that are not solved soon"

@@ -14,12 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from floatplan.arguments import flag, function, optional, text, whole
+from floatplan.arguments import path as as_path
 from floatplan.certificate.certify import certify
 from floatplan.errors import InputError
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
+from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
+from floatplan.shown import outline
 from floatplan.studies.columns import arrow
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started
@@ -27,6 +31,7 @@ from floatplan.studies.file import StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
 from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
 from floatplan.studies.rows import Rows, row_seed
+from floatplan.tables import Range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,6 +62,16 @@ class Study:
     def __len__(self) -> int:
         return len(self._asked)
 
+    def __repr__(self) -> str:
+        """Where it is, how many rows it has by status, what varies, and what was found."""
+        rows = [
+            ("folder", str(self.folder)),
+            ("rows", ", ".join(f"{count} {status}" for status, count in self.statuses.items())),
+            ("varied", ", ".join(self._asked.paths)),
+            ("columns", ", ".join(self.table.column_names)),
+        ]
+        return outline(f"Study({self._asked.name!r}, {len(self)} rows)", rows)
+
     @cached_property
     def statuses(self) -> dict[str, int]:
         """Number of rows by status."""
@@ -80,6 +95,7 @@ class Study:
         InputError
             There is no such key or column.
         """
+        x, y, z = (text(key, name) for key, name in ((x, "x"), (y, "y"), (z, "z")))
         return draw(drawn_map(self._asked, self.table, x, y, z))
 
     def best(self, k: int = 1, by: str = "objective") -> Any:
@@ -91,13 +107,14 @@ class Study:
             There is no such column of numbers.
         """
         pa, _ = arrow()
+        k, by = whole(Range(0, 2**63 - 1, ""))(k, "k"), text(by, "by")
         if by not in self.table.column_names or not _is_number(pa, self.table.schema.field(by).type):
             raise InputError("is no column of numbers", element=f"by {by!r}")
         values = self.table[by].to_numpy().astype(np.float64)
         solved = np.isin(self.table["status"].to_numpy(), SOLVED) & ~np.isnan(values)
         rows = np.flatnonzero(solved)
         order = np.argsort(-values[rows] if by in LARGER_IS_BETTER else values[rows], kind="stable")
-        return self.table.take(pa.array(rows[order][: max(k, 0)]))
+        return self.table.take(pa.array(rows[order][:k]))
 
     def plan(self, index: int) -> Plan:
         """Return a row's plan, rebuilt from the table and proved; the nearest motion where none was found.
@@ -107,7 +124,8 @@ class Study:
         InputError
             The row's problem is wrong, or it has no motion.
         """
-        index = range(len(self))[index]
+        count = len(self)
+        index = whole(Range(-count, count - 1, ""))(index, "index") % count
         row = self.table.slice(index, 1).to_pylist()[0]
         family, seed = self._asked.family(index, index + 1), self._asked.samples.seed
         if row["coefficients"] is None:
@@ -174,9 +192,12 @@ def study(
     InputError
         The study file, its problem or the folder is wrong; or pyarrow, or dask, is not installed.
     """
+    given, scheduler = optional(as_path)(folder, "folder"), optional(text)(scheduler, "scheduler")
+    jobs, progress = optional(JOBS)(jobs, "jobs"), optional(function)(progress, "progress")
+    restart, engine = flag(restart, "restart"), text(engine, "engine")
     arrow()
-    asked = load_study_file(path)
-    place = StudyFolder(asked.folder if folder is None else Path(folder), len(asked))
+    asked = load_study_file(as_path(path, "path"))
+    place = StudyFolder(given or asked.folder, len(asked))
     with place.locked():
         place.open(asked.digest(), facts(asked), restart)
         gaps = place.missing(Rows(asked).are_in)

@@ -9,7 +9,7 @@ from flint import arb, arb_poly
 
 from floatplan.motion.exact_polynomials import basis_columns, chebyshev_of_seconds
 from floatplan.motion.sine_polynomial import Form, SinePolynomials, WrittenMotion, basis
-from floatplan.problem.checks import HIGHEST_DEGREE, LOWEST_DEGREE
+from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
 
 DEGREES = range(LOWEST_DEGREE, HIGHEST_DEGREE + 1)
 

@@ -222,7 +222,7 @@ class TestRobotAndOptions:
                 ["--start: positions[1]", "nan is not a finite"],
             ),
             ([*HANDSTAND, "--takeoff", "toe"], ["--takeoff", "no frame 'toe'", "foot"]),
-            ([*HANDSTAND, "--degree", "4"], ["--degree", "degree 4"]),
+            ([*HANDSTAND, "--degree", "4"], ["--degree", "4 is outside"]),
             ([*HANDSTAND, "--degree", "x"], ["--degree", "'x'"]),
             ([*HANDSTAND, "--objective", "beauty"], ["--objective", "'beauty'"]),
             ([*HANDSTAND, "--angular-momentum", "much"], ["--angular-momentum", "'much'"]),

@@ -332,7 +332,7 @@ class TestText:
 
     def test_many_faults_fit_one_message(self, root):
         problem = fp.load_problem(root / "problems" / "obstacle.toml")
-        bad = replace(problem.obstacles[0], radius=-1.0)
+        bad = problem.obstacles[0].changed(radius=-1.0)  # as a file is read
         with pytest.raises(InputError, match=r"and 1\d\d more") as caught:
             replace(problem, obstacles=(bad,) * 200)
         assert len(str(caught.value)) < 2000

@@ -109,12 +109,12 @@ def check_table(plan: fp.Plan, columns: dict[str, np.ndarray]) -> None:
         pin.computeCentroidalMomentum(model, data, q, v)
         state = plan.at(now["time"])
         place = pin.centerOfMass(model, data, q, v)
-        assert [place @ plane.horizontal, place @ plane.vertical] == pytest.approx(state.com_position[0], abs=EXACT)
+        assert [place @ plane.horizontal, place @ plane.vertical] == pytest.approx(state.com_position, abs=EXACT)
         speed = data.vcom[0]
-        assert [speed @ plane.horizontal, speed @ plane.vertical] == pytest.approx(state.com_velocity[0], abs=EXACT)
+        assert [speed @ plane.horizontal, speed @ plane.vertical] == pytest.approx(state.com_velocity, abs=EXACT)
         assert data.hg.angular @ plane.normal == pytest.approx(plan.angular_momentum, abs=EXACT)
         torques = [now[f"{name}_torque"] for name in plan.robot.motors]
-        assert torques == pytest.approx(state.motor_torques[0], abs=EXACT)
+        assert torques == pytest.approx(state.motor_torques, abs=EXACT)
         holding = plan.tau(now["time"])
         for name in plan.robot.locked:
             column = model.joints[model.getJointId(name)].idx_v

@@ -65,9 +65,9 @@ def test_reference_is_the_plan_before_anything_is_measured(plan: fp.Plan, replan
     for time in np.linspace(0.0, plan.duration, 23):
         state, reference = plan.at(time), replanner.reference(float(time))
         for name in ("positions", "velocities", "accelerations"):
-            np.testing.assert_allclose(getattr(reference, name), getattr(state, name)[0], rtol=1e-8, atol=1e-8)
-        np.testing.assert_allclose(reference.feedforward, state.torques[0], rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(reference.motors, state.motor_torques[0], rtol=1e-7, atol=1e-7)
+            np.testing.assert_allclose(getattr(reference, name), getattr(state, name), rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(reference.feedforward, state.torques, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(reference.motors, state.motor_torques, rtol=1e-7, atol=1e-7)
 
 
 def test_at_rest_in_the_goal_after_landing(plan: fp.Plan, replanner: fp.Replanner) -> None:

@@ -55,8 +55,8 @@ class TestPlans:
     def test_report_what_they_settled(self, plan):
         for posture, instant in ((plan.problem.initial, 0.0), (plan.problem.final, plan.duration)):
             state = plan.at(instant)
-            assert state.velocities[0] == pytest.approx(posture.velocities, abs=1e-9)
-            assert state.accelerations[0] == pytest.approx(posture.accelerations, abs=1e-6)
+            assert state.velocities == pytest.approx(posture.velocities, abs=1e-9)
+            assert state.accelerations == pytest.approx(posture.accelerations, abs=1e-6)
 
     def test_go_to_a_file_and_back(self, plan, tmp_path):
         read = fp.load_plan(plan.save(tmp_path / "plan.json"))
@@ -171,7 +171,7 @@ class TestImpossible:
     )
     def test_contradictory_words_are_refused(self, jumper, end, key, word):
         problem = problem_of(jumper)
-        with pytest.raises(fp.InputError, match=rf"{end}\.{key}: must be numbers or '\w+', not '{word}'"):
+        with pytest.raises(fp.InputError, match=rf"{key}: must be .*'(takeoff|landing)'.* not '{word}'"):
             replace(problem, **{end: replace(getattr(problem, end), **{key: word})})
 
     def test_a_joint_on_the_edge_of_its_range_cannot_push_off(self, jumper):

@@ -243,7 +243,7 @@ class TestLimits:
 def impossible(example_a, handstand, planned):
     """Problems that no motion solves: name -> (problem, what the explanation must say)."""
     peaks = planned("new_configuration").peaks
-    half_way = fp.plan(handstand).at(0.7).com_position[0]
+    half_way = fp.plan(handstand).at(0.7).com_position
     turned = abs(example_a.final.orientation - example_a.initial.orientation) / example_a.flight.duration
     moved = np.abs(example_a.final.positions - example_a.initial.positions) / example_a.flight.duration
 
@@ -306,7 +306,7 @@ class TestImpossible:
         plan = fp.plan(problem, budget=SHORT)
         said = re.search(r"torque of (q\d) is violated by ([\d.]+) N m at t = ([\d.]+) s", plan.explanation)
         joint, amount, time = int(said[1][1]) - 1, float(said[2]), float(said[3])
-        torque = np.abs(plan.at(time).torques[0, joint])
+        torque = np.abs(plan.at(time).torques[joint])
         assert torque - problem.torque_limits[joint] == pytest.approx(amount, rel=1e-3)
 
     def test_missing_the_orientation_is_as_much_as_it_says(self, impossible):

@@ -15,9 +15,9 @@ from robot_samples import CHAIN_NAMES, URDF_FOLDER
 from scipy.integrate import simpson
 
 import floatplan as fp
+from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import read_only
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.planning.search import LARGEST_SEED
 from floatplan.plans.plan import Plan
 from floatplan.plans.plan_file import rebuild
 
@@ -99,8 +99,33 @@ class TestState:
 class TestTimes:
     def test_one_time_and_many(self, gymnast):
         plan = drawn(gymnast)
-        assert plan.at(0.5).positions.shape == (1, 2)
-        assert plan.at(0.5).positions[0].tolist() == plan.at([0.2, 0.5]).positions[1].tolist()
+        one, two, grid = (vars(plan.at(times)) for times in (0.5, [0.2, 0.5], np.full((2, 3), 0.5)))
+        for name, values in one.items():
+            size = () if name in ("times", "orientation", "orientation_rate", "angular_momentum") else values.shape[-1:]
+            assert values.shape == size
+            assert two[name].shape == (2, *size)
+            assert grid[name].shape == (2, 3, *size)
+            assert two[name][1] == pytest.approx(values, rel=1e-9, abs=1e-9)
+            assert grid[name][1, 2] == pytest.approx(values, rel=1e-9, abs=1e-9)
+        assert one["torques"].shape == (2,)
+        assert not grid["torques"].flags.writeable
+
+    @pytest.mark.parametrize("name", ["q", "v", "a", "tau"])
+    def test_the_file_s_coordinates_alike(self, gymnast, name):
+        quantity = getattr(drawn(gymnast), name)
+        (size,) = quantity(0.5).shape
+        assert quantity(np.full((2, 3), 0.5)).shape == (2, 3, size)
+        assert quantity([]).shape == (0, size)
+
+    @pytest.mark.parametrize("times", ["0.5", [0.5, "x"], None, 0.5j, [[0.1], [0.1, 0.2]], {}, True])
+    def test_that_are_no_numbers_are_refused(self, gymnast, times):
+        plan = drawn(gymnast)
+        for function in (plan.at, plan.q):
+            with pytest.raises(fp.InputError, match="must be a number or an array of numbers"):
+                function(times)
+
+    def test_in_a_line(self, gymnast):
+        plan = drawn(gymnast)
         assert plan(TIMES).torques.tolist() == plan.at(TIMES).torques.tolist()
 
     def test_in_any_order(self, gymnast):

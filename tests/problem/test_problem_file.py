@@ -264,7 +264,7 @@ WRONG = {
         "start.accelerations.q1",
         "points out of it",
     ),
-    "low degree": (SOUND + "[motion]\ndegree = 4\n", "motion.degree", "degree 4 is outside 5 to 15"),
+    "low degree": (SOUND + "[motion]\ndegree = 4\n", "motion.degree", "4 is outside 5 to 15"),
     "broken degree": (SOUND + "[motion]\ndegree = 7.5\n", "motion.degree", "7.5 is not a whole number"),
     "unknown objective": (SOUND + '[motion]\nobjective = "beauty"\n', "motion.objective", "'torque'"),
     "negative duration": (SOUND.replace("1.4", "-1.4"), "flight.duration", "-1.4 s is not positive"),
@@ -275,7 +275,7 @@ WRONG = {
     ),
     "unknown unit": (SOUND.replace('"deg"', '"grad"'), "angles", "'rad' or 'deg'"),
     "reversed range": (SOUND.replace('"full"', "{ q1 = [90, -90] }"), "limits.position.q1", "is not below high"),
-    "negative torque": (SOUND + "torque = -3\n", "limits.torque.q1", "-3.0 is not a positive number"),
+    "negative torque": (SOUND + "torque = -3\n", "limits.torque", "-3.0 is not positive"),
     "reversed window": (
         SOUND + '[[obstacles]]\nkind = "half-plane"\nwindow = [1, 0.5]\n',
         "obstacles[0].window",
@@ -340,7 +340,7 @@ def test_every_error_of_meaning_is_reported_too(tmp_path: Path) -> None:
     with pytest.raises(fp.InputError) as caught:
         fp.load_problem(path)
     places = {line.split(": ")[1] for line in str(caught.value).splitlines()}
-    assert places == {"goal.positions", "flight.takeoff.frame", "flight.duration", "limits.torque.q1"}
+    assert places == {"goal.positions", "flight.takeoff.frame", "flight.duration", "limits.torque"}
 
 
 def test_a_joint_may_rest_on_the_edge_of_its_range(tmp_path: Path) -> None:

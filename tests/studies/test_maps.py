@@ -156,7 +156,7 @@ class TestPage:
             time = share * plan.duration
             seen = browser.run(POSTURE, time)
             state = plan.at(time)
-            wanted = [state.orientation[0], *state.positions[0], *state.com_position[0]]
+            wanted = [state.orientation, *state.positions, *state.com_position]
             np.testing.assert_allclose(seen, wanted, atol=2e-4)
         assert "optimal" in browser.run("return document.getElementById('verdict').textContent")
 

@@ -455,8 +455,8 @@ def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
     [
         ({"engine": "ray"}, "must be 'processes' or 'dask'"),
         ({"scheduler": "tcp://127.0.0.1:1"}, "is for the engine dask"),
-        ({"jobs": 0}, "0 processes"),
-        ({"jobs": 65}, "65 processes"),
+        ({"jobs": 0}, "jobs: 0 is not positive"),
+        ({"jobs": 65}, "jobs: 65 is outside 1 to 64"),
     ],
 )
 def test_wrong_options(study_file, tmp_path, options, message):

@@ -94,7 +94,7 @@ def test_samples_hold_the_middle_of_the_flight(handstand: fp.Plan) -> None:
     motion = report_data(handstand)["motion"]
     state = handstand.at(handstand.duration / 2)
     middle = len(motion["columns"]["orientation"]) // 2
-    assert motion["columns"]["orientation"][middle] == pytest.approx(state.orientation[0], rel=1e-10)
+    assert motion["columns"]["orientation"][middle] == pytest.approx(state.orientation, rel=1e-10)
 
 
 def test_numbers_are_rounded_and_gaps_are_null() -> None:

@@ -57,9 +57,9 @@ def numbers(browser: Browser) -> dict[str, float]:
 
 def expected(plan: fp.Plan, instant: float) -> dict[str, float]:
     state = plan.at(instant)
-    found = {"orientation": state.orientation[0], "orientation_rate": state.orientation_rate[0]}
+    found = {"orientation": state.orientation, "orientation_rate": state.orientation_rate}
     for name in ("positions", "velocities", "motor_torques"):
-        leaders = getattr(state, name)[0][: len(plan.robot.joints)]  # mirrored followers have no curve of their own
+        leaders = getattr(state, name)[: len(plan.robot.joints)]  # mirrored followers have no curve of their own
         found |= {f"{name}.{index}": value for index, value in enumerate(leaders)}
     return {**found, "angular_momentum": plan.angular_momentum}
 
@@ -154,7 +154,7 @@ def test_many_joints_are_told_one_at_a_time(browser: Browser, crowd: tuple[fp.Pl
     assert browser.run(lines) == 0
     fourth = browser.driver.find_element(By.CSS_SELECTOR, '#key [data-part="4"]')
     ActionChains(browser.driver).move_to_element(fourth).perform()
-    torque = plan.at(0.5).motor_torques[0, 3]
+    torque = plan.at(0.5).motor_torques[3]
     for pointed in (True, False):
         (told,) = browser.run(CHART, "Torques")
         name, value, limit = told.replace("\u2212", "-").split(" ", 2)
@@ -178,7 +178,7 @@ def test_inertia_and_the_interval_of_h_are_drawn(browser: Browser, crowd: tuple[
     plan, page = crowd
     browser.open(page)
     scrub(browser, 0.5)
-    row = plan.dynamics.momentum_map(plan.at(0.5).positions)[0]
+    row = plan.dynamics.momentum_map(plan.at([0.5]).positions)[0]
     agree(numbers(browser), {f"inertia.{index}": value for index, value in enumerate(row)})
     find = "const chart = floatplan.charts.find(one => one.spec.title === 'Angular momentum');"
     drawn = browser.run(f"{find} return chart.spec.lines.map(one => one.value)")

@@ -1,0 +1,299 @@
+"""What public classes and functions may be given: checks that return the value as it is kept, or raise.
+
+A dataclass that people make lists the checks of its fields; functions call them on their arguments.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields
+from itertools import count
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arrays import read_only
+from floatplan.errors import InputError, refuse
+from floatplan.tables import LEAST, RANGES, Range, check_number
+
+LARGEST_SEED = 2**63 - 1
+MOST_ERRORS = 1000  # of one sequence
+Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a message names -> the value kept
+
+
+class Checked:
+    """A dataclass whose fields are checked when it is made."""
+
+    checks: ClassVar[Mapping[str, Check]]
+    _is_checked = True
+
+    def __post_init__(self) -> None:
+        """Check the fields; report all that is wrong, not only the first."""
+        refuse(self.faults())
+
+    def faults(self, place: str = "") -> list[InputError]:
+        """What is wrong with the fields, each with its name after ``place``; what is right is kept as it is to be."""
+        errors: list[InputError] = []
+        for name, check in self.checks.items():
+            value = getattr(self, name)
+            try:
+                kept = check(value, place + name)
+            except InputError as error:
+                errors.append(error)
+            else:
+                if kept is not value:
+                    object.__setattr__(self, name, kept)
+        if not errors:
+            errors = [InputError(reason, element=place + name) for name, reason in self.contradictions()]
+        if not errors:
+            vars(self).pop("_is_checked", None)
+        return errors
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """What cannot be, of fields that are right each: field and reason."""
+        yield from ()
+
+    def check(self, place: str) -> None:
+        """Check the fields of one that was made without; ``place`` is what messages call it."""
+        if not self._is_checked:
+            refuse(self.faults(f"{place}."))
+
+    def changed(self, **values: Any) -> Self:
+        """Return one with other values, not checked."""
+        return self.unchecked(**{**vars(self), **values})
+
+    @classmethod
+    def unchecked(cls, **values: Any) -> Self:
+        """Return one whose fields are checked by whoever takes it and knows their place in a file."""
+        made = object.__new__(cls)
+        for each in fields(made):  # type: ignore[arg-type]
+            default = each.default if each.default_factory is MISSING else each.default_factory()
+            object.__setattr__(made, each.name, values.get(each.name, default))
+        object.__setattr__(made, "_is_checked", False)
+        return made
+
+
+def number(allowed: str | Range, *, infinite: bool = False, advice: str | None = None) -> Check:
+    """A number in a range, or in that of a key; infinity too where it is no limit; ``advice`` is for one too low."""
+    limits = RANGES[allowed] if isinstance(allowed, str) else allowed
+    low, high = limits.low, limits.high
+
+    def check(value: Any, element: str) -> Any:
+        if type(value) is float and low <= value <= high:
+            return value
+        found = _real(value, element)
+        if not (infinite and found == math.inf):
+            check_number(found, element, limits, advice)
+        return found
+
+    return check
+
+
+def positive(most: float = math.inf, unit: str = "") -> Check:
+    """A number above zero, at most as large; infinity too, where nothing is the most."""
+    return number(Range(LEAST, most, unit), infinite=most == math.inf)
+
+
+def whole(allowed: Range, advice: str | None = None) -> Check:
+    """A whole number in a range."""
+
+    def check(value: Any, element: str) -> int:
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise InputError(f"{value!r} is not a whole number", element=element)
+        check_number(int(value), element, allowed, advice)
+        return int(value)
+
+    return check
+
+
+FINITE = number(Range(-math.inf, math.inf, ""))
+SEED = whole(Range(0, LARGEST_SEED, ""))
+
+
+def optional(check: Check) -> Check:
+    """None, or what a check lets through."""
+    return lambda value, element: None if value is None else check(value, element)
+
+
+def flag(value: Any, element: str) -> bool:
+    """Check that something is true or false."""
+    if value is True or value is False:
+        return bool(value)
+    if not isinstance(value, np.bool_):
+        raise InputError(f"{value!r} is not True or False", element=element)
+    return bool(value)
+
+
+def text(value: Any, element: str) -> str:
+    """Check a text."""
+    if not isinstance(value, str):
+        raise InputError(f"{value!r} is not a text", element=element)
+    return value
+
+
+def function(value: Any, element: str) -> Any:
+    """Check what is to be called."""
+    if not callable(value):
+        raise InputError(f"{value!r} cannot be called", element=element, advice="give a function")
+    return value
+
+
+def path(value: Any, element: str) -> Path:
+    """Check the path of a file or a folder."""
+    name = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(name, str) or "\0" in name:
+        raise InputError(f"{value!r} is not a path", element=element)
+    return Path(name)
+
+
+def one_of(*words: str, or_number: Check | None = None) -> Check:
+    """One of some words, or a number that a check lets through."""
+    wanted = _listed([*(["a number"] if or_number else []), *map(repr, words)])
+
+    def check(value: Any, element: str) -> Any:
+        if isinstance(value, str) and value in words:
+            return value
+        if or_number is None or isinstance(value, str):
+            raise InputError(f"must be {wanted}, not {value!r}", element=element)
+        return or_number(value, element)
+
+    return check
+
+
+def made(*kinds: type, advice: str | None = None) -> Check:
+    """An object of one of some classes; what is wrong with one that was not checked is told too."""
+    wanted = _listed([kind.__name__ for kind in kinds])
+
+    def check(value: Any, element: str) -> Any:
+        if not isinstance(value, kinds):
+            raise InputError(f"{value!r} is not a {wanted}", element=element, advice=advice)
+        if isinstance(value, Checked):
+            value.check(element)
+        return value
+
+    return check
+
+
+def many(check: Check, of: str) -> Check:
+    """A sequence, kept as a tuple, of what a check lets through."""
+
+    def each(value: Any, element: str) -> tuple[Any, ...]:
+        items = _items(value)
+        if items is None:
+            raise InputError(f"{value!r} is not a sequence of {of}", element=element, advice="give a list or a tuple")
+        return tuple(_checked(items, check, _numbered(element)))
+
+    return each
+
+
+def pair(check: Check, of: str = "numbers") -> Check:
+    """Two of what a check lets through, kept as a tuple."""
+
+    def both(value: Any, element: str) -> tuple[Any, Any]:
+        items = _items(value)
+        if items is None or len(items) != 2:
+            raise InputError(f"{value!r} is not two {of}", element=element)
+        return check(items[0], element), check(items[1], element)
+
+    return both
+
+
+def by_name(check: Check) -> Check:
+    """A mapping from names to what a check lets through, kept as a copy."""
+
+    def each(value: Any, element: str) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise InputError(f"{value!r} is not a mapping by joint", element=element)
+        names = [text(name, element) for name in value]
+        return dict(zip(names, _checked(value.values(), check, (f"{element}.{name}" for name in names)), strict=True))
+
+    return each
+
+
+def by_joint(check: Check, *words: str, single: bool = True, mapping: bool = True) -> Check:
+    """What a check lets through: by name, in joint order, or one for all; or one of some words."""
+    named = by_name(check)
+    shapes = ["a number"] * single + ["a sequence in joint order"] + ["a mapping by joint"] * mapping
+    wanted = _listed([*map(repr, words), *shapes])
+
+    def shaped(value: Any, element: str) -> Any:
+        if single and type(value) is float:
+            return check(value, element)
+        if isinstance(value, str):
+            if value not in words:
+                raise InputError(f"must be {wanted}, not {value!r}", element=element)
+            return value
+        if mapping and isinstance(value, Mapping):
+            return named(value, element)
+        items = _items(value)
+        if items is not None:
+            found = _checked(items, check, _numbered(element))
+            return read_only(found) if isinstance(value, np.ndarray) and value.dtype.kind == "f" else tuple(found)
+        if not single or isinstance(value, Mapping):
+            raise InputError(f"must be {wanted}, not {value!r}", element=element)
+        return check(value, element)
+
+    return shaped
+
+
+def numbers(value: npt.ArrayLike, element: str) -> npt.NDArray[Any]:
+    """Return real numbers of any shape as an array, the same one where it is one; NaN and infinity are numbers."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError):
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in "iuf":
+        raise InputError("must be a number or an array of numbers", element=element)
+    return array
+
+
+def _items(value: Any) -> tuple[Any, ...] | list[Any] | None:
+    """Items of what is a sequence, or can be iterated over once; None where it is neither."""
+    if isinstance(value, tuple | list):
+        return value
+    if isinstance(value, np.ndarray):
+        return None if value.ndim == 0 else list(value) if value.ndim > 1 else value.tolist()
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        return None
+    return tuple(value)
+
+
+def _numbered(element: str) -> Iterator[str]:
+    return (f"{element}[{index}]" for index in count())
+
+
+def _checked(items: Iterable[Any], check: Check, elements: Iterator[str]) -> list[Any]:
+    """What is kept of the items; what is wrong with each, as far as anybody reads on."""
+    kept: list[Any] = []
+    errors: list[InputError] = []
+    for item, element in zip(items, elements, strict=False):
+        try:
+            kept.append(check(item, element))
+        except InputError as error:
+            errors.append(error)
+            if len(errors) == MOST_ERRORS:
+                break
+    refuse(errors)
+    return kept
+
+
+def _real(value: Any, element: str) -> float:
+    """A number as Python's own: from NumPy's, and from an array of no dimension."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{value!r} is not a number", element=element)
+    try:
+        return int(value) if isinstance(value, int) else float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _listed(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} or {last}" if first else last

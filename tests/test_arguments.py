@@ -1,0 +1,419 @@
+"""Whatever a public class or function is given: it takes it, or says at once what is wrong with it."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.planning.search import MOST_SOLVED
+
+MADE_BY_FLOATPLAN = {
+    *("Authority", "Certificate", "ClosedLoop", "Contact", "Correction", "FlightState", "Plan", "Plans", "Reference"),
+    *("Replay", "Study"),
+}
+NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError"}
+FEW_LETTERS = 1500  # of any representation
+
+STRANGE: dict[str, Callable[[], Any]] = {
+    "None": lambda: None,
+    "true": lambda: True,
+    "text": lambda: "x",
+    "no text": lambda: "",
+    "number as text": lambda: "1.4",
+    "bytes": lambda: b"1.4",
+    "nul": lambda: "\0",
+    "NaN": lambda: math.nan,
+    "infinity": lambda: math.inf,
+    "minus infinity": lambda: -math.inf,
+    "negative": lambda: -1,
+    "zero": lambda: 0.0,
+    "fraction": lambda: 1.5,
+    "NumPy's number": lambda: np.float32(0.5),
+    "array of no dimension": lambda: np.array(0.5),
+    "large": lambda: 10**9,
+    "huge": lambda: 1e308,
+    "more than a double": lambda: 10**400,
+    "complex": lambda: 1j,
+    "empty list": list,
+    "one": lambda: [0.1],
+    "three": lambda: (0, 0, 1),
+    "NaNs": lambda: [math.nan, math.nan],
+    "ragged": lambda: [[0.1], [0.1, 0.2]],
+    "Nones": lambda: [None],
+    "texts": lambda: ["x", "y"],
+    "matrix": lambda: np.zeros((2, 2)),
+    "empty array": lambda: np.zeros(0),
+    "array of texts": lambda: np.array(["x", "y"]),
+    "array of objects": lambda: np.array([None, {}], dtype=object),
+    "empty mapping": dict,
+    "mapping": lambda: {"q1": "x"},
+    "mapping of NaN": lambda: {"q1": math.nan},
+    "mapping from numbers": lambda: {1: 0.1},
+    "mapping to mappings": lambda: {"q1": {"q1": 1.0}},
+    "generator": lambda: (each for each in (0.1, 0.2)),
+    "set": lambda: {0.1},
+    "object": object,
+    "class": lambda: fp.Circle,
+    "circle": lambda: fp.Circle(center=(9, 9), radius=0.1),
+    "a path that leads nowhere": lambda: Path("/nowhere/at/all"),
+}
+
+
+@dataclass(frozen=True)
+class Call:
+    """Something public, and arguments with which it is right; ``then`` is done with what it returns."""
+
+    function: Callable[..., Any]
+    arguments: Mapping[str, Any]
+    then: Callable[[Any], Any] = repr
+
+
+@pytest.fixture(scope="module")
+def problem(root: Path) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "handstand.toml")
+
+
+@pytest.fixture(scope="module")
+def plan(problem: fp.Problem) -> fp.Plan:
+    return fp.plan(problem)
+
+
+def parts(problem: fp.Problem) -> dict[str, Call]:
+    """What people make; what they put into a problem is put into one."""
+
+    def into(field: str) -> Callable[[Any], Any]:
+        return lambda part: replace(problem, **{field: part})
+
+    def at_takeoff(takeoff: fp.Takeoff) -> fp.Problem:
+        return replace(problem, flight=replace(problem.flight, takeoff=takeoff))
+
+    def at_landing(landing: fp.Landing) -> fp.Problem:
+        return replace(problem, flight=replace(problem.flight, landing=landing))
+
+    posture = {"orientation": 0.1, "positions": {"q1": 0.1, "q2": 0.2}, "velocities": 0.0, "accelerations": [0.0, 0.0]}
+    obstacle = {"margin": 0.1, "velocity": (0.0, 0.0), "window": (0.1, 0.2)}
+    limits = {"position": "full", "velocity": 99.0, "torque": {"q1": 99.0}, "motor": {}, "orientation_rate": 99.0}
+    given = {name: getattr(problem, name) for name in ("robot", "start", "goal", "flight", "motion", "limits")}
+    return {
+        "Posture": Call(fp.Posture, {**posture, "settled": None}, into("start")),
+        "Posture.degrees": Call(fp.Posture.degrees, posture, into("goal")),
+        "Takeoff": Call(fp.Takeoff, {"frame": "foot", "position": (0.0, 0.0)}, at_takeoff),
+        "Landing": Call(fp.Landing, {"frame": "hand", "height": 0.1}, at_landing),
+        "Flight": Call(
+            fp.Flight,
+            {
+                **dict.fromkeys(("takeoff", "landing")),
+                "duration": 1.4,
+                "angular_momentum": 3.0,
+                "horizontal_velocity": 0.0,
+                "gravity": 9.81,
+            },
+            into("flight"),
+        ),
+        "Motion": Call(fp.Motion, {"degree": (7, 7), "objective": "torque"}, into("motion")),
+        "Limits": Call(fp.Limits, {**limits, "acceleration": (99.0, math.inf)}, into("limits")),
+        "Motor": Call(
+            fp.Motor, {"stall": 9.0, "slope": 0.1}, lambda motor: into("limits")(fp.Limits(motor={"q1": motor}))
+        ),
+        "Circle": Call(
+            fp.Circle, {**obstacle, "center": (9, 9), "radius": 0.1}, lambda each: into("obstacles")([each])
+        ),
+        "HalfPlane": Call(
+            fp.HalfPlane, {**obstacle, "point": (0, -9), "normal": (0, 1)}, lambda each: into("obstacles")([each])
+        ),
+        "Bar": Call(
+            fp.Bar, {**obstacle, "start": (8, 9), "end": (9, 9), "radius": 0}, lambda each: into("obstacles")([each])
+        ),
+        "SelfClearance": Call(
+            fp.SelfClearance,
+            {"links": ("body0", "body2"), "margin": 0.01},
+            lambda each: into("self_clearances")([each]),
+        ),
+        "Problem": Call(
+            fp.Problem, {**given, "obstacles": (), "self_clearances": (), "name": "x", "ground": False, "written": None}
+        ),
+        "Coupling": Call(fp.Coupling, {"leader": "q1", "ratio": -1.0, "offset": 0.0}),
+        "Family": Call(fp.Family, {"base": problem, "varied": {"flight.duration": [1.3, 1.4]}}, lambda f: tried(f)),
+        "Perturbation": Call(
+            fp.Perturbation,
+            {"h": 0.1, "inertia": 0.1, "torque": 0.1, "rise": 0.1, "noise": 0.1, "rate_noise": None, "delay": 0.1},
+        ),
+        "Robot": Call(
+            fp.Robot.from_urdf,
+            {"source": problem.robot.path, **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference"))},
+        ),
+    }
+
+
+def tried(problems: Any) -> None:
+    for index in range(len(problems)):
+        repr(problems[index])
+
+
+def calls(problem: fp.Problem, plan: fp.Plan, folder: Path) -> dict[str, Call]:
+    """Public functions, and methods of what they return."""
+    file = plan.save(folder / "plan.json")
+    toml = fp.save_problem(problem, folder / "problem.toml")
+    asked = {"problem": problem, "angular_momentum": 3.0}
+    replanner = fp.Replanner(plan)
+    options = {"seed": 0, "starts": 1, "jobs": 1, "prove": False}
+    flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 50.0}
+    return {
+        "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
+        "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "search": False}),
+        "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000}),
+        "takeoff": Call(fp.takeoff, asked),
+        "landing": Call(fp.landing, asked),
+        "load_plan": Call(fp.load_plan, {"path": file, "urdf": None}),
+        "load_problem": Call(fp.load_problem, {"path": toml}),
+        "save_problem": Call(fp.save_problem, {"problem": problem, "path": folder / "again.toml"}),
+        "closed_loop": Call(fp.closed_loop, {"plan": plan, **flown, "budget": None}),
+        "replay": Call(
+            fp.replay,
+            {"plan": plan, "robot": None, "engine": "pinocchio", "perturb": "", "feedback": None, "step": 0.01},
+        ),
+        "Replanner": Call(fp.Replanner, {"plan": plan, "rate": 200.0, "sigma": 0.001, "acceleration": None}),
+        "authority": Call(lambda plan: repr(plan) if isinstance(plan, fp.Plan) else fp.authority(plan), {"plan": plan}),
+        "Authority.until": Call(fp.authority(plan).until, {"error": 0.1}),
+        "Replanner.reference": Call(replanner.reference, {"t": 0.1}),
+        **{f"Plan.{name}": Call(getattr(plan, name), {"times": 0.5}) for name in ("at", "q", "v", "a", "tau")},
+        "Plan.save": Call(plan.save, {"path": file}),
+        "Plan.export": Call(plan.export, {"form": "csv", "path": folder / "trajectory.csv", "rate": 10.0}),
+        "Plan.figures": Call(plan.figures, {"compare": plan}, len),
+        "Plan.show": Call(plan.show, {"path": folder / "report.html", "browse": False}),
+        "Plan.animate": Call(plan.animate, {"path": folder / "flight.gif", "speed": 9.0, "progress": None}),
+    }
+
+
+def refusals(name: str, call: Call) -> Iterator[str]:
+    """Put everything strange in the place of each argument; yield what was raised that floatplan does not raise."""
+    for argument in call.arguments:
+        refused = 0
+        for what, strange in STRANGE.items():
+            value = strange()
+            if argument == "progress" and callable(value):
+                continue  # what it raises is its own affair
+            try:
+                call.then(call.function(**{**call.arguments, argument: value}))
+            except fp.FloatplanError as error:
+                refused += 1
+                if not str(error) or len(str(error)) > 2000:
+                    yield f"{name}({argument}={what}): {len(str(error))} characters"
+            except Exception as error:
+                yield f"{name}({argument}={what}): {type(error).__name__}: {str(error)[:200]}"
+        if not refused and name != "Replanner.reference":
+            yield f"{name}({argument}): takes anything"
+
+
+PARTS = [
+    *("Posture", "Posture.degrees", "Takeoff", "Landing", "Flight", "Motion", "Limits", "Motor", "Circle", "HalfPlane"),
+    *("Bar", "SelfClearance", "Problem", "Coupling", "Family", "Perturbation", "Robot"),
+]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_what_people_make(name: str, problem: fp.Problem) -> None:
+    call = parts(problem)[name]
+    assert set(inspect.signature(call.function).parameters) == set(call.arguments)
+    call.then(call.function(**call.arguments))
+    assert list(refusals(name, call)) == []
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_what_people_call(problem: fp.Problem, plan: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(webbrowser, "open", lambda _: True)
+    found = []
+    for name, call in calls(problem, plan, tmp_path).items():
+        assert set(inspect.signature(call.function).parameters) == set(call.arguments), name
+        call.then(call.function(**call.arguments))
+        found += list(refusals(name, call))
+    assert found == []
+
+
+def test_studies(root: Path, problem: fp.Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pyarrow")
+    monkeypatch.chdir(tmp_path)
+    fp.save_problem(problem, tmp_path / "problem.toml")
+    file = tmp_path / "study.toml"
+    file.write_text('problem = "problem.toml"\n[vary]\n"flight.duration" = [1.3, 1.4]\n"start.orientation" = [1.2]\n')
+    options = {"folder": "out", "restart": True, "engine": "processes", "scheduler": None, "jobs": 1, "progress": None}
+    study = fp.study(file, folder="out", jobs=1)
+    found = []
+    for name, call in {
+        "study": Call(fp.study, {"path": file, **options}),
+        "Study.heatmap": Call(study.heatmap, {"x": "flight.duration", "y": "start.orientation", "z": "objective"}),
+        "Study.best": Call(study.best, {"k": 1, "by": "objective"}),
+        "Study.plan": Call(study.plan, {"index": 1}),
+    }.items():
+        assert set(inspect.signature(call.function).parameters) == set(call.arguments), name
+        call.then(call.function(**call.arguments))
+        found += list(refusals(name, call))
+    assert found == []
+    assert len(repr(study)) < FEW_LETTERS
+    assert "2 rows" in repr(study)
+
+
+def test_every_public_name_is_tried(problem: fp.Problem, plan: fp.Plan, tmp_path: Path) -> None:
+    tried = {name.partition(".")[0] for name in (*PARTS, *calls(problem, plan, tmp_path), "study")}
+    assert set(fp.__all__) == tried | MADE_BY_FLOATPLAN | NO_ARGUMENTS
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: fp.Flight(duration=-1), "duration: -1 s is not positive"),
+        (lambda: fp.Flight(duration=math.nan), "duration: nan is not a finite number"),
+        (lambda: fp.Flight(duration="1.4"), "duration: '1.4' is not a number"),
+        (lambda: fp.Flight(1.4, takeoff="foot"), "takeoff: 'foot' is not a Takeoff"),
+        (lambda: fp.Circle(center=(0, 0, 1), radius=1), r"center: \(0, 0, 1\) is not two numbers"),
+        (lambda: fp.Limits(motor={"q1": (9.0, 0.1)}), r"motor.q1: \(9.0, 0.1\) is not a Motor"),
+        (lambda: fp.Limits(torque=-3.0), "torque: -3.0 is not positive"),
+        (lambda: fp.Motion(degree=4), "degree: 4 is outside 5 to 15; six boundary conditions"),
+        (lambda: fp.Posture(math.nan, {"q1": math.inf}), "orientation: nan .*\npositions.q1: inf is not a finite"),
+        (lambda: fp.HalfPlane(window=(1.0, 0.5)), "window: the window ends"),
+        (lambda: fp.SelfClearance(("a", "a")), "links: the two links are the same"),
+        (lambda: fp.Coupling("j", 1.0, math.nan), "offset: nan is not a finite number"),
+        (lambda: fp.plan_many([None]), r"problems\[0\]: None is neither a Problem nor the path of one"),
+    ],
+)
+def test_what_is_wrong_is_said_at_once(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(fp.InputError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("robot", "x.urdf", "robot: 'x.urdf' is not a Robot; load it with Robot.from_urdf"),
+        ("obstacles", fp.Circle(center=(9, 9), radius=0.1), "obstacles: .* is not a sequence of obstacles"),
+        ("start", None, "start: None is not a Posture"),
+        ("name", 3, "name: 3 is not a text"),
+    ],
+)
+def test_a_problem_of_wrong_parts(problem: fp.Problem, field: str, value: Any, message: str) -> None:
+    with pytest.raises(fp.InputError, match=message):
+        replace(problem, **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"seed": 1.5}, "seed: 1.5 is not a whole number"),
+        ({"jobs": "x"}, "jobs: 'x' is not a whole number"),
+        ({"budget": "x"}, "budget: 'x' is not a number"),
+        ({"starts": 10**9}, "starts: 1000000000 is outside 1 to 1000"),
+    ],
+)
+def test_a_search_with_wrong_options(problem: fp.Problem, option: dict[str, Any], message: str) -> None:
+    with pytest.raises(fp.InputError, match=message):
+        fp.plan(problem, **option)
+
+
+def test_a_ragged_family(problem: fp.Problem) -> None:
+    with pytest.raises(fp.InputError, match=r"flight\.duration: must be a number or an array of numbers"):
+        fp.Family(problem, {"flight.duration": [[1.0], [1.0, 2.0]]})  # type: ignore[dict-item]
+
+
+def test_more_starts_than_anybody_waits_for_are_refused(problem: fp.Problem) -> None:
+    for function, asked in ((fp.plan, problem), (fp.plan_many, [problem])):
+        with pytest.raises(fp.InputError, match="starts: 1001 is outside 1 to 1000"):
+            function(asked, starts=MOST_SOLVED + 1)  # type: ignore[operator]
+
+
+def test_a_path_stands_for_what_is_in_its_file(root: Path, plan: fp.Plan, tmp_path: Path) -> None:
+    toml, file = root / "problems" / "handstand.toml", plan.save(tmp_path / "plan.json")
+    for path in (toml, str(toml)):
+        assert fp.plan(path).coefficients.tolist() == plan.coefficients.tolist()
+        assert fp.takeoff(path).sentences == fp.takeoff(plan.problem).sentences
+        assert fp.landing(path).sentences == fp.landing(plan.problem).sentences
+    assert fp.plan_many([toml, plan.problem]).ok.all()
+    assert fp.replay(file).position_error.tolist() == fp.replay(plan).position_error.tolist()
+    assert fp.Replanner(str(file)).plan.coefficients.tolist() == plan.coefficients.tolist()
+    assert fp.closed_loop(file, flights=1).flights == 1
+    assert fp.authority(file).momentum.shape == fp.authority(plan).momentum.shape
+
+
+def test_arrays_are_kept_as_they_were(problem: fp.Problem) -> None:
+    """What is given cannot change under a posture that was checked."""
+    positions, center = np.array([0.1, 0.2]), np.array([9.0, 9.0])
+    posture, circle = fp.Posture(0.1, positions), fp.Circle(center=center, radius=0.1)  # type: ignore[arg-type]
+    positions[0] = center[0] = math.nan
+    assert list(posture.positions) == [0.1, 0.2]  # type: ignore[arg-type]
+    assert circle == fp.Circle(center=(9.0, 9.0), radius=0.1)
+
+
+def test_a_posture_in_degrees() -> None:
+    turned = fp.Posture.degrees(72, {"q1": 18, "q2": -45}, [90, 0], "free")
+    assert turned.orientation == math.radians(72)
+    assert turned.positions == {"q1": math.radians(18), "q2": math.radians(-45)}
+    assert list(turned.velocities) == [math.pi / 2, 0.0]  # type: ignore[arg-type]
+    assert turned.accelerations == "free"
+    assert fp.Posture.degrees(0.0, 0, "takeoff").velocities == "takeoff"
+
+
+def test_degrees_given_as_radians_are_a_warning(problem: fp.Problem) -> None:
+    def turns(start: fp.Posture, goal: fp.Posture) -> list[dict[str, Any]]:
+        limits = fp.Limits({"q1": (-50.0, 50.0), "q2": (-50.0, 50.0)})
+        asked = replace(problem, start=start, goal=goal, limits=limits)
+        return [each.to_dict() for each in fp.plan(asked).warnings if each.kind == "turns"]
+
+    (base, joint) = turns(fp.Posture(72, {"q1": 18, "q2": 0.1}), fp.Posture(-90, 0.0))
+    assert base["subject"] == problem.robot.tree.names[0]
+    assert base["value"] == 162.0
+    assert base["limit"] == pytest.approx(4 * math.pi)
+    assert (joint["subject"], joint["value"], joint["unit"], joint["instant"]) == ("q1", 18.0, "rad", None)
+    assert "Posture.degrees" in base["message"]
+    two = fp.Posture(0.0, 0.1), fp.Posture(4 * math.pi, 0.2)
+    assert turns(*two) == []
+    assert turns(two[0], fp.Posture(4.1 * math.pi, 0.2)) != []
+    assert turns(fp.Posture(4.1 * math.pi, 0.1), two[1]) != []
+
+
+def test_no_problem_of_ours_is_warned_of(root: Path, plan: fp.Plan) -> None:
+    for path in sorted((root / "problems").glob("*.toml")):
+        assert not [each for each in fp.plan(path).warnings if each.kind == "turns"]
+
+
+def test_representations_are_short_and_tell(problem: fp.Problem, plan: fp.Plan) -> None:
+    family = fp.Family(problem, {"flight.duration": np.linspace(1.3, 1.5, 1000)})
+    plans = fp.plan_many(family)
+    replanner = fp.Replanner(plan)
+    first = plan.at(0.0)
+    measured = (float(first.orientation), float(first.orientation_rate), first.positions, first.velocities)
+    flown = fp.closed_loop(plan, flights=2)
+    for shown, told in (
+        (plans, "status: 1000 optimal"),
+        (family, "varied: flight.duration (1000,) from 1.3 to 1.5"),
+        (first, "torques: "),
+        (plan.at(np.linspace(0, 1, 999)), "positions: (999, 2) from "),
+        (plan.peaks, "clearance: None"),
+        (plan.contacts[0], plan.contacts[0].frame),
+        (plan, "optimal"),
+        (problem, "handstand"),
+        (problem.robot, "gymnast"),
+        (fp.certify(plan), "proved"),
+        (replanner, "landing: 1.4 s"),
+        (replanner.update(0.0, *measured), "status: applied"),
+        (replanner.reference(0.1), "feedforward: "),
+        (fp.authority(plan), "momentum: "),
+        (flown, "flights: 2"),
+        (flown.corrected, "orientation: "),
+        (fp.replay(plan), "landed"),
+        (fp.Perturbation(), "Perturbation"),
+        *((call.function(**call.arguments), name.partition(".")[0]) for name, call in parts(problem).items()),
+    ):
+        text = repr(shown)
+        assert told in text
+        assert len(text) < FEW_LETTERS, text
+        assert " object at " not in text
+        assert "<function" not in text
