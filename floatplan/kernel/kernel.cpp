@@ -60,6 +60,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 }  // namespace baseline
 
 #if defined(__x86_64__)
+#include <cpuid.h>
 #include <immintrin.h>
 #define FLOATPLAN_X86
 #if defined(__clang__)
@@ -110,15 +111,20 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 
 EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 
-// The widest set of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
+// The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
+// Asked of the processor itself: what __builtin_cpu_supports() reads is not in every compiler's library.
 EXPORT std::int64_t floatplan_instructions() {
 #ifdef FLOATPLAN_X86
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
-        return 2;
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return 1;
-#endif
+    constexpr unsigned fma_xsave_avx = 1u << 12 | 1u << 27 | 1u << 28, avx2 = 1u << 5;
+    constexpr unsigned avx512_f_dq_vl = 1u << 16 | 1u << 17 | 1u << 31, wide = 0x6, widest = 0xe6;  // registers kept
+    unsigned a, b, c, d, kept, above;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & fma_xsave_avx) != fma_xsave_avx) return 0;
+    __asm__("xgetbv" : "=a"(kept), "=d"(above) : "c"(0));
+    if ((kept & wide) != wide || !__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & avx2)) return 0;
+    return (kept & widest) == widest && (b & avx512_f_dq_vl) == avx512_f_dq_vl ? 2 : 1;
+#else
     return 0;
+#endif
 }
 
 // Plans a batch; returns 0, or 1 where there was no memory for it.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
-import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -109,23 +109,58 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def wheel_of(folder: Path, **environment: str) -> str:
+def built(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
-    subprocess.run(command, check=True, capture_output=True, cwd=folder, env={**os.environ, **environment})
-    (path,) = (folder / "dist").iterdir()
-    return path.name
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env={**os.environ, **environment})
 
 
-def test_without_a_compiler_the_wheel_is_pure(checkout):
-    assert wheel_of(checkout, CXX="no-such-compiler").endswith("-py3-none-any.whl")
-    assert "not compiled" in describe(checkout)
+@pytest.mark.parametrize(
+    ("compiler", "message"),
+    [
+        ("no-such-compiler", "CXX names no C++ compiler: there is no command no-such-compiler"),
+        ("false", "false cannot"),
+    ],
+)
+def test_an_installation_that_cannot_compile_fails_and_says_so(checkout, compiler, message):
+    done = built(checkout, CXX=compiler)
+    assert done.returncode == 1
+    assert f"floatplan cannot be installed: {message}" in done.stdout + done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert not list(checkout.glob("dist/*"))
 
 
-def test_a_compiler_that_fails_is_as_good_as_none(checkout):
-    broken = checkout / "broken"
-    broken.write_text("#!/bin/sh\nexit 1\n")
-    broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
-    assert wheel_of(checkout, CXX=str(broken)).endswith("-py3-none-any.whl")
+def asked_for(folder: Path, path: str) -> list[str]:
+    """What an installation asks for before it builds a wheel."""
+    code = "from hatchling.build import *; print(*get_requires_for_build_wheel(), *get_requires_for_build_editable())"
+    return told(code, folder, PATH=path, CXX="").split()
+
+
+def test_a_compiler_from_a_wheel_is_asked_for_only_where_there_is_none(checkout):
+    (checkout / "empty").mkdir()
+    assert "ziglang" in asked_for(checkout, str(checkout / "empty"))
+    shim = checkout / "empty" / "c++"
+    shim.write_text("#!/bin/sh\nexit 1\n")  # as macOS has one without its developer tools
+    shim.chmod(0o755)
+    assert "ziglang" in asked_for(checkout, str(checkout / "empty"))
+    shim.write_text("#!/bin/sh\nexit 0\n")
+    assert "ziglang" not in asked_for(checkout, str(checkout / "empty"))
+
+
+def test_that_compiler_is_used_where_there_is_no_other(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CXX", raising=False)
+    monkeypatch.setattr(build, "WHEEL", "no_such_wheel")
+    with pytest.raises(build.CompilerError, match="there is no C\\+\\+ compiler: install one"):
+        build.command()
+    monkeypatch.setattr(build, "WHEEL", "json")  # any module
+    assert build.command()[:4] == [sys.executable, "-m", "json", "c++"]
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="what Linux says of x86-64")
+def test_the_instructions_are_the_widest_that_the_system_lists(kernel):
+    flags = set(Path("/proc/cpuinfo").read_text().partition("flags")[2].partition("\n")[0].split())
+    sets = ({"avx2", "fma"}, {"avx2", "fma", "avx512f", "avx512dq", "avx512vl"})
+    assert kernel.instructions == sum(each <= flags for each in sets)
 
 
 def test_a_library_that_is_none_is_not_used(checkout):
