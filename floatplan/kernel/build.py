@@ -108,7 +108,7 @@ def build(folder: Path = FOLDER) -> Path:
         flags.append("-Wl,--as-needed")  # nothing of the C++ library is used
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         made = Path(scratch) / LIBRARY
-        caches = {name: scratch for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
+        caches = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), scratch)
         try:
             subprocess.run(
                 [*compile_, *flags, str(FOLDER / "kernel.cpp"), "-o", str(made)],
