@@ -127,80 +127,58 @@ EXPORT std::int64_t floatplan_instructions() {
 #endif
 }
 
+// A function as compiled for one of these sets.
+#ifdef FLOATPLAN_X86
+#define CHOSEN(call) (instructions == 2 ? avx512::call : instructions == 1 ? avx2::call : baseline::call)
+#else
+#define CHOSEN(call) ((void)instructions, baseline::call)
+#endif
+
 // Plans a batch; returns 0, or 1 where there was no memory for it.
 EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const std::int64_t *nodes,
                                    const Powers *powers, const Settings *settings, Batch *batch,
                                    std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
-    if (instructions == 1) return avx2::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
-#endif
-    (void)instructions;
-    return baseline::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
+    return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
 }
 
 // One step of an update of a flight's corrections.
 EXPORT void floatplan_flight(Flight *flight, std::int64_t step, std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::reckon(*flight, step);
-    if (instructions == 1) return avx2::reckon(*flight, step);
-#endif
-    (void)instructions;
-    baseline::reckon(*flight, step);
+    CHOSEN(reckon(*flight, step));
 }
 
 // Measures a batch of plans; returns 0, or 1 where there was no memory for it.
 EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Moments *moments, const Grid *grids,
                                     const Interpolation *interpolations, const Settings *settings, Peaks *peaks,
                                     std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2)
-        return avx512::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
-    if (instructions == 1) return avx2::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
-#endif
-    (void)instructions;
-    return baseline::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
+    return CHOSEN(measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks));
 }
 
-// Rows watched during a flight, see watch.hpp: what is asked of it as the enumeration says.
-enum Asked : std::int64_t { rates_asked, values_asked, drift_asked, jacobian_asked, gradient_asked };
+// Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.
+EXPORT std::int64_t floatplan_watch_room(const Watch *watch, Watched *at, std::int64_t wanted, double *memory) {
+    baseline::Arena arena{reinterpret_cast<char *>(memory)};
+    baseline::watch_room(arena, *watch, *at, wanted);
+    return arena.used / sizeof(double);
+}
 
-#define WATCHED(instruction_set)                                                                                  \
-    switch (asked) {                                                                                              \
-    case rates_asked: return instruction_set::watch_rates(*watch, *at);                                           \
-    case values_asked: return instruction_set::watch_values(*watch, *at, result);                                 \
-    case drift_asked: return instruction_set::watch_drift(*watch, *at, count, result);                            \
-    case jacobian_asked: return instruction_set::watch_jacobian(*watch, *at, result);                             \
-    default: return instruction_set::watch_gradient(*watch, *at, given, count, result);                           \
-    }
-
+// Rows watched during a flight, see watch.hpp.
 EXPORT void floatplan_watch(const Watch *watch, Watched *at, std::int64_t asked, const double *given,
                             std::int64_t count, double *result, std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) { WATCHED(avx512) }
-    if (instructions == 1) { WATCHED(avx2) }
-#endif
-    (void)instructions;
-    WATCHED(baseline)
+    switch (static_cast<Asked>(asked)) {
+    case Asked::rates: return CHOSEN(watch_rates(*watch, *at));
+    case Asked::values: return CHOSEN(watch_values(*watch, *at, result));
+    case Asked::drift: return CHOSEN(watch_drift(*watch, *at, count, result));
+    case Asked::jacobian: return CHOSEN(watch_jacobian(*watch, *at, result));
+    default: return CHOSEN(watch_gradient(*watch, *at, given, count, result));
+    }
 }
 
-// Local minima of rows watched over a whole flight.
-EXPORT void floatplan_minima(const Watch *watch, Watched *at, const Course *course, Minima *minima,
-                             std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::watch_minima(*watch, *at, *course, *minima);
-    if (instructions == 1) return avx2::watch_minima(*watch, *at, *course, *minima);
-#endif
-    (void)instructions;
-    baseline::watch_minima(*watch, *at, *course, *minima);
+// Local minima of rows watched over a whole flight; returns 0, or 1 where there was no memory for it.
+EXPORT std::int64_t floatplan_minima(const Watch *watch, const Course *course, Minima *minima,
+                                     std::int64_t instructions) {
+    return CHOSEN(watch_minima(*watch, *course, *minima));
 }
 
 // Solves a quadratic program; returns 1, or 0 where it does not.
 EXPORT std::int64_t floatplan_quadratic(Quadratic *qp, std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::solve_quadratic(*qp);
-    if (instructions == 1) return avx2::solve_quadratic(*qp);
-#endif
-    (void)instructions;
-    return baseline::solve_quadratic(*qp);
+    return CHOSEN(solve_quadratic(*qp));
 }

@@ -1,4 +1,4 @@
-"""The compiled kernel as a library: sets of instructions, building it, doing without."""
+"""The compiled kernel as a library: sets of instructions, building it, an installation without it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elsewhere import told
-from needed import skip_or_fail
+from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
@@ -30,10 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def kernel():
-    found = library.kernel()
-    if found is None:
-        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
-    return found
+    return library.kernel()
 
 
 def planned_by(problem, **search):
@@ -91,11 +88,6 @@ def test_bodies_that_turn_alike_are_one(any_robot):
     assert bodies.real.sum() == pytest.approx(Dynamics(any_robot.tree).momentum_map(centre[None])[0, 0], rel=1e-12)
     np.testing.assert_allclose(bodies.real, bodies.real.T, atol=1e-12)
     np.testing.assert_allclose(bodies.imaginary, -bodies.imaginary.T, atol=1e-12)
-
-
-def describe(folder: Path, **environment: str) -> str:
-    code = "import floatplan as fp, floatplan.kernel.library as kernel; print(kernel.description())"
-    return told(code, folder, **environment)
 
 
 @pytest.fixture
@@ -163,30 +155,28 @@ def test_the_instructions_are_the_widest_that_the_system_lists(kernel):
     assert kernel.instructions == sum(each <= flags for each in sets)
 
 
-def test_a_library_that_is_none_is_not_used(checkout):
-    (checkout / "floatplan" / "kernel" / build.LIBRARY).write_bytes(b"\0" * 100)
-    assert "cannot be loaded" in describe(checkout)
+@pytest.mark.parametrize(("content", "reason"), [(None, "not compiled"), (b"\0" * 100, "cannot be loaded")])
+def test_an_installation_that_is_not_complete_says_so(checkout, content, reason):
+    library_file = checkout / "floatplan" / "kernel" / build.LIBRARY
+    if content:
+        library_file.write_bytes(content)
+    code = "import floatplan as fp; fp.plan(fp.load_problem('problems/handstand.toml'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=checkout)
+    assert done.returncode == 1
+    assert f"InputError: the kernel cannot be used: {reason}" in done.stderr
+    assert "install floatplan again" in done.stderr.splitlines()[-1]
 
 
-def test_a_single_plan_is_the_kernel_s(kernel, root, monkeypatch):
-    """And the same as the Python solver's."""
-    problem = fp.load_problem(root / "problems" / "new_configuration.toml")
-    compiled = fp.plan(problem)
-    monkeypatch.setenv(library.SWITCH, "off")
-    python = fp.plan(problem)
-    assert (compiled.status, python.status) == ("optimal", "optimal")
-    assert compiled.objective_value == pytest.approx(python.objective_value, rel=1e-9)
-    assert compiled.solver["evaluations"] != python.solver["evaluations"]  # nodes are raised by other steps
-    np.testing.assert_allclose(compiled.coefficients, python.coefficients, rtol=1e-4, atol=1e-4)
-
-
-def test_further_starts_are_the_same_without_the_kernel(kernel, root, monkeypatch):
-    """The plain motion of this one leads to ten times the objective of a start on another branch."""
-    problem = fp.load_problem(root / "problems" / "falling_cat.toml")
-    compiled = fp.plan(problem)
-    monkeypatch.setenv(library.SWITCH, "off")
-    python = fp.plan(problem)
-    assert compiled.solver["starts"] > 1
-    assert python.solver["starts"] > 1
-    assert compiled.objective_value == pytest.approx(python.objective_value, rel=1e-9)
-    np.testing.assert_allclose(compiled.coefficients, python.coefficients, rtol=1e-4, atol=1e-4)
+def test_a_single_plan_is_that_of_the_general_path(root, monkeypatch):
+    """From the plain start, and from further ones: the plain motion of the cat leads to ten times the objective."""
+    for name in ("new_configuration", "falling_cat"):
+        problem = fp.load_problem(root / "problems" / f"{name}.toml")
+        compiled = fp.plan(problem)
+        with monkeypatch.context() as context:
+            take_general_path(context)
+            general = fp.plan(problem)
+        assert (compiled.status, general.status) == ("optimal", "optimal")
+        assert (compiled.solver["starts"] > 1) == (general.solver["starts"] > 1) == (name == "falling_cat")
+        assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-9)
+        assert compiled.solver["evaluations"] != general.solver["evaluations"]  # nodes are raised by other steps
+        np.testing.assert_allclose(compiled.coefficients, general.coefficients, rtol=1e-4, atol=1e-4)
