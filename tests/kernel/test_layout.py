@@ -69,9 +69,7 @@ def test_arrays_are_of_the_right_numbers_and_none_is_left_out():
     del arrays["slope"], arrays["tail"]
     with pytest.raises(TypeError, match="Grid needs slope, tail"):
         Filled("Grid", nodes=8, **arrays)
-    with pytest.raises(
-        TypeError, match=r"Peaks\.peaks takes a contiguous array of float64"
-    ):  # else a copy were written
+    with pytest.raises(TypeError, match=r"Peaks\.peaks takes a contiguous array of float64"):  # no copy is written
         Filled("Peaks", **{name: np.zeros(8, dtype=np.int64) for name in STRUCTURES["Peaks"].arrays})
 
 
