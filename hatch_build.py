@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import re
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -46,5 +48,6 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         if version != "editable":
             here = (tag.platform for tag in sys_tags())
             platform = next(name for name in here if not name.startswith(("manylinux", "musllinux")))
+            named = os.environ.get("_PYTHON_HOST_PLATFORM", platform)  # macOS, for another processor than this one
             build_data["pure_python"] = False
-            build_data["tag"] = f"py3-none-{platform}"  # no Python headers are used: any Python will do
+            build_data["tag"] = f"py3-none-{re.sub('[-.]', '_', named)}"  # without Python headers: any Python will do
