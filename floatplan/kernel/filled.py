@@ -28,8 +28,8 @@ class Filled:
                 arrays[field] = np.ascontiguousarray(value, dtype=dtype) if is_read else value
             else:
                 numbers[field] = value
-        if missing := kind.arrays.keys() - values.keys():
-            raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
+        if not kind.arrays.keys() <= values.keys():
+            raise TypeError(f"{name} needs {', '.join(sorted(kind.arrays.keys() - values.keys()))}")
         self.structure: Any = kind(**numbers)
         self.structure.point_to(**arrays)
         self._kept = arrays

@@ -14,7 +14,7 @@ from floatplan.kernel.build import FOLDER
 
 HEADERS = ("kernel.hpp", "quadratic_kernel.hpp", "watch_kernel.hpp")
 NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
-ARRAYS: dict[str, Any] = {"double": np.dtype(np.float64), "std::int64_t": np.dtype(np.int64)}
+ARRAYS = {"double": np.dtype(np.float64).str, "std::int64_t": np.dtype(np.int64).str}
 MULTIPLES = {"Eights": 8, "ThirtyTwos": 32}  # kinds of counts
 RETURNED: dict[str, Any] = {"void": None, "std::int64_t": ctypes.c_int64, "const char *": ctypes.c_char_p}
 
@@ -24,31 +24,32 @@ class Structure(ctypes.Structure):
 
     Attributes
     ----------
-    arrays : of each pointer, the numbers it points to, and whether they are only read
+    arrays : of each pointer, the numbers it points to as NumPy writes them, and whether they are only read
+    lengths : of members that are arrays themselves
     multiples : of counts, what they must be a multiple of
     """
 
     __slots__ = ()
-    arrays: ClassVar[dict[str, tuple[np.dtype[Any], bool]]]
+    arrays: ClassVar[dict[str, tuple[str, bool]]]
+    lengths: ClassVar[dict[str, int]]
     multiples: ClassVar[dict[str, int]]
 
     def __init__(self, *members: Any, **values: Any) -> None:
-        super().__init__(*members)
-        for name, value in values.items():
-            multiple = self.multiples.get(name, 1)
-            if multiple > 1 and value % multiple:
-                raise ValueError(f"{type(self).__name__}.{name} is {value}: it must be a multiple of {multiple}")
-            setattr(self, name, value)
-            if isinstance(value, tuple) and len(value) != len(getattr(self, name)):
-                raise ValueError(f"{type(self).__name__}.{name} has {len(value)} entries of {len(getattr(self, name))}")
+        super().__init__(*members, **values)
+        for name, multiple in self.multiples.items():
+            if values.get(name, 0) % multiple:
+                raise ValueError(f"{type(self).__name__}.{name} is {values[name]}: it must be a multiple of {multiple}")
+        for name, length in self.lengths.items():
+            if name in values and len(values[name]) != length:
+                raise ValueError(f"{type(self).__name__}.{name} has {len(values[name])} entries of {length}")
 
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to arrays as they are, which must be kept as long."""
         for name, array in arrays.items():
-            numbers = self.arrays[name][0]
-            if array.dtype != numbers or not array.flags.c_contiguous:
+            interface, numbers = array.__array_interface__, self.arrays[name][0]
+            if interface["typestr"] != numbers or interface["strides"] is not None:
                 raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {numbers}")
-            setattr(self, name, address(array))
+            setattr(self, name, interface["data"][0])
 
 
 def address(values: np.ndarray[Any, Any]) -> int:
@@ -66,7 +67,7 @@ def structures(text: str) -> dict[str, type[Structure]]:
     found: dict[str, type[Structure]] = {}
     for structure, body in re.findall(r"struct (\w+) \{(.*?)\n\};", text, re.DOTALL):
         fields: list[tuple[str, Any]] = []
-        arrays, multiples = {}, {}
+        arrays, lengths, multiples = {}, {}, {}
         for constant, kind, members in re.findall(r"\s*(const )?([\w:]+) ([^;]*);", body):
             known = {**NUMBERS, **dict.fromkeys(MULTIPLES, ctypes.c_int64), **found}
             for star, name, length in re.findall(r"(\*?)(\w+)(?:\[(\d+)\])?(?:,|$)", re.sub(r"\s", "", members)):
@@ -74,11 +75,12 @@ def structures(text: str) -> dict[str, type[Structure]]:
                     arrays[name] = ARRAYS[kind], bool(constant)
                 if kind in MULTIPLES:
                     multiples[name] = MULTIPLES[kind]
+                if length:
+                    lengths[name] = int(length)
                 number = ctypes.c_void_p if star else known[kind]
                 fields.append((name, number * int(length) if length else number))
-        found[structure] = type(
-            structure, (Structure,), {"__slots__": (), "_fields_": fields, "arrays": arrays, "multiples": multiples}
-        )
+        members = {"_fields_": fields, "arrays": arrays, "lengths": lengths, "multiples": multiples}
+        found[structure] = type(structure, (Structure,), {"__slots__": (), **members})
     return found
 
 
