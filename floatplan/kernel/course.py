@@ -25,10 +25,11 @@ class Look:
 
 def minima(
     watch: Watch, flown: Flown, polynomials: SinePolynomials, look: Look, near: float, span: float
-) -> tuple[IntArray, Array, Array]:
+) -> tuple[IntArray, Array, Array, int]:
     """Local minima below ``near`` over a flight, narrowed down from a look by ``span`` to both sides.
 
-    Returned are row, s and value (L,). The flight is of a motion of the class ``polynomials``, on any grid.
+    Returned are row, s and value (L,), and at how many instants it looked closer. The flight, on any grid, is of a
+    motion of the class ``polynomials``.
     """
     assert isinstance(flown, PlanarFlown), "what is watched is in a plane"
     series = basis(polynomials.form).series @ flown.joints.coefficients
@@ -60,4 +61,4 @@ def minima(
     if kernel.minima(watch.reference, course.structure, found.structure, kernel.instructions):
         raise MemoryError("no memory to look between the nodes")
     kept = slice(0, found.structure.found)
-    return row[kept], s[kept], least[kept]
+    return row[kept], s[kept], least[kept], found.structure.looked

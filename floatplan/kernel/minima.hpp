@@ -124,7 +124,7 @@ static inline std::int64_t watch_minima(const Watch &watch, const Course &course
     for (std::int64_t k = 0; k < count; ++k)
         for (std::int64_t row = 0; row < rows; ++row)
             if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) values[k * rows + row] = HUGE_VAL;
-    minima.found = 0;
+    minima.found = minima.looked = 0;
     for (std::int64_t k = 0; k < count; ++k)
         for (std::int64_t row = 0; row < rows; ++row) {
             double here = values[k * rows + row];
@@ -146,6 +146,7 @@ static inline std::int64_t watch_minima(const Watch &watch, const Course &course
         at.instants = 1;
         look.single[row] = 0;
         auto value_at = [&](double s) {
+            ++minima.looked;
             look.follow(watch, course, &s);
             watch_values(watch, at, &value);
             return value;

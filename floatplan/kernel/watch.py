@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.filled import Filled
 from floatplan.kernel.layout import ENUMERATIONS
 from floatplan.kernel.library import Kernel, kernel
@@ -88,6 +88,8 @@ class Watch:
         columns = list(zip(*kinds, strict=True)) or [()] * 5
         kind, first, second = (np.array(column, dtype=np.int64) for column in columns[:3])
         least, per_scale = (np.array(column, dtype=np.float64) for column in columns[3:])
+        opposite = _opposite(kind, first, of_sums)
+        self.differentiated: BoolArray = opposite < 0
         self._filled = Filled(
             "Watch",
             joints=self.joints,
@@ -111,7 +113,7 @@ class Watch:
             kind=kind,
             first=first,
             second=second,
-            opposite=_opposite(kind, first, of_sums),
+            opposite=opposite,
             least=least,
             per_scale=per_scale,
             sums=of_sums,
@@ -138,11 +140,6 @@ class Watch:
         """How many numbers each quantity has."""
         n, motors = self.joints, self.flight.tree.motor_turns.shape[1]
         return {"velocities": n, "accelerations": n, "torques": n, "motor_torques": motors, "orientation_rate": 1}
-
-    @property
-    def has_followers(self) -> bool:
-        """Whether there are more motors than planned joints."""
-        return bool(self.flight.tree.motor_turns.shape[1] > self.joints)
 
 
 def _written(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:

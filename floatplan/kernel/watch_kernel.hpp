@@ -57,7 +57,7 @@ struct Minima {
     std::int64_t instants;
     double near, span;
     const double *grid, *low, *high;  // (instants), (rows), (rows)
-    std::int64_t found;
+    std::int64_t found, looked;  // looked: at so many instants beside the grid
     std::int64_t *row;  // (found), of instants times rows
     double *s, *least;  // (found), the same
 };
