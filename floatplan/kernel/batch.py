@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel import stages
 from floatplan.kernel.bodies import merged_bodies
-from floatplan.kernel.filled import Filled, filled_grid, filled_robot
+from floatplan.kernel.filled import Filled, FilledArray, filled_grid, filled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Structure, address
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
@@ -166,20 +166,11 @@ class Solver:
 COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
-class _Grids:
-    """Grids of all levels; those of too many nodes left out."""
-
-    def __init__(self, width: int, counts: Sequence[int], most_nodes: int) -> None:
-        self._kept = [filled_grid(width, count) if count <= most_nodes else None for count in counts]
-        self.structures = (STRUCTURES["Grid"] * len(counts))()
-        for index, filled in enumerate(self._kept):
-            if filled:
-                self.structures[index] = filled.structure
-
-
 @lru_cache(maxsize=32)
-def _grids(width: int, most_nodes: int) -> tuple[_Grids, IntArray]:
-    return _Grids(width, NODE_COUNTS, most_nodes), np.array(NODE_COUNTS, dtype=np.int64)
+def _grids(width: int, most_nodes: int) -> tuple[FilledArray, IntArray]:
+    """Grids of all levels, those of too many nodes left out; and their numbers of nodes."""
+    grids = [filled_grid(width, count) if count <= most_nodes else None for count in NODE_COUNTS]
+    return FilledArray("Grid", grids), np.array(NODE_COUNTS, dtype=np.int64)
 
 
 @cache

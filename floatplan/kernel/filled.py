@@ -40,6 +40,17 @@ class Filled:
         self._kept.update(arrays)
 
 
+class FilledArray:
+    """An array of structures of one name with what they point to; empty where there is None."""
+
+    def __init__(self, name: str, filled: Sequence[Filled | None]) -> None:
+        self._kept = filled
+        self.structures: Any = (STRUCTURES[name] * len(filled))()
+        for index, each in enumerate(filled):
+            if each:
+                self.structures[index] = each.structure
+
+
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""
     return Filled(

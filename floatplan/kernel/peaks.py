@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.kernel.bodies import Bodies, merged_bodies
-from floatplan.kernel.filled import Filled, filled_robot
+from floatplan.kernel.filled import Filled, FilledArray, filled_robot
 from floatplan.kernel.layout import STRUCTURES
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -105,18 +105,10 @@ def _filled_moments(tree: PlanarTree, bodies: Bodies, amplitude: Array) -> Fille
     )
 
 
-class _Structures:
-    """An array of structures with what they point to."""
-
-    def __init__(self, filled: list[Filled]) -> None:
-        self._kept = filled
-        self.structures = (type(filled[0].structure) * len(filled))(*(each.structure for each in filled))
-
-
 @lru_cache(maxsize=16)
-def _grids(size: int, counts: tuple[int, ...]) -> _Structures:
+def _grids(size: int, counts: tuple[int, ...]) -> FilledArray:
     """Powers of s at the nodes: (14) is not integrated here, so without weights."""
-    return _Structures([_filled_grid(nodes, size) for nodes in counts])
+    return FilledArray("Grid", [_filled_grid(nodes, size) for nodes in counts])
 
 
 def _filled_grid(nodes: int, size: int) -> Filled:
@@ -133,8 +125,8 @@ def _filled_grid(nodes: int, size: int) -> Filled:
 
 
 @lru_cache(maxsize=16)
-def _interpolations(size: int, counts: tuple[int, ...]) -> _Structures:
-    return _Structures([_filled_interpolation(nodes, size) for nodes in counts])
+def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
+    return FilledArray("Interpolation", [_filled_interpolation(nodes, size) for nodes in counts])
 
 
 def _filled_interpolation(nodes: int, size: int) -> Filled:
