@@ -154,6 +154,7 @@ def _powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
 def _cosine_maps(nodes: int) -> tuple[Array, Array]:
     """From values at the nodes to the factors of cos(j phi), ``s = (1 - cos phi) / 2``; and on to a finer grid."""
     j = np.arange(nodes)
-    coefficients = np.linalg.inv(np.cos(np.outer(np.pi * j / (nodes - 1), j)))
+    weights = np.where((j == 0) | (j == nodes - 1), 0.5, 1.0)
+    coefficients = np.outer(weights, weights) * np.cos(np.outer(np.pi * j / (nodes - 1), j)) * (2 / (nodes - 1))
     fine = np.linspace(0, np.pi, FINENESS * (nodes - 1) + 1)
     return read_only(coefficients), read_only(np.cos(np.outer(fine, j)) @ coefficients)
