@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import os
 
 import numpy as np
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
-from floatplan.kernel.library import SWITCH, kernel
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
@@ -27,9 +25,7 @@ def inflight(counts: Counts) -> None:
             print("  example-robot-data is not installed: Go2 left out")
             continue
         plan = fp.plan(fp.load_problem(PROBLEMS / f"{file}.toml"))
-        numpy_alone = _flown(plan, counts.flights, with_kernel=False)
-        flown = _flown(plan, counts.flights, with_kernel=True) if kernel() else numpy_alone
-        timed = [milliseconds for each in (flown, numpy_alone) for milliseconds in each.update_milliseconds]
+        flown = fp.closed_loop(plan, RATE, perturb=PERTURBED, flights=counts.flights, seed=SEED, budget=None)
         for how, ends in (("corrected", flown.corrected), ("not", flown.uncorrected)):
             off = np.abs(ends.orientation)
             peak = ends.torque_peak.max(axis=1)
@@ -43,21 +39,8 @@ def inflight(counts: Counts) -> None:
                     float(np.median(peak) / flown.plan_torque_peak.max()),
                     float((ends.torque_peak / flown.effort).max()),
                     int((ends.clearance < 0).sum()),
-                    *(timed if how == "corrected" else ["-"] * 4),
+                    *(flown.update_milliseconds if how == "corrected" else ["-"] * 2),
                 ]
             )
     titles = ["flight", "", "median deg", "worst deg", "joints deg", "torque / plan", "/ effort", "touched"]
-    table([*titles, "update ms", "p99 ms", "NumPy ms", "p99 ms"], rows)
-
-
-def _flown(plan: fp.Plan, flights: int, with_kernel: bool) -> fp.ClosedLoop:
-    """The flights, corrected by the kernel where there is one, or by NumPy alone."""
-    before = os.environ.get(SWITCH)
-    os.environ[SWITCH] = "on" if with_kernel else "off"
-    try:
-        return fp.closed_loop(plan, RATE, perturb=PERTURBED, flights=flights, seed=SEED, budget=None)
-    finally:
-        if before is None:
-            del os.environ[SWITCH]
-        else:
-            os.environ[SWITCH] = before
+    table([*titles, "update ms", "p99 ms"], rows)

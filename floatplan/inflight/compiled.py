@@ -16,14 +16,15 @@ from floatplan.inflight.measurement import Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Views
 from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Expected, Foreseen, Reckoning
-from floatplan.kernel import library
 from floatplan.kernel.filled import Filled
-from floatplan.kernel.library import FlightStep, Kernel
+from floatplan.kernel.layout import ENUMERATIONS
+from floatplan.kernel.library import Kernel
 from floatplan.motion.planar.momentum import TurningBodies, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.robot.planar.tree import PlanarTree
 
+STEPS = ENUMERATIONS["Step"].__members__
 KINDS = {"velocities": 0, "accelerations": 1, "orientation_rate": 2, "torque": 3}
 
 
@@ -63,7 +64,7 @@ class CompiledReckoning(Reckoning):
             "gap_memory": (2 * GAP_NODES + 1) * (2 * n + 3 * groups),
         }
         self._filled = Filled(
-            library.Flight,
+            "Flight",
             joints=n,
             groups=groups,
             bodies=m,
@@ -80,6 +81,7 @@ class CompiledReckoning(Reckoning):
             **rows,
             **_of_law(law),
             **_of_filter(),
+            **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
             **self._called,
             **{name: np.zeros(count) for name, count in memory.items()},
         )
@@ -96,7 +98,7 @@ class CompiledReckoning(Reckoning):
             deviations=inertial.deviations,
         )
         flight.known = 0
-        self._step(FlightStep.ADAPT)
+        self._step(STEPS["adapt_masses"])
         super().begin(estimate)
 
     def expected(self, measured: Measurement, now: float) -> Expected:
@@ -106,13 +108,13 @@ class CompiledReckoning(Reckoning):
         called["measured_positions"][:] = measured.positions
         called["measured_velocities"][:] = measured.velocities
         flight.measured_orientation, flight.measured_rate = measured.orientation, measured.orientation_rate
-        self._step(FlightStep.EXPECT)
+        self._step(STEPS["expect_state"])
         orientation = self.estimate.inertial.orientation + flight.turn_before
         return Expected(called["positions"], called["velocities"], orientation, flight.expected_rate, flight.aside)
 
     def learn(self, measured: Measurement, expected: Expected) -> None:
         """Take in a measurement that is as it was expected."""
-        self._step(FlightStep.LEARN)
+        self._step(STEPS["learn_state"])
         self.estimate.inertial.has_changed()
 
     def turned(self, dt: float) -> float:
@@ -130,7 +132,7 @@ class CompiledReckoning(Reckoning):
         flight.is_warm = warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
-        self._step(FlightStep.CORRECT)
+        self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
         present = self.present(now, orientation)
@@ -141,14 +143,14 @@ class CompiledReckoning(Reckoning):
 
     def _rewritten(self, now: float, landing: float) -> RemainingMotion:
         self._flight.now, self._flight.landing = now, landing
-        self._step(FlightStep.REWRITE)
+        self._step(STEPS["rewrite_motion"])
         return self._written(now, landing)
 
     def _remember(self, motion: RemainingMotion) -> None:
         super()._remember(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
         self._called["coefficients"][:] = motion.coefficients
-        self._step(FlightStep.REMEMBER)
+        self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._rewriting.first

@@ -253,11 +253,7 @@ def _time(value: object) -> float:
 
 
 def _reckoning(plan: Plan, views: Views, rewriting: Rewriting, law: Law) -> Reckoning:
-    """Compiled where there is a kernel."""
-    compiled = kernel()
-    if compiled is None:
-        return Reckoning(views, rewriting, law)
-    return CompiledReckoning(compiled, plan.robot.tree, views, rewriting, law)
+    return CompiledReckoning(kernel(), plan.robot.tree, views, rewriting, law)
 
 
 def _judged(foreseen: Foreseen, miss: float) -> tuple[Status, str]:

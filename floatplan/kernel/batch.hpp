@@ -81,10 +81,9 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
         batch.status[row] = infeasible;
         batch.residual[row] = batch.objective[row] = HUGE_VAL;
         batch.iterations[row] = batch.starts[row] = batch.solved[row] = 0;
-        for (std::int64_t number = 0; number < settings.most_starts; ++number) {
-            const double *given = batch.start ? batch.start + row * n * width : nullptr;
-            if (number) starts.next(number);
-            else starts.first(boundary, given);
+        starts.begin(boundary, batch.start ? batch.start + row * n * width : nullptr);
+        for (std::int64_t number = settings.first_start; number < settings.most_starts; ++number) {
+            starts.follow(number);
             Solution solution = planner.solve(m.x, number ? settings.hopeless_way : HUGE_VAL);
             if (solution.status == needs_grid) {
                 batch.status[row] = needs_grid;
@@ -110,7 +109,7 @@ static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, con
                               solution.iterations <= settings.easy_iterations);
             batch.solved[row] += holds;
             bool first = batch.status[row] == infeasible;
-            if (holds || (first && (number == 0 || residual < batch.residual[row]))) {
+            if (holds || (first && (number == settings.first_start || residual < batch.residual[row]))) {
                 double square = 0;
                 for (std::int64_t i = 0; i < n; ++i) {
                     double combination[MOST_COLUMNS];

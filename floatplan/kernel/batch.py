@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -12,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel import library, stages
+from floatplan.kernel import stages
 from floatplan.kernel.bodies import merged_bodies
-from floatplan.kernel.filled import Filled, filled_grid, filled_robot
+from floatplan.kernel.filled import Filled, FilledArray, filled_grid, filled_robot
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Structure, address
+from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.flight import LARGEST_TAIL, SMALLEST_TAIL
 from floatplan.motion.quadrature import NODE_COUNTS
@@ -39,7 +40,7 @@ STARTS_TO_AGREE = 16  # [-] after so many a problem is given up, where
 AGREEING = 4  # [-] of them came equally near to (14), and none nearer:
 AGREEMENT = 0.003  # [-] relative difference of what is left of it
 TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its size
-INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = range(4)
+INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,19 @@ class Search:
     Attributes
     ----------
     starts : solved starts to choose the best from
-    most_starts : starts tried
+    most_starts : starts tried, those before ``first_start`` included
     seed : of the random ones
     longest_step : of the solver, see :class:`floatplan.optimization.nonlinear_program.Settings`
+    first_start : number of the first that is followed
+    only_draws : take starts as they are, to see where they begin
     """
 
     starts: int = 1
     most_starts: int = 1
     seed: int = 0
     longest_step: float = stages.FINE.longest_step
+    first_start: int = 0
+    only_draws: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +117,7 @@ class Answers:
 class Solver:
     """The compiled solver for a tree, joint ranges and degrees."""
 
-    def __init__(self, kernel: library.Kernel, tree: PlanarTree, position_limits: Array, free: Sequence[int]) -> None:
+    def __init__(self, kernel: Kernel, tree: PlanarTree, position_limits: Array, free: Sequence[int]) -> None:
         self._kernel = kernel
         self._n, self._width = len(free), max(free)
         self.bodies = len(tree.mass)
@@ -142,13 +147,12 @@ class Solver:
             z=np.zeros((count, n, width)),
             coefficients=np.zeros((count, n, CONDITIONS + width)),
         )
-        given = {name: values for name, values in vars(rows).items() if values is not None}
-        batch = Filled(library.Batch, count=count, **given, **vars(answers))
+        batch = Filled("Batch", count=count, **vars(rows), **vars(answers))
         grids, nodes = _grids(width, most_nodes)
         failed = self._kernel.plan(
             self._robot.structure,
             grids.structures,
-            library.address(nodes),
+            address(nodes),
             _powers(width).structure,
             _settings(search),
             batch.structure,
@@ -162,27 +166,18 @@ class Solver:
 COUNTS = ("status", "iterations", "evaluations", "instants", "starts", "solved")
 
 
-class _Grids:
-    """Grids of all levels; those of too many nodes left out."""
-
-    def __init__(self, width: int, counts: Sequence[int], most_nodes: int) -> None:
-        self._kept = [filled_grid(width, count) if count <= most_nodes else None for count in counts]
-        self.structures = (library.Grid * len(counts))()
-        for index, filled in enumerate(self._kept):
-            if filled:
-                self.structures[index] = filled.structure
-
-
 @lru_cache(maxsize=32)
-def _grids(width: int, most_nodes: int) -> tuple[_Grids, IntArray]:
-    return _Grids(width, NODE_COUNTS, most_nodes), np.array(NODE_COUNTS, dtype=np.int64)
+def _grids(width: int, most_nodes: int) -> tuple[FilledArray, IntArray]:
+    """Grids of all levels, those of too many nodes left out; and their numbers of nodes."""
+    grids = [filled_grid(width, count) if count <= most_nodes else None for count in NODE_COUNTS]
+    return FilledArray("Grid", grids), np.array(NODE_COUNTS, dtype=np.int64)
 
 
 @cache
 def _powers(width: int) -> Filled:
     columns, columns_low = _doubles(basis_columns(width))
     lost, lost_low = _doubles(compensations(CONDITIONS + width))
-    return Filled(library.Powers, columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
+    return Filled("Powers", columns=columns, columns_low=columns_low, lost=lost, lost_low=lost_low)
 
 
 def _doubles(fractions: Any) -> tuple[Array, Array]:
@@ -193,8 +188,8 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 
 
 @lru_cache(maxsize=32)
-def _settings(search: Search) -> library.Settings:
-    """Every constant of the search, from where the Python solver has it."""
+def _settings(search: Search) -> Structure:
+    """Every constant of the search; those that the solver of programs with constraints has too, from there."""
     fine = replace(stages.FINE, longest_step=search.longest_step)
     steps = (
         (stages.ROUGH, stages.NEARLY_RESOLVED),
@@ -202,9 +197,10 @@ def _settings(search: Search) -> library.Settings:
         (fine, stages.QUADRATURE_ERROR),
     )
     least, most = sqp.SHORTENING
-    return library.Settings(
-        stages=(library.Stage * library.STAGES)(
-            *(library.Stage(each.feasibility, each.optimality, error, each.iterations) for each, error in steps)
+    return STRUCTURES["Settings"](
+        stages=tuple(
+            (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations)
+            for each, error in steps
         ),
         longest_step=search.longest_step,
         coarsely_resolved=stages.COARSELY_RESOLVED,
@@ -227,7 +223,7 @@ def _settings(search: Search) -> library.Settings:
         polished=sqp.POLISHED,
         slow_evaluations=sqp.SLOW_EVALUATIONS,
         slow_steps=sqp.SLOW_STEPS,
-        polishing_steps=sqp.POLISHING_STEPS,
+        polishing_steps=0 if search.only_draws else sqp.POLISHING_STEPS,
         most_rounds=stages.MOST_ROUNDS,
         most_iterations=stages.MOST_ITERATIONS,
         first_level=FIRST_LEVEL,
@@ -245,9 +241,10 @@ def _settings(search: Search) -> library.Settings:
         starts_to_agree=STARTS_TO_AGREE,
         agreeing=AGREEING,
         starts=search.starts,
+        first_start=search.first_start,
         most_starts=search.most_starts,
         easy_iterations=stages.EASY_ITERATIONS,
         wanted_after_failure=stages.WANTED_AFTER_FAILURE,
         seed=search.seed,
-        spreads=(ctypes.c_double * library.SPREADS)(*SPREADS_OF_STARTS),
+        spreads=SPREADS_OF_STARTS,
     )

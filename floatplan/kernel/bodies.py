@@ -27,7 +27,7 @@ class Bodies:
     ----------
     real, imaginary : (m, m) kg m^2
         C, with the moments of inertia on its diagonal.
-    from_ : (m,) int
+    parent : (m,) int
         The body before it that each one's angle is built on.
     first : (m+1,) int
         Where the terms ``ratio[e] sin p`` of ``joint[e]`` of each body begin.
@@ -39,7 +39,7 @@ class Bodies:
 
     real: Array
     imaginary: Array
-    from_: IntArray
+    parent: IntArray
     first: IntArray
     joint: IntArray
     ratio: Array
@@ -56,7 +56,7 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     """Return a tree's bodies for joint ranges of the given centres and amplitudes (n,), rad."""
     constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
     turns, group = _distinct(tree.turns)
-    from_, terms = _built_up(turns)
+    parent, terms = _built_up(turns)
     first = np.cumsum([0, *map(len, terms)])
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
     rotations = np.eye(len(turns))[group].T * constant
@@ -67,7 +67,7 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     return Bodies(
         np.ascontiguousarray(coupling.real),
         np.ascontiguousarray(coupling.imag),
-        np.array(from_, dtype=np.int64),
+        np.array(parent, dtype=np.int64),
         first.astype(np.int64),
         np.array([joint for joint, _ in entries], dtype=np.int64),
         np.array([ratio for _, ratio in entries], dtype=np.float64),
@@ -85,11 +85,11 @@ def _distinct(turns: Array) -> tuple[Array, IntArray]:
 
 def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
     """Each row as the one before it that needs fewest terms to become it, and those terms: joint, ratio."""
-    from_, terms = [0], [[]]  # type: tuple[list[int], list[list[tuple[int, float]]]]
+    parent, terms = [0], [[]]  # type: tuple[list[int], list[list[tuple[int, float]]]]
     for body in range(1, len(turns)):
         differences = turns[body] - turns[:body]
         nearest = int(np.argmin((differences != 0).sum(axis=1)))
         joints = np.flatnonzero(differences[nearest])
-        from_.append(nearest)
+        parent.append(nearest)
         terms.append(list(zip(joints.tolist(), differences[nearest, joints].tolist(), strict=True)))
-    return from_, terms
+    return parent, terms

@@ -2,50 +2,59 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from floatplan.kernel import library
+from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import Bodies
+from floatplan.kernel.layout import STRUCTURES
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 
 
 class Filled:
-    """A structure with what it points to."""
+    """A structure of the headers with what it points to: each of its arrays, or None where there is none."""
 
-    def __init__(self, kind: type[ctypes.Structure], **values: Any) -> None:
-        self._kept: list[Any] = []
-        self.structure: Any = kind()
-        integers = _integers(kind)
-        for name, value in values.items():
+    def __init__(self, name: str, **values: Any) -> None:
+        kind = STRUCTURES[name]
+        numbers: dict[str, Any] = {}
+        arrays: dict[str, Array | IntArray] = {}
+        for field, value in values.items():
             if isinstance(value, np.ndarray):
-                array = np.ascontiguousarray(value, dtype=np.int64 if name in integers else np.float64)
-                self._kept.append(array)
-                value = library.address(array)
-            setattr(self.structure, name, value)
+                dtype, is_read = kind.arrays[field]
+                arrays[field] = np.ascontiguousarray(value, dtype=dtype) if is_read else value
+            else:
+                numbers[field] = value
+        if not kind.arrays.keys() <= values.keys():
+            raise TypeError(f"{name} needs {', '.join(sorted(kind.arrays.keys() - values.keys()))}")
+        self.structure: Any = kind(**numbers)
+        self.structure.point_to(**arrays)
+        self._kept = arrays
 
-    def point_to(self, **arrays: np.ndarray[Any, Any]) -> None:
-        """Point to other arrays, as they are: contiguous, of the right numbers."""
-        self._pointed = arrays
-        for name, array in arrays.items():
-            setattr(self.structure, name, library.address(array))
+    def point_to(self, **arrays: Array | IntArray) -> None:
+        """Point to other arrays, as they are."""
+        self.structure.point_to(**arrays)
+        self._kept.update(arrays)
 
 
-@cache
-def _integers(kind: type[ctypes.Structure]) -> frozenset[str]:
-    """Names of the arrays of integers."""
-    return frozenset(field[0] for field in kind._fields_ if field[1] is library.Integers)
+class FilledArray:
+    """An array of structures of one name with what they point to; empty where there is None."""
+
+    def __init__(self, name: str, filled: Sequence[Filled | None]) -> None:
+        self._kept = filled
+        self.structures: Any = (STRUCTURES[name] * len(filled))()
+        for index, each in enumerate(filled):
+            if each:
+                self.structures[index] = each.structure
 
 
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""
     return Filled(
-        library.Robot,
+        "Robot",
         joints=len(free),
         bodies=len(bodies.real),
         width=max(free),
@@ -53,7 +62,7 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
         real=bodies.real,
         imaginary=bodies.imaginary,
         is_real=bodies.is_real,
-        from_=bodies.from_,
+        parent=bodies.parent,
         first=bodies.first,
         joint=bodies.joint,
         ratio=bodies.ratio,
@@ -66,7 +75,7 @@ def filled_grid(width: int, count: int) -> Filled:
     quadrature = gauss_legendre(count)
     value, slope, _ = basis(Form(width)).values(quadrature.nodes)
     return Filled(
-        library.Grid,
+        "Grid",
         nodes=count,
         weights=quadrature.weights,
         value=value.T,

@@ -60,6 +60,7 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 }  // namespace baseline
 
 #if defined(__x86_64__)
+#include <cpuid.h>
 #include <immintrin.h>
 #define FLOATPLAN_X86
 #if defined(__clang__)
@@ -110,91 +111,74 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 
 EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 
-// The widest set of instructions that this processor has: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
+// The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
+// Asked of the processor itself: what __builtin_cpu_supports() reads is not in every compiler's library.
 EXPORT std::int64_t floatplan_instructions() {
 #ifdef FLOATPLAN_X86
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
-        return 2;
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return 1;
-#endif
+    constexpr unsigned fma_xsave_avx = 1u << 12 | 1u << 27 | 1u << 28, avx2 = 1u << 5;
+    constexpr unsigned avx512_f_dq_vl = 1u << 16 | 1u << 17 | 1u << 31, wide = 0x6, widest = 0xe6;  // registers kept
+    unsigned a, b, c, d, kept, above;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & fma_xsave_avx) != fma_xsave_avx) return 0;
+    __asm__("xgetbv" : "=a"(kept), "=d"(above) : "c"(0));
+    if ((kept & wide) != wide || !__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & avx2)) return 0;
+    return (kept & widest) == widest && (b & avx512_f_dq_vl) == avx512_f_dq_vl ? 2 : 1;
+#else
     return 0;
+#endif
 }
+
+// A function as compiled for one of these sets.
+#ifdef FLOATPLAN_X86
+#define CHOSEN(call) (instructions == 2 ? avx512::call : instructions == 1 ? avx2::call : baseline::call)
+#else
+#define CHOSEN(call) ((void)instructions, baseline::call)
+#endif
 
 // Plans a batch; returns 0, or 1 where there was no memory for it.
 EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const std::int64_t *nodes,
                                    const Powers *powers, const Settings *settings, Batch *batch,
                                    std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
-    if (instructions == 1) return avx2::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
-#endif
-    (void)instructions;
-    return baseline::plan_batch(*robot, grids, nodes, *powers, *settings, *batch);
+    return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
 }
 
 // One step of an update of a flight's corrections.
 EXPORT void floatplan_flight(Flight *flight, std::int64_t step, std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::reckon(*flight, step);
-    if (instructions == 1) return avx2::reckon(*flight, step);
-#endif
-    (void)instructions;
-    baseline::reckon(*flight, step);
+    CHOSEN(reckon(*flight, step));
 }
 
 // Measures a batch of plans; returns 0, or 1 where there was no memory for it.
 EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Moments *moments, const Grid *grids,
                                     const Interpolation *interpolations, const Settings *settings, Peaks *peaks,
                                     std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2)
-        return avx512::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
-    if (instructions == 1) return avx2::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
-#endif
-    (void)instructions;
-    return baseline::measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks);
+    return CHOSEN(measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks));
 }
 
-// Rows watched during a flight, see watch.hpp: what is asked of it as the enumeration says.
-enum Asked : std::int64_t { rates_asked, values_asked, drift_asked, jacobian_asked, gradient_asked };
+// Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.
+EXPORT std::int64_t floatplan_watch_room(const Watch *watch, Watched *at, std::int64_t wanted, double *memory) {
+    baseline::Arena arena{reinterpret_cast<char *>(memory)};
+    baseline::watch_room(arena, *watch, *at, wanted);
+    return arena.used / sizeof(double);
+}
 
-#define WATCHED(instruction_set)                                                                                  \
-    switch (asked) {                                                                                              \
-    case rates_asked: return instruction_set::watch_rates(*watch, *at);                                           \
-    case values_asked: return instruction_set::watch_values(*watch, *at, result);                                 \
-    case drift_asked: return instruction_set::watch_drift(*watch, *at, count, result);                            \
-    case jacobian_asked: return instruction_set::watch_jacobian(*watch, *at, result);                             \
-    default: return instruction_set::watch_gradient(*watch, *at, given, count, result);                           \
-    }
-
+// Rows watched during a flight, see watch.hpp.
 EXPORT void floatplan_watch(const Watch *watch, Watched *at, std::int64_t asked, const double *given,
                             std::int64_t count, double *result, std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) { WATCHED(avx512) }
-    if (instructions == 1) { WATCHED(avx2) }
-#endif
-    (void)instructions;
-    WATCHED(baseline)
+    switch (static_cast<Asked>(asked)) {
+    case Asked::rates: return CHOSEN(watch_rates(*watch, *at));
+    case Asked::values: return CHOSEN(watch_values(*watch, *at, result));
+    case Asked::drift: return CHOSEN(watch_drift(*watch, *at, count, result));
+    case Asked::jacobian: return CHOSEN(watch_jacobian(*watch, *at, result));
+    default: return CHOSEN(watch_gradient(*watch, *at, given, count, result));
+    }
 }
 
-// Local minima of rows watched over a whole flight.
-EXPORT void floatplan_minima(const Watch *watch, Watched *at, const Course *course, Minima *minima,
-                             std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::watch_minima(*watch, *at, *course, *minima);
-    if (instructions == 1) return avx2::watch_minima(*watch, *at, *course, *minima);
-#endif
-    (void)instructions;
-    baseline::watch_minima(*watch, *at, *course, *minima);
+// Local minima of rows watched over a whole flight; returns 0, or 1 where there was no memory for it.
+EXPORT std::int64_t floatplan_minima(const Watch *watch, const Course *course, Minima *minima,
+                                     std::int64_t instructions) {
+    return CHOSEN(watch_minima(*watch, *course, *minima));
 }
 
 // Solves a quadratic program; returns 1, or 0 where it does not.
 EXPORT std::int64_t floatplan_quadratic(Quadratic *qp, std::int64_t instructions) {
-#ifdef FLOATPLAN_X86
-    if (instructions == 2) return avx512::solve_quadratic(*qp);
-    if (instructions == 1) return avx2::solve_quadratic(*qp);
-#endif
-    (void)instructions;
-    return baseline::solve_quadratic(*qp);
+    return CHOSEN(solve_quadratic(*qp));
 }

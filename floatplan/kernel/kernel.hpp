@@ -1,6 +1,10 @@
-// What the kernel is given and gives back: the structures of library.py, member by member.
+// What the kernel is given and gives back; layout.py reads it from here, and from the other headers *_kernel.hpp.
 #pragma once
 #include <cstdint>
+
+// Counts that must be multiples of 8 or 32: several instants are computed at once, none of them alone.
+using Eights = std::int64_t;
+using ThirtyTwos = std::int64_t;
 
 // A planar tree as its momentum needs it. Bodies that turn alike are one; body 0 is the base and turns by nothing.
 struct Robot {
@@ -8,14 +12,14 @@ struct Robot {
     const std::int64_t *free;            // (joints)
     const double *real, *imaginary;      // C (bodies, bodies), kg m^2, moments of inertia on its diagonal
     std::int64_t is_real;                // whether C is
-    // The angle of body a is that of body from[a] < a, and ratio[e] sin p of joint[e], e from first[a] to first[a+1].
-    const std::int64_t *from, *first, *joint;
+    // The angle of body a is that of body parent[a] < a, and ratio[e] sin p of joint[e], e from first[a] to first[a+1].
+    const std::int64_t *parent, *first, *joint;
     const double *ratio;
 };
 
 // Gauss-Legendre nodes on [0, 1]; a grid that there is not has no nodes.
 struct Grid {
-    std::int64_t nodes;
+    Eights nodes;
     const double *weights;        // (nodes)
     const double *value, *slope;  // (6 + width, nodes): basis of p, and its derivative by s
     const double *tail;           // (3, nodes): the last Legendre coefficients
@@ -41,7 +45,7 @@ struct Settings {
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
     std::int64_t first_level, levels, finer;  // finer: levels to twice the nodes
     std::int64_t level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
-    std::int64_t starts, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
+    std::int64_t starts, first_start, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
     std::uint64_t seed;
     double spreads[6];
 };
@@ -65,7 +69,8 @@ struct Foreseen {
 // A flight that is corrected, see inflight/compiled.py; what is of the plan first, then what changes from call to call.
 // n joints, g groups of the m bodies: those that turn alike; K instants, first the nodes; 6 + width columns of the basis of p.
 struct Flight {
-    std::int64_t joints, groups, bodies, width, instants, nodes, gap_nodes, memory, blocks, torque_rows, most_rows;
+    Eights instants;
+    std::int64_t joints, groups, bodies, width, nodes, gap_nodes, memory, blocks, torque_rows, most_rows;
     std::int64_t most_rows_of_all;
     double turn, goal;
     const double *centre, *amplitude;                // (n)
@@ -115,7 +120,7 @@ struct Flight {
 };
 
 enum Step : std::int64_t {
-    remember_motion = 0, expect_state = 1, learn_state = 2, adapt_masses = 3, rewrite_motion = 4, correct_motion = 5
+    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, correct_motion
 };
 
 // How the bodies of a tree are turned by moments, and these by its motors. Body i turns as body group[i] of the robot.
@@ -129,7 +134,8 @@ struct Moments {
 
 // Chebyshev nodes on [0, 1], and a finer grid to look for the largest value on.
 struct Interpolation {
-    std::int64_t nodes, points;  // nodes: a multiple of 32; points: of the finer grid, some of them nodes
+    ThirtyTwos nodes;
+    std::int64_t points;         // of the finer grid, some of them nodes
     const double *curvature;     // (6 + width, nodes): second derivatives of the powers of s
     const double *to_cosines;    // (nodes, nodes), by columns: from values at the nodes to factors of cos(j phi)
     const double *to_fine;       // (points, nodes): from values at the nodes to those on the finer grid
@@ -143,4 +149,4 @@ struct Peaks {
     double *peaks;  // (motors), or (motors + joints)
 };
 
-enum Status : std::int64_t { infeasible = 0, feasible = 1, optimal = 2, needs_grid = 3 };
+enum Status : std::int64_t { infeasible, feasible, optimal, needs_grid };

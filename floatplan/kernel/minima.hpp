@@ -14,32 +14,57 @@ static inline void chebyshev_sums(const double *series, std::int64_t terms, std:
     }
 }
 
-// The motion at instants s (instants), as far as the rows need it.
-static inline void follow_course(const Watch &watch, Watched &at, const Course &course, const double *s) {
-    const std::int64_t n = watch.joints;
-    for (std::int64_t k = 0; k < at.instants; ++k) {
-        double *p = course.positions + k * n, *rate = course.velocities + k * n, *curvature = course.accelerations + k * n;
-        chebyshev_sums(course.p, course.terms, n, s[k], p);
-        chebyshev_sums(course.p_rate, course.terms, n, s[k], rate);
-        if (watch.needs_accelerations) chebyshev_sums(course.p_curvature, course.terms, n, s[k], curvature);
-        if (watch.needs_places) chebyshev_sums(course.turned, course.turned_terms, 1, s[k], course.attitude + k);
-        course.times[k] = s[k] * course.duration;
+// A motion on its course, where it is looked at.
+struct Look {
+    Watched at;
+    double *positions, *velocities, *accelerations, *cosines;  // (instants, joints)
+    double *times, *attitude;                                  // (instants)
+    double *values;                                            // (instants, rows)
+    std::int64_t *wanted, *single;                             // (instants, rows), (rows)
+
+    Look(const Course &course, std::int64_t instants) : at{} {
+        at.instants = instants;
+        at.momentum = course.momentum;
+        at.per_second = 1 / course.duration;
     }
-    sines_cosines(at.instants * n, course.positions, course.positions, course.cosines);
-    const double per_second = 1 / course.duration;
-    for (std::int64_t k = 0; k < at.instants; ++k)
-        for (std::int64_t i = 0; i < n; ++i) {
-            const std::int64_t entry = k * n + i;
-            double sine = course.amplitude[i] * course.positions[entry], cosine = course.amplitude[i] * course.cosines[entry];
-            double rate = course.velocities[entry];
-            course.positions[entry] = course.centre[i] + sine;
-            course.velocities[entry] = per_second * cosine * rate;
-            if (watch.needs_accelerations)
-                course.accelerations[entry] =
-                    per_second * per_second * (cosine * course.accelerations[entry] - sine * rate * rate);
+
+    void lay_out(Arena &arena, const Watch &watch) {
+        watch_room(arena, watch, at, at.instants * watch.rows);
+        for (double **each : {&positions, &velocities, &accelerations, &cosines}) arena.take(*each, at.instants * watch.joints);
+        for (double **each : {&times, &attitude}) arena.take(*each, at.instants);
+        arena.take(values, at.instants * watch.rows);
+        arena.take(wanted, at.instants * watch.rows);
+        arena.take(single, watch.rows);
+        at.positions = positions, at.velocities = velocities, at.accelerations = accelerations;
+        at.times = times, at.attitude = attitude, at.wanted = wanted;
+    }
+
+    // The motion at instants s (instants), as far as the rows need it.
+    void follow(const Watch &watch, const Course &course, const double *s) {
+        const std::int64_t n = watch.joints;
+        for (std::int64_t k = 0; k < at.instants; ++k) {
+            double *p = positions + k * n, *rate = velocities + k * n, *curvature = accelerations + k * n;
+            chebyshev_sums(course.p, course.terms, n, s[k], p);
+            chebyshev_sums(course.p_rate, course.terms, n, s[k], rate);
+            if (watch.needs_accelerations) chebyshev_sums(course.p_curvature, course.terms, n, s[k], curvature);
+            if (watch.needs_places) chebyshev_sums(course.turned, course.turned_terms, 1, s[k], attitude + k);
+            times[k] = s[k] * course.duration;
         }
-    watch_rates(watch, at);
-}
+        sines_cosines(at.instants * n, positions, positions, cosines);
+        for (std::int64_t k = 0; k < at.instants; ++k)
+            for (std::int64_t i = 0; i < n; ++i) {
+                const std::int64_t entry = k * n + i;
+                double sine = course.amplitude[i] * positions[entry], cosine = course.amplitude[i] * cosines[entry];
+                double rate = velocities[entry];
+                positions[entry] = course.centre[i] + sine;
+                velocities[entry] = at.per_second * cosine * rate;
+                if (watch.needs_accelerations)
+                    accelerations[entry] =
+                        at.per_second * at.per_second * (cosine * accelerations[entry] - sine * rate * rate);
+            }
+        watch_rates(watch, at);
+    }
+};
 
 // Brent's minimum within [low, high] (Algorithms for Minimization without Derivatives, 1973, chapter 5), from its
 // lowest value known.
@@ -84,17 +109,22 @@ static inline void narrow(Value value_at, double low, double high, double &where
     least = fx;
 }
 
-// Local minima, lower than near but for what a row falls between two instants of the grid, and where.
-static inline void watch_minima(const Watch &watch, Watched &at, const Course &course, Minima &minima) {
+// Local minima, lower than near but for what a row falls between two instants of the grid, and where; 1 without memory.
+static inline std::int64_t watch_minima(const Watch &watch, const Course &course, Minima &minima) {
     constexpr int around = 17;
-    const std::int64_t rows = watch.rows, count = at.instants;
-    double *values = minima.values;
-    follow_course(watch, at, course, minima.grid);
+    const std::int64_t rows = watch.rows, count = minima.instants;
+    Look look(course, count);
+    Room room;
+    if (!room.make([&](Arena &arena) { look.lay_out(arena, watch); })) return 1;
+    Watched &at = look.at;
+    double *values = look.values;
+    for (std::int64_t entry = 0; entry < count * rows; ++entry) look.wanted[entry] = entry;
+    look.follow(watch, course, minima.grid);
     watch_values(watch, at, values);
     for (std::int64_t k = 0; k < count; ++k)
         for (std::int64_t row = 0; row < rows; ++row)
             if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) values[k * rows + row] = HUGE_VAL;
-    minima.found = 0;
+    minima.found = minima.looked = 0;
     for (std::int64_t k = 0; k < count; ++k)
         for (std::int64_t row = 0; row < rows; ++row) {
             double here = values[k * rows + row];
@@ -107,16 +137,17 @@ static inline void watch_minima(const Watch &watch, Watched &at, const Course &c
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;
         }
-    at.wanted = minima.single;
-    for (std::int64_t row = 0; row < rows; ++row) minima.single[row] = -1;
+    at.wanted = look.single;
+    for (std::int64_t row = 0; row < rows; ++row) look.single[row] = -1;
     for (std::int64_t found = 0; found < minima.found; ++found) {
         const std::int64_t row = minima.row[found];
         double &where = minima.s[found], &least = minima.least[found], value;
         double low = larger(where - minima.span, minima.low[row]), high = smaller(where + minima.span, minima.high[row]);
         at.instants = 1;
-        minima.single[row] = 0;
+        look.single[row] = 0;
         auto value_at = [&](double s) {
-            follow_course(watch, at, course, &s);
+            ++minima.looked;
+            look.follow(watch, course, &s);
             watch_values(watch, at, &value);
             return value;
         };
@@ -131,6 +162,7 @@ static inline void watch_minima(const Watch &watch, Watched &at, const Course &c
             }
         }
         narrow(value_at, larger(where - step, low), smaller(where + step, high), where, least);
-        minima.single[row] = -1;
+        look.single[row] = -1;
     }
+    return 0;
 }

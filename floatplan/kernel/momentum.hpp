@@ -47,7 +47,7 @@ template <bool is_real> double Planner::fly() {
     }
     for (std::int64_t a = 1; a < bodies; ++a)
         for (std::int64_t k = 0; k < nodes; k += LANES) {
-            Vector angle = load(m.angle + robot.from[a] * nodes + k), swing = load(m.swing + robot.from[a] * nodes + k);
+            Vector angle = load(m.angle + robot.parent[a] * nodes + k), swing = load(m.swing + robot.parent[a] * nodes + k);
             Vector s, c;
             for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e) {
                 Vector ratio = all(robot.ratio[e]);
@@ -109,8 +109,8 @@ template <bool is_real> void Planner::backward() {
         }
         for (std::int64_t i = 0; i < n; ++i) by_sine[i] = by_rate[i] = all(0);
         for (std::int64_t a = bodies - 1; a > 0; --a) {
-            by_angle[robot.from[a]] += by_angle[a];
-            by_swing[robot.from[a]] += by_swing[a];
+            by_angle[robot.parent[a]] += by_angle[a];
+            by_swing[robot.parent[a]] += by_swing[a];
             for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e) {
                 Vector ratio = all(robot.ratio[e]);
                 by_sine[robot.joint[e]] = multiply_add(ratio, by_angle[a], by_sine[robot.joint[e]]);

@@ -1,4 +1,4 @@
-// Largest torques and rates of flights over all times: floatplan/plans/many_peaks.py, one plan after the other.
+// Largest torques and rates of flights over all times, one plan after the other.
 
 class Measured {
   public:
@@ -30,7 +30,7 @@ class Measured {
             // Of each body the acceleration against the base, and the square of its rate.
             Vector base_rate = load(m.base_rate + k), pull = all(0);
             for (std::int64_t a = 0; a < bodies; ++a) {
-                Vector relative = a ? real[robot.from[a]] : all(0), rate = load(m.swing + a * nodes + k) + base_rate;
+                Vector relative = a ? real[robot.parent[a]] : all(0), rate = load(m.swing + a * nodes + k) + base_rate;
                 for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e)
                     relative = multiply_add(all(robot.ratio[e]), joint[robot.joint[e]], relative);
                 real[a] = relative;

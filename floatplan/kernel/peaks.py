@@ -1,45 +1,62 @@
-"""Largest torques and rates of many plans of one robot, compiled: the numbers of :mod:`floatplan.plans.many_peaks`."""
+"""Largest torques and rates of many plans of one robot, over all times, compiled."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array
-from floatplan.kernel import library
+from floatplan.arrays import Array, read_only
 from floatplan.kernel.bodies import Bodies, merged_bodies
-from floatplan.kernel.filled import Filled, filled_robot
+from floatplan.kernel.filled import Filled, FilledArray, filled_robot
+from floatplan.kernel.layout import STRUCTURES
+from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.extrema import chebyshev_nodes
 from floatplan.motion.planar.momentum import centroidal_coupling
-from floatplan.plans import many_peaks as reference
-from floatplan.plans.many_peaks import ManyPeaks
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
+
+NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
+RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
+FINENESS = 4  # points of the search grid per node
+
+
+@dataclass(frozen=True, eq=False)
+class ManyPeaks:
+    """Largest magnitudes of N plans: ``motor_torque`` (N, m) N m; ``velocity`` (N, n) rad/s, None if not asked for."""
+
+    motor_torque: Array
+    velocity: Array | None
 
 
 def many_peaks(
     like: Problem, duration: Array, angular_momentum: Array, coefficients: Array, velocities: bool = True
 ) -> ManyPeaks:
-    """Measure N plans as :func:`floatplan.plans.many_peaks.many_peaks` does, which is called where there is no kernel.
+    """Measure N plans with the robot and the joint ranges of a problem; each as if it were alone.
 
-    The peaks of a plan do not depend on its neighbours.
+    Parameters
+    ----------
+    like : Problem
+    duration : (N,) s
+    angular_momentum : (N,) kg m^2/s
+    coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
+    velocities : whether to measure them too
     """
-    found = library.kernel()
+    found = kernel()
     count, n, size = coefficients.shape
-    if found is None or size < CONDITIONS:
-        return reference.many_peaks(like, duration, angular_momentum, coefficients, velocities)
     motors = len(like.robot.motors)
     peaks = np.empty((count, motors + n if velocities else motors))
     robot, moments = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
-    grids, interpolations = _grids(size), _interpolations(size)
+    grids, interpolations = _grids(size, NODES), _interpolations(size, NODES)
     batch = Filled(
-        library.Peaks,
+        "Peaks",
         count=count,
-        levels=len(reference.NODES),
+        levels=len(grids.structures),
         velocities=velocities,
-        resolved=reference.RESOLVED,
+        resolved=RESOLVED,
         duration=duration,
         momentum=angular_momentum,
         coefficients=np.nan_to_num(coefficients, nan=0.0),
@@ -50,7 +67,7 @@ def many_peaks(
         moments.structure,
         grids.structures,
         interpolations.structures,
-        library.Settings(),
+        STRUCTURES["Settings"](),
         batch.structure,
         found.instructions,
     )
@@ -77,7 +94,7 @@ def _filled_moments(tree: PlanarTree, bodies: Bodies, amplitude: Array) -> Fille
     if bodies.is_mirrored:
         coupling = coupling.conj()
     return Filled(
-        library.Moments,
+        "Moments",
         bodies=len(group),
         motors=tree.motor_turns.shape[1],
         group=group,
@@ -88,25 +105,17 @@ def _filled_moments(tree: PlanarTree, bodies: Bodies, amplitude: Array) -> Fille
     )
 
 
-class _Structures:
-    """An array of structures with what they point to."""
-
-    def __init__(self, filled: list[Filled]) -> None:
-        self._kept = filled
-        self.structures = (type(filled[0].structure) * len(filled))(*(each.structure for each in filled))
-
-
 @lru_cache(maxsize=16)
-def _grids(size: int) -> _Structures:
+def _grids(size: int, counts: tuple[int, ...]) -> FilledArray:
     """Powers of s at the nodes: (14) is not integrated here, so without weights."""
-    return _Structures([_filled_grid(nodes, size) for nodes in reference.NODES])
+    return FilledArray("Grid", [_filled_grid(nodes, size) for nodes in counts])
 
 
 def _filled_grid(nodes: int, size: int) -> Filled:
-    value, slope, _ = (part.T for part in reference.powers(nodes, size))
+    value, slope, _ = (part.T for part in _powers(nodes, size))
     none = np.zeros((1, nodes))
     return Filled(
-        library.Grid,
+        "Grid",
         nodes=nodes,
         weights=none,
         value=value,
@@ -116,18 +125,36 @@ def _filled_grid(nodes: int, size: int) -> Filled:
 
 
 @lru_cache(maxsize=16)
-def _interpolations(size: int) -> _Structures:
-    return _Structures([_filled_interpolation(nodes, size) for nodes in reference.NODES])
+def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
+    return FilledArray("Interpolation", [_filled_interpolation(nodes, size) for nodes in counts])
 
 
 def _filled_interpolation(nodes: int, size: int) -> Filled:
-    curvature = reference.powers(nodes, size)[2].T
-    to_cosines, to_fine = reference.cosine_maps(nodes)
+    curvature = _powers(nodes, size)[2].T
+    to_cosines, to_fine = _cosine_maps(nodes)
     return Filled(
-        library.Interpolation,
+        "Interpolation",
         nodes=nodes,
         points=len(to_fine),
         curvature=np.concatenate((np.zeros((2, nodes)), curvature)),
         to_cosines=to_cosines.T,
         to_fine=to_fine,
     )
+
+
+@lru_cache(maxsize=16)
+def _powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
+    """Powers of s, and their first and second derivatives, at the nodes: (nodes, size), one column less for each."""
+    powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
+    k = np.arange(size)
+    return powers, powers[:, : size - 1] * k[1:], powers[:, : size - 2] * (k[2:] * (k[2:] - 1))
+
+
+@lru_cache(maxsize=8)
+def _cosine_maps(nodes: int) -> tuple[Array, Array]:
+    """From values at the nodes to the factors of cos(j phi), ``s = (1 - cos phi) / 2``; and on to a finer grid."""
+    j = np.arange(nodes)
+    weights = np.where((j == 0) | (j == nodes - 1), 0.5, 1.0)
+    coefficients = np.outer(weights, weights) * np.cos(np.outer(np.pi * j / (nodes - 1), j)) * (2 / (nodes - 1))
+    fine = np.linspace(0, np.pi, FINENESS * (nodes - 1) + 1)
+    return read_only(coefficients), read_only(np.cos(np.outer(fine, j)) @ coefficients)

@@ -1,4 +1,4 @@
-// Quadratic programs by changes of the rows that are active: the same as optimization/quadratic_program.py does.
+// Quadratic programs by changes of the rows that are active.
 
 // Solves M x = b, M (n, n) and b overwritten, by elimination with row exchanges; false where M is singular.
 static inline bool eliminate(double *matrix, double *right, std::int64_t n) {
@@ -28,9 +28,9 @@ static inline bool eliminate(double *matrix, double *right, std::int64_t n) {
 }
 
 // The conditions of optimality with the active rows as equalities; whether the solution is as accurate as is asked.
-static inline bool hold_active(Quadratic &qp, std::int64_t total) {
+static inline bool hold_active(Quadratic &qp, std::int64_t total, double *matrix) {
     const std::int64_t n = qp.size;
-    double *matrix = qp.matrix, *factors = matrix + total * total, *solution = qp.solution;
+    double *factors = matrix + total * total, *solution = qp.solution;
     std::memset(matrix, 0, total * total * sizeof(double));
     for (std::int64_t i = 0; i < n; ++i) {
         std::memcpy(matrix + i * total, qp.hessian + i * n, n * sizeof(double));
@@ -91,9 +91,12 @@ static inline std::int64_t most_violated(const Quadratic &qp) {
 
 // Whether it is solved; the direction and the multipliers are the solution, its active rows those that are kept.
 static inline std::int64_t solve_quadratic(Quadratic &qp) {
-    const std::int64_t first = qp.size + qp.equalities;
+    const std::int64_t first = qp.size + qp.equalities, largest = first + qp.size;
+    double *matrix;
+    Room room;
+    if (!room.make([&](Arena &arena) { arena.take(matrix, 2 * largest * largest); })) return 0;
     for (std::int64_t change = 0; change < qp.changes && qp.count <= qp.size; ++change) {
-        if (!hold_active(qp, first + qp.count)) return 0;
+        if (!hold_active(qp, first + qp.count, matrix)) return 0;
         const std::int64_t violated = most_violated(qp);
         std::int64_t kept = 0;
         for (std::int64_t k = 0; k < qp.count; ++k)

@@ -1,4 +1,4 @@
-// What quadratic.hpp is given and gives back: the structure of quadratic.py, member by member.
+// What quadratic.hpp is given and gives back.
 #pragma once
 #include <cstdint>
 
@@ -10,5 +10,4 @@ struct Quadratic {
     std::int64_t count;     // of the active rows
     std::int64_t *active;   // (size + 1)
     double *solution;       // (2 size + equalities): x and multipliers, those of active rows <= 0
-    double *matrix;         // (2, (2 size + equalities)^2)
 };

@@ -192,19 +192,14 @@ def _within(key: str, values: Array) -> BoolArray:
     return np.asarray((values >= allowed.low) & (values <= allowed.high))
 
 
-def solver(problem: Problem, degrees: tuple[int, ...]) -> Solver | None:
-    """Return the compiled solver for a problem's robot and joint ranges; None where there is no kernel."""
-    found = kernel()
-    if found is None:
-        return None
+def solver(problem: Problem, degrees: tuple[int, ...]) -> Solver:
+    """Return the compiled solver for a problem's robot and joint ranges."""
     return _solver(problem.robot, tuple(map(tuple, problem.position_limits.tolist())), degrees)
 
 
 @lru_cache(maxsize=32)
 def _solver(robot: Robot, ranges: tuple[tuple[float, float], ...], degrees: tuple[int, ...]) -> Solver:
-    found = kernel()
-    assert found is not None, "asked for where there is a kernel"
-    return Solver(found, robot.tree, np.array(ranges), [degree - 5 for degree in degrees])
+    return Solver(kernel(), robot.tree, np.array(ranges), [degree - 5 for degree in degrees])
 
 
 def key(problem: Problem) -> tuple[Any, ...]:

@@ -20,26 +20,25 @@ class Starts {
         for (std::int64_t i = 0; i < robot.joints && all_branches <= settings.candidates; ++i) all_branches *= 3;
     }
 
-    // Puts start number 0 into m.x: the plain motion, or the one given.
-    void first(const double *boundary, const double *given) {
-        std::int64_t n = robot.joints;
+    // Takes a problem, and the z that its start number 0 begins with; null: the plain motion's.
+    void begin(const double *boundary, const double *given) {
         this->boundary = boundary;
-        for (std::int64_t i = 0; i < n; ++i) m.branch[i] = 0;
-        planner.set_boundary(boundary);
-        for (std::int64_t e = 0; e < n * robot.width; ++e) m.z[e] = given ? given[e] : 0;
-        planner.variables(m.z, m.x);
+        this->given = given;
+        ranked = -1;
     }
 
-    // Puts start number 1, 2, ... into m.x. Of the first rounds of candidates those are followed that miss (14) least;
+    // Puts start number 0, 1, 2, ... into m.x. Of the first rounds of candidates those are followed that miss (14) least;
     // where these fail, all are.
-    void next(std::int64_t number) {
-        std::int64_t round = (number - 1) / settings.followed, place = (number - 1) % settings.followed;
+    void follow(std::int64_t number) {
+        if (number == 0) return first();
+        std::int64_t round = (number - 1) / settings.followed;
         if (round >= settings.ranked_rounds) {
             draw(number + settings.ranked_rounds * (settings.candidates - settings.followed));
             return;
         }
-        if (place == 0) rank(round);
-        draw(m.candidate[place]);
+        if (round != ranked) rank(round);
+        ranked = round;
+        draw(m.candidate[(number - 1) % settings.followed]);
     }
 
   private:
@@ -47,8 +46,17 @@ class Starts {
     const Robot &robot;
     const Settings &settings;
     Memory &m;
-    const double *boundary = nullptr;
+    const double *boundary = nullptr, *given = nullptr;
+    std::int64_t ranked = -1;   // round of candidates that are in order
     std::int64_t all_branches;  // 3^n, or more than there are candidates
+
+    void first() {
+        std::int64_t n = robot.joints;
+        for (std::int64_t i = 0; i < n; ++i) m.branch[i] = 0;
+        planner.set_boundary(boundary);
+        for (std::int64_t e = 0; e < n * robot.width; ++e) m.z[e] = given ? given[e] : 0;
+        planner.variables(m.z, m.x);
+    }
 
     void draw(std::int64_t candidate) {
         std::int64_t n = robot.joints;

@@ -2,6 +2,19 @@
 //
 // The same as floatplan/motion/planar/closed_form.py and clearance.py, instant by instant.
 
+// Places what is kept of a motion, of whose rows so many are wanted, one after the other in an arena.
+static inline void watch_room(Arena &arena, const Watch &watch, Watched &at, std::int64_t wanted) {
+    const std::int64_t n = watch.joints, m = watch.bodies, instants = at.instants;
+    for (double **each : {&at.rate, &at.by_momentum, &at.base_acceleration, &at.turned_sine, &at.turned_cosine})
+        arena.take(*each, instants);
+    for (double **each : {&at.by_velocity, &at.by_position}) arena.take(*each, instants * n);
+    for (double **each : {&at.real, &at.imaginary, &at.turned_real, &at.turned_imaginary, &at.moments})
+        arena.take(*each, instants * m);
+    arena.take(at.ends, instants * watch.capsules * 4);
+    arena.take(at.nearest, wanted * 4);
+    arena.take(at.scratch, (m + 2) * (3 * n + 1) + 4 * m);
+}
+
 // theta0' (instants), its derivatives by velocities (instants, joints) and by h (instants); rotations at orientation 0.
 static inline void watch_rates(const Watch &watch, Watched &at) {
     const std::int64_t n = watch.joints, m = watch.bodies;

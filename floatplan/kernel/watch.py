@@ -7,41 +7,20 @@ calls for each motion: where there is no kernel, those do it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from ctypes import Structure, byref, c_double, c_int64, c_void_p
+from ctypes import byref
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
-from floatplan.kernel.library import Kernel, address, kernel
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.filled import Filled
+from floatplan.kernel.layout import ENUMERATIONS
+from floatplan.kernel.library import Kernel, kernel
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 
-SUM, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = range(6)
-
-
-class WatchStructure(Structure):
-    """Of ``watch_kernel.hpp``."""
-
-    _fields_ = (
-        *(
-            (name, c_int64)
-            for name in (
-                *("joints", "bodies", "capsules", "rows"),
-                *("needs_moments", "needs_accelerations", "needs_places"),
-            )
-        ),
-        ("turn", c_double),
-        *(
-            (name, c_void_p)
-            for name in (
-                *("turns", "offsets", "inertia", "real", "imaginary", "ends_real", "ends_imaginary", "radius", "path"),
-                *("obstacles", "kind", "first", "second", "opposite", "least", "per_scale", "sums"),
-            )
-        ),
-    )
+SUM, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,30 +88,10 @@ class Watch:
         columns = list(zip(*kinds, strict=True)) or [()] * 5
         kind, first, second = (np.array(column, dtype=np.int64) for column in columns[:3])
         least, per_scale = (np.array(column, dtype=np.float64) for column in columns[3:])
-        kept: dict[str, Array | IntArray] = {
-            "turns": tree.turns,
-            "offsets": tree.offsets,
-            "inertia": flight.equations.masses[1],
-            "real": coupling.real,
-            "imaginary": coupling.imag,
-            "ends_real": ends.real,
-            "ends_imaginary": ends.imag,
-            "radius": shapes.radius,
-            "path": np.array([*ballistics.position0, *ballistics.velocity0, ballistics.gravity]),
-            "obstacles": np.array(obstacles),
-            "kind": kind,
-            "first": first,
-            "second": second,
-            "opposite": _opposite(kind, first, of_sums),
-            "least": least,
-            "per_scale": per_scale,
-            "sums": of_sums,
-        }
-        dtypes: dict[str, type] = {"kind": np.int64, "first": np.int64, "second": np.int64, "opposite": np.int64}
-        self._kept: dict[str, Any] = {
-            name: np.ascontiguousarray(values, dtype=dtypes.get(name, np.float64)) for name, values in kept.items()
-        }
-        self.structure = WatchStructure(
+        opposite = _opposite(kind, first, of_sums)
+        self.differentiated: BoolArray = opposite < 0
+        self._filled = Filled(
+            "Watch",
             joints=self.joints,
             bodies=self.bodies,
             capsules=self.capsules,
@@ -141,9 +100,25 @@ class Watch:
             needs_accelerations=self.needs_accelerations,
             needs_places=self.needs_places,
             turn=tree.turn,
-            **{name: address(values) for name, values in self._kept.items()},
+            turns=tree.turns,
+            offsets=tree.offsets,
+            inertia=flight.equations.masses[1],
+            real=coupling.real,
+            imaginary=coupling.imag,
+            ends_real=ends.real,
+            ends_imaginary=ends.imag,
+            radius=shapes.radius,
+            path=np.array([*ballistics.position0, *ballistics.velocity0, ballistics.gravity]),
+            obstacles=np.array(obstacles),
+            kind=kind,
+            first=first,
+            second=second,
+            opposite=opposite,
+            least=least,
+            per_scale=per_scale,
+            sums=of_sums,
         )
-        self.reference = byref(self.structure)
+        self.reference = byref(self._filled.structure)
 
     def sums(self, block: SumRows) -> Array:
         """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments."""
@@ -165,11 +140,6 @@ class Watch:
         """How many numbers each quantity has."""
         n, motors = self.joints, self.flight.tree.motor_turns.shape[1]
         return {"velocities": n, "accelerations": n, "torques": n, "motor_torques": motors, "orientation_rate": 1}
-
-    @property
-    def has_followers(self) -> bool:
-        """Whether there are more motors than planned joints."""
-        return bool(self.flight.tree.motor_turns.shape[1] > self.joints)
 
 
 def _written(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
@@ -195,8 +165,5 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
 
 
 def watch(flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> Watch | None:
-    """Return what watches rows of a flight; None where it is in space, or there is no kernel."""
-    found = kernel()
-    if found is None or not isinstance(flight, PlanarFlight):
-        return None
-    return Watch(found, flight, blocks, also)
+    """Return what watches rows of a flight; None where it is in space."""
+    return Watch(kernel(), flight, blocks, also) if isinstance(flight, PlanarFlight) else None

@@ -1,6 +1,9 @@
-// What watch.hpp is given and gives back: the structures of watch.py, watched.py and course.py, member by member.
+// What watch.hpp and minima.hpp are given and give back.
 #pragma once
 #include <cstdint>
+
+// What is asked of a motion's rows.
+enum class Asked : std::int64_t { rates, values, drift, jacobian, gradient };
 
 enum RowKind : std::int64_t { sum_row, circle_row, bar_row, half_plane_start_row, half_plane_end_row, pair_row };
 
@@ -31,7 +34,7 @@ struct Watched {
     const std::int64_t *columns;                           // (joints + 1): where each joint's x begin; then h
     const double *axes;                                    // of h, by the rest of x
     const double *attitude_slopes;                         // (instants, size)
-    // kept
+    // kept, where watch_room() of watch.hpp says
     double *rate, *by_momentum, *base_acceleration, *turned_sine, *turned_cosine;  // (instants)
     double *by_velocity, *by_position;                                             // (instants, joints)
     double *real, *imaginary, *turned_real, *turned_imaginary, *moments;           // (instants, bodies)
@@ -43,21 +46,18 @@ struct Watched {
 // A whole motion, as sums of Chebyshev polynomials in 2 s - 1; of the orientation too.
 struct Course {
     std::int64_t terms, turned_terms;
-    double duration;
+    double duration, momentum;
     const double *p, *p_rate, *p_curvature;  // (terms, joints)
     const double *turned;                    // (turned_terms)
     const double *centre, *amplitude;        // (joints)
-    double *positions, *velocities, *accelerations, *cosines;  // (instants, joints), which the motion's point to
-    double *times, *attitude;                                  // (instants), the same
 };
 
-// Local minima of rows: those of each row between low and high, from a look at the grid.
+// Local minima of rows: those of each row between low and high, from a look at a grid of instants.
 struct Minima {
+    std::int64_t instants;
     double near, span;
     const double *grid, *low, *high;  // (instants), (rows), (rows)
-    double *values;                   // (instants, rows)
-    std::int64_t *single;             // (rows)
-    std::int64_t found;
-    std::int64_t *row;  // (found)
-    double *s, *least;  // (found)
+    std::int64_t found, looked;  // looked: at so many instants beside the grid
+    std::int64_t *row;  // (found), of instants times rows
+    double *s, *least;  // (found), the same
 };

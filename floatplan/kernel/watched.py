@@ -2,42 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from ctypes import Structure, byref, c_double, c_int64, c_void_p
+import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.library import address
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Structure, address
 from floatplan.kernel.watch import Watch
 from floatplan.motion.dynamics import Flown
 from floatplan.motion.planar.closed_form import BaseRate
 from floatplan.motion.planar.flight import PlanarFlown
 
-RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = range(5)
-PER_INSTANT = ("rate", "by_momentum", "base_acceleration", "turned_sine", "turned_cosine")
-PER_JOINT = ("by_velocity", "by_position")
-PER_BODY = ("real", "imaginary", "turned_real", "turned_imaginary", "moments")
-
-
-class WatchedStructure(Structure):
-    """Of ``watch_kernel.hpp``."""
-
-    _fields_ = (
-        ("instants", c_int64),
-        ("size", c_int64),
-        *((name, c_double) for name in ("momentum", "per_second", "back_off")),
-        *(
-            (name, c_void_p)
-            for name in (
-                *("positions", "velocities", "accelerations", "times", "attitude", "wanted"),
-                *("sine", "cosine", "p_rate", "curvature", "basis", "columns", "axes", "attitude_slopes"),
-                *(*PER_INSTANT, *PER_JOINT, *PER_BODY, "ends", "nearest", "scratch"),
-            )
-        ),
-    )
+RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Asked"]
 
 
 class Instants:
@@ -50,51 +27,20 @@ class Instants:
         self.watch, self.count = watch, count
         self.times = watch.flight.duration * s
         self._wanted = wanted
-        self._template = WatchedStructure(
-            instants=len(s),
-            back_off=back_off,
-            times=address(self.times),
-            wanted=address(wanted),
-            per_second=1 / watch.flight.duration,
-        )
+        self._template = STRUCTURES["Watched"](instants=len(s), back_off=back_off, per_second=1 / watch.flight.duration)
+        self._template.point_to(times=self.times, wanted=wanted)
         self.instants = len(s)
-        self._offsets, self._room = _layout(len(s), watch.joints, watch.bodies, watch.capsules, count)
+        self._room = self._placed(self._template, 0)
 
-    @classmethod
-    def everywhere(cls, watch: Watch, s: Array) -> Instants:
-        """All rows at all instants, one after the other."""
-        count = len(s) * watch.rows
-        return cls(watch, s, np.arange(count), count)
+    def _placed(self, structure: Structure, memory: int) -> int:
+        return self.watch.kernel.watch_room(self.watch.reference, structure, self.count, memory)
 
-    def fresh(self) -> tuple[WatchedStructure, Array]:
+    def fresh(self) -> tuple[Structure, Array]:
         """Return a structure for a motion, and the memory that it points to."""
         room = np.empty(self._room)
-        structure = WatchedStructure.from_buffer_copy(self._template)
-        begin = address(room)
-        for name, offset in self._offsets:
-            setattr(structure, name, begin + offset)
+        structure = type(self._template).from_buffer_copy(self._template)
+        self._placed(structure, address(room))
         return structure, room
-
-
-@lru_cache(maxsize=256)
-def _layout(
-    instants: int, joints: int, bodies: int, capsules: int, count: int
-) -> tuple[tuple[tuple[str, int], ...], int]:
-    """Where in the memory of a motion each array begins, bytes, and its size in numbers."""
-
-    def lengths() -> Iterator[tuple[str, int]]:
-        yield from ((name, instants) for name in PER_INSTANT)
-        yield from ((name, instants * joints) for name in PER_JOINT)
-        yield from ((name, instants * bodies) for name in PER_BODY)
-        yield "ends", instants * capsules * 4
-        yield "nearest", count * 4
-        yield "scratch", (bodies + 2) * (3 * joints + 1) + 4 * bodies
-
-    offsets, total = [], 0
-    for name, length in lengths():
-        offsets.append((name, 8 * total))
-        total += length
-    return tuple(offsets), total
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,64 +63,60 @@ class Motion:
         self._instants, self._flown = instants, flown
         self._watch = watch = instants.watch
         joints = flown.joints
-        structure, self._memory = instants.fresh()
-        structure.momentum = flown.angular_momentum[0, 0]
-        structure.positions, structure.velocities = address(joints.positions), address(joints.velocities)
-        self._structure, self._reference = structure, byref(structure)
+        self._structure, self._memory = instants.fresh()
+        self._structure.momentum = flown.angular_momentum[0, 0]
+        self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
         self._call(RATES)
         count, n = instants.instants, watch.joints
-        memory = self._memory
-        begin = len(PER_INSTANT) * count
         flown.__dict__["base_rate"] = BaseRate(
-            memory[:count],
-            memory[begin : begin + count * n].reshape(count, n),
-            memory[count : 2 * count],
+            self._kept("rate", count),
+            self._kept("by_velocity", count, n),
+            self._kept("by_momentum", count),
             self._by_position,
         )
 
+    def _kept(self, name: str, *shape: int) -> Array:
+        """What the kernel has written there."""
+        begin = (getattr(self._structure, name) - address(self._memory)) // self._memory.itemsize
+        return self._memory[begin : begin + math.prod(shape)].reshape(shape)
+
     def _call(self, asked: int, given: int = 0, count: int = 0, result: int = 0) -> None:
         watch = self._watch
-        watch.kernel.watch(watch.reference, self._reference, asked, given, count, result, watch.kernel.instructions)
+        watch.kernel.watch(watch.reference, self._structure, asked, given, count, result, watch.kernel.instructions)
 
     def _by_position(self) -> Array:
         """Derivatives (K, n) of theta0' by joint positions, 1/s."""
         self._call(DRIFT)
-        count, n = self._instants.instants, self._watch.joints
-        begin = (len(PER_INSTANT) + n) * count
-        return self._memory[begin : begin + count * n].reshape(count, n)
+        return self._kept("by_position", self._instants.instants, self._watch.joints)
 
     def values(self) -> Array:
         """Values (count,) of the rows."""
         watch, structure, flown = self._watch, self._structure, self._flown
         if watch.needs_accelerations:
-            structure.accelerations = address(flown.joints.accelerations)
+            structure.point_to(accelerations=flown.joints.accelerations)
         if watch.needs_places:
-            structure.attitude = address(flown.attitude)
+            structure.point_to(attitude=flown.attitude)
         values = np.empty(self._instants.count)
         self._call(VALUES, result=address(values))
         if watch.needs_moments:
-            count, m = self._instants.instants, watch.bodies
-            begin = (len(PER_INSTANT) + 2 * watch.joints + 4 * m) * count
-            flown.__dict__["moments"] = self._memory[begin : begin + count * m].reshape(count, m)
+            flown.__dict__["moments"] = self._kept("moments", self._instants.instants, watch.bodies)
         return values
 
     def drift(self, by_x: ByX, instants: int) -> Array:
         """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
         structure, joints = self._structure, self._flown.joints
         structure.size = by_x.basis.shape[2]
-        structure.sine, structure.cosine = address(joints.sine), address(joints.position_by_p)
-        structure.p_rate = address(joints.p_rate)
+        structure.point_to(sine=joints.sine, cosine=joints.position_by_p, p_rate=joints.p_rate)
         if self._watch.needs_accelerations:
-            structure.curvature = address(joints.p_curvature)
-        structure.basis, structure.columns = address(by_x.basis), address(by_x.columns)
-        structure.axes = address(by_x.axes)
+            structure.point_to(curvature=joints.p_curvature)
+        structure.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
         drift = np.empty((instants, by_x.basis.shape[2]))
         self._call(DRIFT, count=instants, result=address(drift))
         return drift
 
     def jacobian(self, attitude_slopes: Array) -> Array:
         """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
-        self._structure.attitude_slopes = address(attitude_slopes)
+        self._structure.point_to(attitude_slopes=attitude_slopes)
         jacobian = np.empty((self._instants.count, self._structure.size))
         self._call(JACOBIAN, result=address(jacobian))
         return jacobian

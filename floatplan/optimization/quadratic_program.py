@@ -17,7 +17,6 @@ from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation, total_violation
 
 QP_ACCURACY = 1e-9  # of a QP's residuals, in the units of its rows
-CHANGES = 16  # [-] of the active rows, after which ProxQP solves the QP
 QP_ITERATIONS = 30  # outer; ProxQP's default of 10000 can take minutes on one infeasible QP
 QP_INNER_ITERATIONS = 30
 ELASTIC_ITERATIONS = 20  # of Newton's method
@@ -94,47 +93,14 @@ def solve_qp(
     """Solve the QP of the linearised program, by :func:`elastic_qp` where there is no other way.
 
     Mostly its ``active`` rows are nearly those of the last: a few changes, each a linear system, find its solution.
-    That is the ``first`` way, which may be another that does the same; left out,
-    :func:`by_changes_of_active_rows`.
+    That is the ``first`` way, where one is given.
     """
     guess = active if active.size <= len(hessian) else active[:0]  # after an elastic step, which pulls at all rows
     return (
-        (first or by_changes_of_active_rows)(current, hessian, guess)
+        (first(current, hessian, guess) if first else None)
         or _by_constraint_generation(current, hessian, active)
         or elastic_qp(current, hessian, slack_penalty)
     )
-
-
-def by_changes_of_active_rows(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
-    """Hold the active rows as equalities; then rows pulled at leave, and the most violated enters: None without an end.
-
-    Where there is none of either, the step satisfies the QP's conditions of optimality (Nocedal and Wright, Numerical
-    Optimization, 2nd ed., (16.37)), which a convex QP's solution alone does.
-    """
-    size, equalities = len(hessian), len(current.equality)
-    inequality, jacobian = current.inequality, current.inequality_jacobian
-    for _ in range(CHANGES):
-        if active.size > size:
-            return None
-        solution = _equality_qp(
-            hessian,
-            current.gradient,
-            np.concatenate((current.equality_jacobian, jacobian[active])),
-            -np.concatenate((current.equality, inequality[active])),
-        )
-        if solution is None:
-            return None
-        direction, multipliers = solution
-        pushing = multipliers[equalities:] <= 0
-        linearised = inequality + jacobian @ direction
-        linearised[active] = np.inf
-        violated = np.flatnonzero(linearised == linearised.min(initial=-ROW_TOLERANCE))[:1]
-        if pushing.all() and not violated.size:
-            inequality_multipliers = np.zeros(len(inequality))
-            inequality_multipliers[active] = -multipliers[equalities:]
-            return Step(direction, Multipliers(multipliers[:equalities], inequality_multipliers))
-        active = np.concatenate((active[pushing], violated))
-    return None
 
 
 def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: IntArray) -> Step | None:
@@ -221,28 +187,6 @@ def solved(matrix: Array, right: Array) -> Array:
         with contextlib.suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
     return np.zeros(len(right))
-
-
-def _equality_qp(hessian: Array, gradient: Array, rows: Array, values: Array) -> tuple[Array, Array] | None:
-    """Minimise ``x H x / 2 + g x`` with ``A x = b``: x and multipliers, see :func:`_proxqp`.
-
-    They solve the linear system of its optimality: its rows to ``QP_ACCURACY``, and relative to what is balanced there
-    its first part. None where rows that nearly depend on each other prevent it.
-    """
-    size = len(gradient)
-    matrix = np.zeros((size + len(values), size + len(values)))
-    matrix[:size, :size] = hessian
-    matrix[:size, size:] = rows.T
-    matrix[size:, :size] = rows
-    right = np.concatenate((-gradient, values))
-    try:
-        solution = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return None
-    x, multipliers = solution[:size], solution[size:]
-    error = np.abs(matrix @ solution - right)
-    error[:size] /= 1 + max(np.abs(hessian @ x).max(), np.abs(gradient).max())
-    return (x, multipliers) if error.max() <= QP_ACCURACY else None
 
 
 def _proxqp(

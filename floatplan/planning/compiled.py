@@ -19,7 +19,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.plans import Answer
 from floatplan.problem.problem import Problem
 
-WORDS = {OPTIMAL: "optimal", FEASIBLE: "feasible"}
+WORDS: dict[int, str] = {OPTIMAL: "optimal", FEASIBLE: "feasible"}
 LEVEL = (
     3  # of the grid that the solution is evaluated on once more, which is judged by a finer one where that is needed
 )
@@ -72,12 +72,10 @@ class Followed:
 
 
 def follow_together(problem: Problem, search: Search) -> Followed | None:
-    """Follow the plain motion of a problem, and random starts as the search says; None where the kernel cannot."""
+    """Follow the plain motion of a problem, and random starts as the search says; None where it asks for more."""
     if problem.raises_degree or not is_plain(problem):
         return None
     found = solver(problem, problem.degrees)
-    if found is None:
-        return None
     rows = Numbers.of_problems([problem]).rows()
     return Followed(rows.momentum, found.plan(rows, search), found.bodies)
 
@@ -90,11 +88,11 @@ def compiled_solution(
     Returns
     -------
     Compiled or None
-        None where the problem needs more than the kernel, or there is none.
+        None where the problem needs more than the kernel.
     """
-    found = solver(problem, degrees) if is_planar(model.flight) and is_plain(problem) else None
-    if found is None:
+    if not (is_planar(model.flight) and is_plain(problem)):
         return None
+    found = solver(problem, degrees)
     variables = start.variables
     polynomials = variables.polynomials
     rows = Rows(

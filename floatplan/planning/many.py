@@ -41,7 +41,7 @@ def plan_many(
     """Plan many flights.
 
     Problems without inequalities, at a given angular momentum and with the objective "coefficients", are planned in
-    batches by the compiled kernel where it is built: from the plain motion, and from up to 64 random starts where that
+    batches by the compiled kernel: from the plain motion, and from up to 64 random starts where that
     fails or converges slowly; fewer where several end equally far from the goal. All others have the search of
     :func:`floatplan.plan`, each on its own, given up after a twentieth of its work where no start is solved by then.
     The answer to a problem depends on that problem, ``starts``, ``search``, ``prove`` and ``seed`` alone.
@@ -81,11 +81,8 @@ def plan_many(
     batches, others = _sorted_out(problems)
     tasks = [Task(index, brief) for index in others]
     for batch in batches:
-        if batch.can_be_compiled:
-            doubtful = _plan_batch(plans, batch, options)
-            _finish(plans, [Task(index, few) for index in doubtful], jobs)
-        else:
-            tasks += [Task(index, whole if search else few) for index in batch.indices.tolist()]
+        doubtful = _plan_batch(plans, batch, options)
+        _finish(plans, [Task(index, few) for index in doubtful], jobs)
     _finish(plans, tasks, jobs)
     if search:
         searched = {task.index for task in tasks}
@@ -121,11 +118,6 @@ class _Batch:
     like: Problem
     numbers: Callable[[IntArray], plain.Numbers]
 
-    @property
-    def can_be_compiled(self) -> bool:
-        """Whether the kernel is there."""
-        return plain.solver(self.like, self.like.degrees) is not None
-
 
 def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], list[int]]:
     """Batches of plain problems, and the indices of the others."""
@@ -151,7 +143,6 @@ def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], lis
 def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions) -> list[int]:
     """Plan a batch in chunks; indices of the problems whose numbers may be bad are returned, not planned."""
     solver = plain.solver(batch.like, batch.like.degrees)
-    assert solver is not None, "the kernel was there"
     search = Search(starts=options.starts, most_starts=_most_starts(options), seed=options.seed)
 
     def planned(chunk: IntArray) -> tuple[IntArray, plain.Numbers, Answers, list[int]]:

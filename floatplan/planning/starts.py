@@ -15,14 +15,13 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.rows import is_plain
+from floatplan.kernel.batch import Search
+from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
 from floatplan.kernel.stages import SECANT_STEPS, SPREADS
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.planning.ranked_starts import ranked_starts
 from floatplan.planning.transcription.constraints import Constraint, applies
-from floatplan.planning.transcription.objectives import Objective
-from floatplan.planning.transcription.program import decision_variables, objective
-from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, trajectories
+from floatplan.planning.transcription.program import decision_variables
+from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.problem.problem import Problem
 
@@ -70,16 +69,8 @@ def starts(
     """
     start = _plain_start(problem, degrees, momentum)
     yield start
-    if start.variables.size and is_plain(problem):
-
-        def variables_on(branches: IntArray) -> DecisionVariables:
-            return _variables(problem, degrees, momentum, branches)
-
-        def make_objective(variables: DecisionVariables, sampling: Sampling) -> Objective:
-            return objective(problem, model, variables, sampling)
-
-        for variables, x in ranked_starts(model, variables_on, make_objective, seed, len(problem.robot.joints)):
-            yield Start(variables, x)
+    if start.variables.size and is_planar(model.flight) and is_plain(problem):
+        yield from _drawn_by_the_kernel(problem, degrees, momentum, seed)
     drawn = _random_starts(problem, model, constraints, degrees, momentum, start.variables, seed)
     if momentum.free and constraints:
         coefficients = start.x[: start.variables.coefficients]
@@ -88,6 +79,18 @@ def starts(
                 yield next(drawn)
                 yield replace(start, x=np.concatenate((coefficients, fraction * axis)))
     yield from drawn
+
+
+def _drawn_by_the_kernel(
+    problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet, seed: int
+) -> Iterator[Start]:
+    """The starts that the kernel follows after the plain one, without end."""
+    rows = replace(Numbers.of_problems([problem]).rows(), momentum=momentum.centre)
+    for number in count(1):
+        search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)
+        found = solver(problem, degrees).plan(rows, search)
+        variables = _variables(problem, degrees, momentum, np.stack((0 * found.branch[0], found.branch[0])))
+        yield Start(variables, variables.variables(found.z[0], momentum.centre))
 
 
 def _random_starts(

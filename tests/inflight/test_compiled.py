@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
-from needed import skip_or_fail
+from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
 from floatplan.inflight.compiled import CompiledReckoning
 from floatplan.inflight.reckoning import Reckoning
-from floatplan.kernel import library
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -23,19 +22,13 @@ FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml")
 CHAINS = range(8, 96, 14)
 
 
-@pytest.fixture(autouse=True)
-def _compiled() -> None:
-    if library.kernel() is None:
-        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
-
-
 def pair(plan: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> list[fp.Replanner]:
     """Return two replanners, the first in NumPy, the second compiled."""
-    found = []
-    for way, kind in (("off", Reckoning), ("on", CompiledReckoning)):
-        monkeypatch.setenv(library.SWITCH, way)
-        found.append(fp.Replanner(plan))
-        assert type(found[-1]._reckoning) is kind
+    with monkeypatch.context() as context:
+        take_general_path(context)
+        general = fp.Replanner(plan)
+    found = [general, fp.Replanner(plan)]
+    assert [type(each._reckoning) for each in found] == [Reckoning, CompiledReckoning]
     return found
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_plans import Drifting
+from general_path import take_general_path
 
 import floatplan as fp
 from floatplan.inflight.outlook import Outlook
 from floatplan.inflight.warm_start import EARLY
-from floatplan.kernel import library
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
@@ -27,7 +27,7 @@ def test_the_first_correction_is_nearly_the_last(
     backflip: fp.Plan, error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With limits and ground: one motion is looked at beside that which was prepared, and it lands at the goal."""
-    monkeypatch.setenv(library.SWITCH, "off")
+    take_general_path(monkeypatch)
     replanner = fp.Replanner(backflip)
     looked = []
     moving_as = Outlook.moving_as

@@ -1,10 +1,10 @@
-"""The compiled kernel as a library: sets of instructions, building it, doing without."""
+"""The compiled kernel as a library: sets of instructions, building it, an installation without it."""
 
 from __future__ import annotations
 
 import os
+import platform
 import shutil
-import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elsewhere import told
-from needed import skip_or_fail
+from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
@@ -30,10 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def kernel():
-    found = library.kernel()
-    if found is None:
-        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
-    return found
+    return library.kernel()
 
 
 def planned_by(problem, **search):
@@ -93,11 +90,6 @@ def test_bodies_that_turn_alike_are_one(any_robot):
     np.testing.assert_allclose(bodies.imaginary, -bodies.imaginary.T, atol=1e-12)
 
 
-def describe(folder: Path, **environment: str) -> str:
-    code = "import floatplan as fp, floatplan.kernel.library as kernel; print(kernel.description())"
-    return told(code, folder, **environment)
-
-
 @pytest.fixture
 def checkout(tmp_path):
     """The package alone, without a library."""
@@ -109,49 +101,82 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def wheel_of(folder: Path, **environment: str) -> str:
+def built(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
-    subprocess.run(command, check=True, capture_output=True, cwd=folder, env={**os.environ, **environment})
-    (path,) = (folder / "dist").iterdir()
-    return path.name
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env={**os.environ, **environment})
 
 
-def test_without_a_compiler_the_wheel_is_pure(checkout):
-    assert wheel_of(checkout, CXX="no-such-compiler").endswith("-py3-none-any.whl")
-    assert "not compiled" in describe(checkout)
+@pytest.mark.parametrize(
+    ("compiler", "message"),
+    [
+        ("no-such-compiler", "CXX names no C++ compiler: there is no command no-such-compiler"),
+        ("false", "false cannot"),
+    ],
+)
+def test_an_installation_that_cannot_compile_fails_and_says_so(checkout, compiler, message):
+    done = built(checkout, CXX=compiler)
+    assert done.returncode == 1
+    assert f"floatplan cannot be installed: {message}" in done.stdout + done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert not list(checkout.glob("dist/*"))
 
 
-def test_a_compiler_that_fails_is_as_good_as_none(checkout):
-    broken = checkout / "broken"
-    broken.write_text("#!/bin/sh\nexit 1\n")
-    broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
-    assert wheel_of(checkout, CXX=str(broken)).endswith("-py3-none-any.whl")
+def asked_for(folder: Path, path: str) -> list[str]:
+    """What an installation asks for before it builds a wheel."""
+    code = "from hatchling.build import *; print(*get_requires_for_build_wheel(), *get_requires_for_build_editable())"
+    return told(code, folder, PATH=path, CXX="").split()
 
 
-def test_a_library_that_is_none_is_not_used(checkout):
-    (checkout / "floatplan" / "kernel" / build.LIBRARY).write_bytes(b"\0" * 100)
-    assert "cannot be loaded" in describe(checkout)
+def test_a_compiler_from_a_wheel_is_asked_for_only_where_there_is_none(checkout):
+    (checkout / "empty").mkdir()
+    assert "ziglang" in asked_for(checkout, str(checkout / "empty"))
+    shim = checkout / "empty" / "c++"
+    shim.write_text("#!/bin/sh\nexit 1\n")  # as macOS has one without its developer tools
+    shim.chmod(0o755)
+    assert "ziglang" in asked_for(checkout, str(checkout / "empty"))
+    shim.write_text("#!/bin/sh\nexit 0\n")
+    assert "ziglang" not in asked_for(checkout, str(checkout / "empty"))
 
 
-def test_a_single_plan_is_the_kernel_s(kernel, root, monkeypatch):
-    """And the same as the Python solver's."""
-    problem = fp.load_problem(root / "problems" / "new_configuration.toml")
-    compiled = fp.plan(problem)
-    monkeypatch.setenv(library.SWITCH, "off")
-    python = fp.plan(problem)
-    assert (compiled.status, python.status) == ("optimal", "optimal")
-    assert compiled.objective_value == pytest.approx(python.objective_value, rel=1e-9)
-    assert compiled.solver["evaluations"] != python.solver["evaluations"]  # nodes are raised by other steps
-    np.testing.assert_allclose(compiled.coefficients, python.coefficients, rtol=1e-4, atol=1e-4)
+def test_that_compiler_is_used_where_there_is_no_other(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CXX", raising=False)
+    monkeypatch.setattr(build, "WHEEL", "no_such_wheel")
+    with pytest.raises(build.CompilerError, match="there is no C\\+\\+ compiler: install one"):
+        build.command()
+    monkeypatch.setattr(build, "WHEEL", "json")  # any module
+    assert build.command()[:4] == [sys.executable, "-m", "json", "c++"]
 
 
-def test_further_starts_are_the_same_without_the_kernel(kernel, root, monkeypatch):
-    """The plain motion of this one leads to ten times the objective of a start on another branch."""
-    problem = fp.load_problem(root / "problems" / "falling_cat.toml")
-    compiled = fp.plan(problem)
-    monkeypatch.setenv(library.SWITCH, "off")
-    python = fp.plan(problem)
-    assert compiled.solver["starts"] > 1
-    assert python.solver["starts"] > 1
-    assert compiled.objective_value == pytest.approx(python.objective_value, rel=1e-9)
-    np.testing.assert_allclose(compiled.coefficients, python.coefficients, rtol=1e-4, atol=1e-4)
+@pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="what Linux says of x86-64")
+def test_the_instructions_are_the_widest_that_the_system_lists(kernel):
+    flags = set(Path("/proc/cpuinfo").read_text().partition("flags")[2].partition("\n")[0].split())
+    sets = ({"avx2", "fma"}, {"avx2", "fma", "avx512f", "avx512dq", "avx512vl"})
+    assert kernel.instructions == sum(each <= flags for each in sets)
+
+
+@pytest.mark.parametrize(("content", "reason"), [(None, "not compiled"), (b"\0" * 100, "cannot be loaded")])
+def test_an_installation_that_is_not_complete_says_so(checkout, content, reason):
+    library_file = checkout / "floatplan" / "kernel" / build.LIBRARY
+    if content:
+        library_file.write_bytes(content)
+    code = "import floatplan as fp; fp.plan(fp.load_problem('problems/handstand.toml'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=checkout)
+    assert done.returncode == 1
+    assert f"InputError: the kernel cannot be used: {reason}" in done.stderr
+    assert "install floatplan again" in done.stderr.splitlines()[-1]
+
+
+def test_a_single_plan_is_that_of_the_general_path(root, monkeypatch):
+    """From the plain start, and from further ones: the plain motion of the cat leads to ten times the objective."""
+    for name in ("new_configuration", "falling_cat"):
+        problem = fp.load_problem(root / "problems" / f"{name}.toml")
+        compiled = fp.plan(problem)
+        with monkeypatch.context() as context:
+            take_general_path(context)
+            general = fp.plan(problem)
+        assert (compiled.status, general.status) == ("optimal", "optimal")
+        assert (compiled.solver["starts"] > 1) == (general.solver["starts"] > 1) == (name == "falling_cat")
+        assert compiled.objective_value == pytest.approx(general.objective_value, rel=1e-9)
+        assert compiled.solver["evaluations"] != general.solver["evaluations"]  # nodes are raised by other steps
+        np.testing.assert_allclose(compiled.coefficients, general.coefficients, rtol=1e-4, atol=1e-4)

@@ -1,4 +1,4 @@
-"""Peaks of many plans, by the compiled kernel and by NumPy: one table of tests over both."""
+"""Peaks of many plans, by the compiled kernel."""
 
 from __future__ import annotations
 
@@ -6,29 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from needed import skip_or_fail
 from plain_problems import problem_of, random_robot
 
 import floatplan as fp
-from floatplan.kernel import library
+from floatplan.kernel import peaks
 from floatplan.kernel.bodies import merged_bodies
+from floatplan.kernel.library import kernel
 from floatplan.kernel.peaks import many_peaks
-from floatplan.plans import many_peaks as reference
 from floatplan.plans.plans import Answer
 
 DENSE = 4001  # instants
 SPREADS = (0.3, 0.3, 1.0, 1.0, 3.0, 6.0)  # of coefficients; the last motions need more nodes than there are
 SMOOTH = 2  # motions that need no more
-
-
-@pytest.fixture(params=["compiled", "python"])
-def implementation(request, monkeypatch):
-    """The way in which plans are measured."""
-    if request.param == "python":
-        monkeypatch.setenv(library.SWITCH, "off")
-    elif library.kernel() is None:
-        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
-    return request.param
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +47,7 @@ def measured_densely(like, duration, momentum, coefficients):
     return np.abs(state.motor_torques).max(axis=0), np.abs(state.velocities).max(axis=0)
 
 
-def test_peaks_are_those_of_the_plans_at_many_instants(implementation, groups):
+def test_peaks_are_those_of_the_plans_at_many_instants(groups):
     """Whatever the tree, with coupled joints and mirrored planes."""
     for like, duration, momentum, coefficients in groups:
         found = many_peaks(like, duration, momentum, coefficients)
@@ -69,34 +58,33 @@ def test_peaks_are_those_of_the_plans_at_many_instants(implementation, groups):
             assert (found.motor_torque[row] >= torque * (1 - 1e-8)).all()
 
 
-@pytest.mark.parametrize("velocities", [True, False])
-def test_the_kernel_measures_what_numpy_does(groups, velocities, monkeypatch):
-    kernel = library.kernel()
-    if kernel is None:
-        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
-    for instructions in range(kernel.instructions + 1):
-        monkeypatch.setattr(kernel, "instructions", instructions)
-        for like, *plans in groups:
-            compiled = many_peaks(like, *plans, velocities=velocities)
-            python = reference.many_peaks(like, *plans, velocities=velocities)
-            np.testing.assert_allclose(compiled.motor_torque, python.motor_torque, rtol=1e-9)
-            if velocities:
-                np.testing.assert_allclose(compiled.velocity, python.velocity, rtol=1e-9)
-            else:
-                assert compiled.velocity is None
-                assert python.velocity is None
+def test_all_sets_of_instructions_measure_the_same(groups, monkeypatch):
+    found, widest = kernel(), [many_peaks(*group) for group in groups]
+    for instructions in range(found.instructions):
+        monkeypatch.setattr(found, "instructions", instructions)
+        for group, expected in zip(groups, widest, strict=True):
+            measured = many_peaks(*group)
+            np.testing.assert_allclose(measured.motor_torque, expected.motor_torque, rtol=1e-9)
+            np.testing.assert_allclose(measured.velocity, expected.velocity, rtol=1e-9)
+
+
+def test_rates_are_measured_only_where_they_are_asked_for(groups):
+    found = many_peaks(*groups[3], velocities=False)
+    assert found.velocity is None
+    smooth = slice(0, SMOOTH)  # wild motions have more nodes where their rates need them
+    np.testing.assert_allclose(found.motor_torque[smooth], many_peaks(*groups[3]).motor_torque[smooth], rtol=1e-9)
 
 
 def test_all_three_numbers_of_nodes_are_needed(groups, monkeypatch):
     """Else the table above would not try them: with fewer of them peaks differ."""
     like, *plans = groups[4]
-    full = reference.many_peaks(like, *plans).motor_torque
-    for fewer in (reference.NODES[:1], reference.NODES[:2]):
-        monkeypatch.setattr(reference, "NODES", fewer)
-        assert np.abs(reference.many_peaks(like, *plans).motor_torque / full - 1).max() > 1e-9
+    full = many_peaks(like, *plans).motor_torque
+    for fewer in (peaks.NODES[:1], peaks.NODES[:2]):
+        monkeypatch.setattr(peaks, "NODES", fewer)
+        assert np.abs(many_peaks(like, *plans).motor_torque / full - 1).max() > 1e-9
 
 
-def test_a_plan_s_peaks_do_not_depend_on_its_neighbours(implementation, groups):
+def test_a_plan_s_peaks_do_not_depend_on_its_neighbours(groups):
     like, duration, momentum, coefficients = groups[5]
     together = many_peaks(like, duration, momentum, coefficients)
     for row in range(len(duration)):
@@ -106,7 +94,7 @@ def test_a_plan_s_peaks_do_not_depend_on_its_neighbours(implementation, groups):
         np.testing.assert_array_equal(alone.velocity[0], together.velocity[row])
 
 
-def test_joints_of_lower_degree_may_be_padded(implementation, groups):
+def test_joints_of_lower_degree_may_be_padded(groups):
     """As :class:`floatplan.Plans` pads them."""
     like, duration, momentum, coefficients = groups[6]
     zero, missing = coefficients.copy(), coefficients.copy()
@@ -117,7 +105,7 @@ def test_joints_of_lower_degree_may_be_padded(implementation, groups):
     )
 
 
-def test_nothing_to_measure(implementation, groups):
+def test_nothing_to_measure(groups):
     like, duration, momentum, coefficients = groups[0]
     found = many_peaks(like, duration[:0], momentum[:0], coefficients[:0])
     assert found.motor_torque.shape == (0, len(like.robot.motors))

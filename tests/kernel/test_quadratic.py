@@ -1,22 +1,18 @@
-"""The compiled changes of active rows against the Python."""
+"""Quadratic programs by changes of active rows."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from floatplan.kernel import quadratic
-from floatplan.kernel.library import kernel
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
-from floatplan.optimization.quadratic_program import by_changes_of_active_rows
-
-pytestmark = pytest.mark.skipif(kernel() is None, reason="no compiled kernel")
+from floatplan.optimization.quadratic_program import ROW_TOLERANCE
 
 
 def drawn(rng: np.random.Generator) -> tuple[Evaluation[None], np.ndarray, np.ndarray]:
     """A linearised program, a Hessian, and a guess of the active rows; some have no solution."""
-    size = int(rng.choice([1, 2, 3, 5, 8, 13, quadratic.LARGEST]))
+    size = int(rng.choice([1, 2, 3, 5, 8, 13, 48, 100]))
     equalities, count = int(rng.integers(0, min(size, 4))), int(rng.integers(0, 60))
     root = rng.normal(size=(size, size))
     scale = 10.0 ** rng.integers(-3, 8)
@@ -32,20 +28,25 @@ def drawn(rng: np.random.Generator) -> tuple[Evaluation[None], np.ndarray, np.nd
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_solves_what_the_python_solves_and_the_same(seed):
+def test_solutions_are_optimal(seed):
+    """By the conditions that a convex program's solution alone satisfies; some programs have none."""
     rng = np.random.default_rng(seed)
     solved = 0
     for _ in range(40):
         program, hessian, guess = drawn(rng)
-        wanted, found = by_changes_of_active_rows(program, hessian, guess), step_by_active_rows(program, hessian, guess)
-        assert (found is None) == (wanted is None)
-        if found is None or wanted is None:
+        found = step_by_active_rows(program, hessian, guess)
+        if found is None:
             continue
         solved += 1
-        assert found.direction == pytest.approx(wanted.direction, rel=1e-7, abs=1e-9)
-        for mine, other in zip(found.multipliers, wanted.multipliers, strict=True):
-            assert mine == pytest.approx(other, rel=1e-6, abs=1e-9 * np.abs(program.gradient).max())
-        assert np.array_equal(found.multipliers.inequality > 0, wanted.multipliers.inequality > 0)
+        step, (equality, inequality) = found.direction, found.multipliers
+        slack = program.inequality + program.inequality_jacobian @ step
+        unbalanced = hessian @ step + program.gradient
+        unbalanced += program.equality_jacobian.T @ equality - program.inequality_jacobian.T @ inequality
+        assert np.abs(unbalanced).max() <= 1e-8 * (1 + np.abs(program.gradient).max())
+        assert np.abs(program.equality + program.equality_jacobian @ step).max(initial=0) < 1e-8
+        assert slack.min(initial=0) >= -2 * ROW_TOLERANCE
+        assert inequality.min(initial=0) >= 0
+        assert np.abs(slack[inequality > 0]).max(initial=0) < 1e-8
     assert solved > 10
 
 
@@ -55,15 +56,6 @@ def test_the_program_stays_as_it_is():
     step_by_active_rows(program, hessian, guess)
     for values, kept in zip((hessian, guess, program.inequality, program.inequality_jacobian), before, strict=True):
         assert np.array_equal(values, kept)
-
-
-def test_without_the_kernel_it_is_the_python(monkeypatch):
-    program, hessian, _ = drawn(np.random.default_rng(3))
-    monkeypatch.setattr(quadratic, "kernel", lambda: None)
-    none = np.empty(0, dtype=np.int64)
-    found, wanted = (way(program, hessian, none) for way in (step_by_active_rows, by_changes_of_active_rows))
-    assert found is not None
-    assert found.direction.tobytes() == wanted.direction.tobytes()
 
 
 @pytest.mark.parametrize("row", ["inequality", "gradient"])

@@ -1,4 +1,4 @@
-"""Rows that the kernel watches, their derivatives, their minima and the QPs of a step: as without it."""
+"""Rows that the kernel watches, their derivatives and their minima: those of the general path."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from needed import skip_or_fail
+from general_path import take_general_path
 
 import floatplan as fp
 from floatplan.kernel import library
@@ -27,10 +27,7 @@ AROUND = (
 
 @pytest.fixture
 def kernel():
-    found = library.kernel()
-    if found is None:
-        skip_or_fail("the kernel is not compiled: python -m floatplan.kernel.build")
-    return found
+    return library.kernel()
 
 
 @pytest.fixture(params=[*PROBLEMS, "everything", "free"])
@@ -63,16 +60,13 @@ def test_rows_and_derivatives_are_those_of_the_constraints(kernel, problem, aim,
     if instructions > kernel.instructions:
         pytest.skip("the processor has no such instructions")
     problem = replace(problem, motion=replace(problem.motion, objective=aim))
-    ready, program, x = program_and_point(problem, 0)
+    _, program, x = program_and_point(problem, 0)
     monkeypatch.setattr(kernel, "instructions", instructions)
     here = program.evaluate(x)
-    begun = ready.model.work.done
     derivatives = here.gradient, here.equality_jacobian, here.inequality_jacobian
-    work = ready.model.work.done - begun
-    monkeypatch.setenv(library.SWITCH, "off")
-    ready, without, x = program_and_point(problem, 0)
+    take_general_path(monkeypatch)
+    _, without, x = program_and_point(problem, 0)
     there = without.evaluate(x)
-    begun = ready.model.work.done
     close(here.inequality, there.inequality)
     close(here.equality, there.equality)
     assert here.objective == pytest.approx(there.objective, rel=1e-12)
@@ -81,7 +75,6 @@ def test_rows_and_derivatives_are_those_of_the_constraints(kernel, problem, aim,
     ):
         close(one, other)
     assert np.abs(there.inequality_jacobian).max() > 0
-    assert work == ready.model.work.done - begun
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -91,7 +84,7 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(kernel, pro
         return local_minima(ready.model, ready.plain_start.variables, ready.constraints, LEVEL, x)
 
     here = found()
-    monkeypatch.setenv(library.SWITCH, "off")
+    take_general_path(monkeypatch)
     there = found()
     assert here.block.tolist() == there.block.tolist()
     assert here.row.tolist() == there.row.tolist()

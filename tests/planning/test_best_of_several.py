@@ -12,7 +12,9 @@ from generated_problems import random_problem
 from starts_problems import starts_problems
 
 import floatplan as fp
+from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.optimization import quadratic_program
+from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning import repair, search
 from floatplan.planning.attempt import best
 from floatplan.planning.planned import Planned, alternatives, planned
@@ -108,10 +110,13 @@ def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
     for size in rng.integers(1, 400, 60):
         kept.append(np.empty(size))
         solution = quadratic_program._proxqp(*(np.array(part) for part in data), bounds.copy())
-        system = quadratic_program._equality_qp(*(np.array(part) for part in data[:4]))
+        hessian, gradient, rows, values = (np.array(part) for part in data[:4])
+        derivatives = Derivatives(gradient, rows, np.empty((0, 9)))
+        program = Evaluation(0.0, -values, np.empty(0), lambda found=derivatives: found, None)
+        step = step_by_active_rows(program, hessian, np.empty(0, dtype=np.int64))
         assert solution is not None
-        assert system is not None
-        solutions.add(solution[0].tobytes() + system[0].tobytes())
+        assert step is not None
+        solutions.add(solution[0].tobytes() + step.direction.tobytes())
     assert len(solutions) == 1
 
 

@@ -1,7 +1,4 @@
-"""The rows of a program by the compiled kernel, where it knows them all; the constraints themselves do the same.
-
-Work is counted as without it, so that searches end at the same place.
-"""
+"""The rows of a program by the compiled kernel, where it knows them all; the constraints themselves do the same."""
 
 from __future__ import annotations
 
@@ -15,11 +12,9 @@ from floatplan.kernel.course import Look, minima
 from floatplan.kernel.watch import Block, ObstacleRows, PairRows, SumRows, Watch, watch
 from floatplan.kernel.watched import ByX, Instants, Motion
 from floatplan.motion.dynamics import FlightDynamics
-from floatplan.motion.extrema import AT_ONCE, CLOSER_LOOKS, LOOKED_AT
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.transcription.constraints import (
     LENGTH_SCALE,
-    Clearance,
     Constraint,
     LinkClearance,
     MagnitudeLimit,
@@ -31,7 +26,6 @@ from floatplan.planning.transcription.objectives import IntegralOfSquares, Objec
 from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.work import EVALUATION
 
 
 def block_of(constraint: Constraint) -> Block | None:
@@ -118,21 +112,11 @@ class CompiledRows:
 
     @cached_property
     def _entries(self) -> list[int]:
-        """Entries of each Jacobian that the constraints and the objective would compute without the kernel."""
-        widths, quantities = self.watch.widths, []
-        entries = [len(block.labels) for block in self.constraints if isinstance(block, Clearance)]
-        for block in self.constraints:
-            if isinstance(block, MotorLimit):
-                quantities += ["motor_torques", "velocities"]
-            elif isinstance(block, MagnitudeLimit):
-                quantities.append(_name(block.quantity))
-        if isinstance(self.objective, IntegralOfSquares):
-            quantities.append(_name(self.objective.quantity))
-        if not self.watch.has_followers:
-            quantities = ["torques" if name == "motor_torques" else name for name in quantities]
-        entries += [widths[name] for name in quantities if name == "accelerations"]
-        entries += [widths[name] for name in dict.fromkeys(quantities) if name != "accelerations"]
-        return [len(self.sampling.s) * rows * self.variables.size for rows in entries]
+        """Entries of each constraint's Jacobian, but for rows that are only the opposite of others."""
+        instants, size = len(self.sampling.s), self.variables.size
+        lengths = [len(block.labels) for block in self.constraints]
+        own = np.split(self.watch.differentiated, np.cumsum(lengths)[:-1])
+        return [instants * int(rows.sum()) * size for rows in own]
 
     def see(self, motion: Trajectory) -> Motion:
         """Look at a motion: its rate is known afterwards."""
@@ -149,6 +133,7 @@ class CompiledRows:
             motion.model.work.differentiated(entries)
         if isinstance(self.objective, IntegralOfSquares):
             gradient = seen.gradient(self.objective.weights(motion) @ self._sums)
+            motion.model.work.differentiated(len(sampling.s) * len(x))
         else:
             gradient = self.objective.gradient(motion, x)
         return Derivatives(gradient, motion.residual_jacobian, jacobian)
@@ -196,11 +181,8 @@ def compiled_minima(
     found = watch_of(motion.model.flight, constraints, "")
     assert found is not None, "there is a kernel for them"
     block, rows, look = _look(constraints, count)
-    row, s, value = minima(found, motion.flown, motion.variables.polynomials, look, near, 1 / (count - 1))
-    nodes, bodies, work = motion.sampling.nodes, motion.model.flight.bodies, motion.model.work
-    work.evaluated(nodes + len(look.grid), bodies)
-    for first in range(0, len(row), AT_ONCE):
-        instants = nodes + LOOKED_AT * min(AT_ONCE, len(row) - first)
-        work.evaluated(CLOSER_LOOKS * instants, bodies, 1)
-        work.done += (CLOSER_LOOKS - 1) * EVALUATION
+    row, s, value, looked = minima(found, motion.flown, motion.variables.polynomials, look, near, 1 / (count - 1))
+    bodies, work = motion.model.flight.bodies, motion.model.work
+    work.evaluated(motion.sampling.nodes + len(look.grid), bodies)
+    work.evaluated(looked, bodies, len(row))
     return block[row], rows[row], s, value

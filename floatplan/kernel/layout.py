@@ -1,0 +1,111 @@
+"""What crosses to C++, read from the kernel's own headers: structures, enumerations and functions are written there."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from enum import IntEnum
+from typing import Any, ClassVar
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.kernel.build import FOLDER
+
+HEADERS = ("kernel.hpp", "quadratic_kernel.hpp", "watch_kernel.hpp")
+NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
+ARRAYS = {"double": np.dtype(np.float64).str, "std::int64_t": np.dtype(np.int64).str}
+MULTIPLES = {"Eights": 8, "ThirtyTwos": 32}  # kinds of counts
+RETURNED: dict[str, Any] = {"void": None, "std::int64_t": ctypes.c_int64, "const char *": ctypes.c_char_p}
+
+
+class Structure(ctypes.Structure):
+    """A structure of the headers: names that it does not have raise, and so do numbers that it cannot hold.
+
+    Attributes
+    ----------
+    arrays : of each pointer, the numbers it points to as NumPy writes them, and whether they are only read
+    lengths : of members that are arrays themselves
+    multiples : of counts, what they must be a multiple of
+    """
+
+    __slots__ = ()
+    arrays: ClassVar[dict[str, tuple[str, bool]]]
+    lengths: ClassVar[dict[str, int]]
+    multiples: ClassVar[dict[str, int]]
+
+    def __init__(self, *members: Any, **values: Any) -> None:
+        super().__init__(*members, **values)
+        for name, multiple in self.multiples.items():
+            if values.get(name, 0) % multiple:
+                raise ValueError(f"{type(self).__name__}.{name} is {values[name]}: it must be a multiple of {multiple}")
+        for name, length in self.lengths.items():
+            if name in values and len(values[name]) != length:
+                raise ValueError(f"{type(self).__name__}.{name} has {len(values[name])} entries of {length}")
+
+    def point_to(self, **arrays: Array | IntArray) -> None:
+        """Point to arrays as they are, which must be kept as long."""
+        for name, array in arrays.items():
+            interface, numbers = array.__array_interface__, self.arrays[name][0]
+            if interface["typestr"] != numbers or interface["strides"] is not None:
+                raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {numbers}")
+            setattr(self, name, interface["data"][0])
+
+
+def address(values: np.ndarray[Any, Any]) -> int:
+    """Where an array begins in memory."""
+    return int(values.__array_interface__["data"][0])
+
+
+def _read(*names: str) -> str:
+    """Text of some sources, without comments."""
+    return "\n".join(re.sub("//.*", "", (FOLDER / name).read_text(encoding="utf-8")) for name in names)
+
+
+def structures(text: str) -> dict[str, type[Structure]]:
+    """Read the structures of C++: numbers, arrays of them of a given length, pointers, and structures before them."""
+    found: dict[str, type[Structure]] = {}
+    for structure, body in re.findall(r"struct (\w+) \{(.*?)\n\};", text, re.DOTALL):
+        fields: list[tuple[str, Any]] = []
+        arrays, lengths, multiples = {}, {}, {}
+        for constant, kind, members in re.findall(r"\s*(const )?([\w:]+) ([^;]*);", body):
+            known = {**NUMBERS, **dict.fromkeys(MULTIPLES, ctypes.c_int64), **found}
+            for star, name, length in re.findall(r"(\*?)(\w+)(?:\[(\d+)\])?(?:,|$)", re.sub(r"\s", "", members)):
+                if star:
+                    arrays[name] = ARRAYS[kind], bool(constant)
+                if kind in MULTIPLES:
+                    multiples[name] = MULTIPLES[kind]
+                if length:
+                    lengths[name] = int(length)
+                number = ctypes.c_void_p if star else known[kind]
+                fields.append((name, number * int(length) if length else number))
+        members = {"_fields_": fields, "arrays": arrays, "lengths": lengths, "multiples": multiples}
+        found[structure] = type(structure, (Structure,), {"__slots__": (), **members})
+    return found
+
+
+def enumerations(text: str) -> dict[str, type[IntEnum]]:
+    """Read the enumerations of C++, numbered from 0."""
+    listed = re.findall(r"enum (?:class )?(\w+) : std::int64_t \{(.*?)\};", text, re.DOTALL)
+    return {name: IntEnum(name, re.findall(r"\w+", members), start=0) for name, members in listed}  # type: ignore[misc]
+
+
+def functions(text: str, known: dict[str, type[Structure]]) -> dict[str, tuple[Any, list[Any]]]:
+    """Read the functions that the library exports: what each returns, and its arguments."""
+
+    def passed(argument: str) -> Any:
+        kind, pointer = argument.replace("const ", "").split()[0], "*" in argument
+        if pointer:
+            return ctypes.POINTER(known[kind]) if kind in known else ctypes.c_void_p
+        return NUMBERS[kind]
+
+    exported = re.findall(r"^EXPORT ([^()]*?)\s?floatplan_(\w+)\((.*?)\) \{", text, re.DOTALL | re.MULTILINE)
+    return {
+        name: (RETURNED[returned], [passed(argument) for argument in arguments.split(",") if argument])
+        for returned, name, arguments in exported
+    }
+
+
+STRUCTURES = structures(_read(*HEADERS))
+ENUMERATIONS = enumerations(_read(*HEADERS))
+FUNCTIONS = functions(_read("kernel.cpp"), STRUCTURES)

@@ -1,0 +1,58 @@
+"""The script that makes the environment looks for a compiler, or a package index that has one, before it installs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+NEEDED = ("scripts/environment", "pyproject.toml", "floatplan/kernel/build.py")
+PYTHON = """#!/bin/sh
+case "$*" in *install*) echo "$@" >> installed; exit 0 ;; esac
+exec {python} "$@"
+"""
+
+
+def executable(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """What the script reads, an interpreter that writes down what it is to install, and a few commands."""
+    for name in NEEDED:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    executable(tmp_path / ".venv" / "bin" / "python", PYTHON.format(python=sys.executable))
+    for name in ("bash", "sh", "env", "dirname", "cat"):
+        executable(tmp_path / "bin" / name, f'#!/bin/sh\nexec {shutil.which(name)} "$@"\n')
+    return tmp_path
+
+
+def made(checkout: Path) -> subprocess.CompletedProcess[str]:
+    kept = {name: value for name, value in os.environ.items() if name not in ("CXX", "CI")}
+    environment = {**kept, "PATH": str(checkout / "bin"), "PIP_NO_INDEX": "1"}
+    command = ["/bin/sh", "-c", "exec bash scripts/environment"]
+    return subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True)
+
+
+def test_without_compiler_and_index_it_says_so_and_installs_nothing(checkout: Path) -> None:
+    done = made(checkout)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "needs a C++ compiler" in line
+    assert "install g++ or clang++" in line
+    assert not (checkout / "installed").exists()
+
+
+def test_with_a_compiler_it_installs(checkout: Path) -> None:
+    executable(checkout / "bin" / "c++", "#!/bin/sh\nexit 0\n")
+    assert made(checkout).returncode == 0
+    assert "--editable" in (checkout / "installed").read_text()
