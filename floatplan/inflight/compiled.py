@@ -36,7 +36,7 @@ class CompiledReckoning(Reckoning):
         n, m, width = len(rewriting.first.amplitude), len(tree.mass), len(views.whitening)
         groups, columns, states = len(TurningBodies.of(tree).turns), CONDITIONS + width, 2 + 2 * m
         rows = _rows([] if views.has_distances else views.rows, m, n)
-        instants, size = len(views.grid.s), n * width
+        instants, size = len(views.instants.grid.s), n * width
         most = 1 + lawful.MOST_ROWS * (len(rows["block_first"]) - 1)
         ahead = columns * n + (8 * n + 8 * groups + 2 * m + 3 + 2 * len(rows["row_kind"])) * instants
         self._called = {
@@ -69,7 +69,7 @@ class CompiledReckoning(Reckoning):
             bodies=m,
             width=width,
             instants=instants,
-            nodes=views.grid.nodes,
+            nodes=views.instants.grid.nodes,
             gap_nodes=GAP_NODES,
             memory=MEMORY,
             most_rows=lawful.MOST_ROWS,
@@ -160,13 +160,13 @@ class CompiledReckoning(Reckoning):
 
 
 def _of_motions(views: Views, rewriting: Rewriting) -> dict[str, Any]:
-    grid, gap, first = views.grid, gauss_legendre(GAP_NODES), rewriting.first
+    instants, gap, first = views.instants, gauss_legendre(GAP_NODES), rewriting.first
     return {
         "centre": first.centre,
         "amplitude": first.amplitude,
-        "weights": grid.weights,
-        **{name: part.T for name, part in zip(("value", "first", "second"), views.values, strict=True)},
-        **dict(zip(("free_value", "free_first", "free_second"), views.free, strict=True)),
+        "weights": instants.grid.weights,
+        **{name: part.T for name, part in zip(("value", "first", "second"), instants.values, strict=True)},
+        **dict(zip(("free_value", "free_first", "free_second"), instants.free, strict=True)),
         "whitening": views.whitening,
         "table": first.table,
         "points": rewriting.points,

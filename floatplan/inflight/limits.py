@@ -24,6 +24,7 @@ from floatplan.tables import JOINT_LIMITS
 
 SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
+ROUNDING = 1e-9  # [s] of instants at the ends of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +175,8 @@ class DistanceRows:
         distances = ahead.measured[self] = self.measure(ahead.shapes, times)
         values = (distances.values - self.margin) / LENGTH_SCALE
         low, high = self.window
-        if low > times[0] or high < times[-1]:
-            values[(times < low) | (times > high)] = np.inf
+        if low > -np.inf or high < np.inf:
+            values[(times < low - ROUNDING) | (times > high + ROUNDING)] = np.inf
         return values
 
     def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:

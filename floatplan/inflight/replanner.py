@@ -11,7 +11,7 @@ import numpy.typing as npt
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.compiled import CompiledReckoning
-from floatplan.inflight.correction import Correction, Reference, Status
+from floatplan.inflight.correction import REACHED, Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import EVALUATIONS, KEPT, Law
@@ -26,7 +26,6 @@ from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
-MISSED = 30.0  # [-] sigmas of a landing that is not the planned one
 FIRST = 8  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
@@ -200,7 +199,7 @@ class Replanner:
         evaluations = FIRST if first else EVALUATIONS
         foreseen = self._reckoning.corrected(now, orientation, landing, evaluations, warm_start)
         self._landing = landing
-        status, reason = _judged(foreseen, MISSED * self._law.sigma)
+        status, reason = _judged(foreseen)
         self._last = Correction(status, reason, foreseen, landing, self._estimate.angular_momentum)
         return self._last
 
@@ -248,14 +247,14 @@ def _reckoning(plan: Plan, views: Views, rewriting: Rewriting, law: Law) -> Reck
     return CompiledReckoning(compiled, plan.robot.tree, views, rewriting, law)
 
 
-def _judged(foreseen: Foreseen, miss: float) -> tuple[Status, str]:
+def _judged(foreseen: Foreseen) -> tuple[Status, str]:
     if foreseen.share == 0.0:
         return "refused", "any correction breaks a limit"
     if foreseen.share < 1.0:
         return "limited", "the whole correction breaks a limit"
     if min(foreseen.worst.tolist(), default=0.0) < -KEPT:
         return "limited", "a limit will be broken, as without the correction"
-    if abs(foreseen.miss) > miss:
+    if not abs(foreseen.miss) <= REACHED:
         return "limited", "the goal is out of reach"
     return "applied", ""
 
