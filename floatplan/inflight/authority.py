@@ -11,8 +11,8 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
-from floatplan.inflight.outlook import Outlook, Present
 from floatplan.inflight.correction import REACHED
+from floatplan.inflight.outlook import Outlook, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.closed_form import Dynamics
@@ -67,9 +67,9 @@ def authority(plan: Plan) -> Authority:
     """Return from which errors of momentum and of inertia corrections in flight reach the landing, and until when.
 
     The joints are taken to follow their reference exactly, and what is measured to be exact: no controller does better.
-    The angular momentum has the error from takeoff on; corrections begin later. Errors are tried from zero outwards, 0.01
-    apart, and between the last that lands and the first that does not the end is bisected to 0.001: an interval has no
-    holes, but such as lie between two errors that were tried.
+    The angular momentum has the error from takeoff on; corrections begin later. Errors are tried from zero outwards,
+    0.01 apart, and between the last that lands and the first that does not the end is bisected to 0.001: an interval
+    has no holes, but such as lie between two errors that were tried.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
 
 
 def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
-    """Largest size up to ``most`` of an error of that sign from which, as from the smaller ones tried, a flight lands."""
+    """Largest size up to ``most`` of an error of that sign from which, as from all smaller ones, a flight lands."""
     low = 0.0
     for high in [*np.arange(STEP, most, STEP).tolist(), most]:
         if not lands(sign * high, begin):

@@ -200,7 +200,7 @@ def found(plan: fp.Plan) -> fp.Authority:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(authority_module, "SHARES", (0.0, 0.6))
         patch.setattr(authority_module, "STEP", 0.1)
-        patch.setattr(authority_module, "RESOLUTION", 0.04)
+        patch.setattr(authority_module, "RESOLUTION", 0.01)
         return fp.authority(plan)
 
 
