@@ -12,10 +12,10 @@ from floatplan.inflight import law as lawful
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.law import Law
 from floatplan.inflight.limits import JointRows, Rows, TorqueRows
-from floatplan.inflight.measurement import Measurement
+from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Views
-from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Expected, Foreseen, Reckoning
+from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Foreseen, Reckoning
 from floatplan.kernel import library
 from floatplan.kernel.filled import Filled
 from floatplan.kernel.library import FlightStep, Kernel
@@ -105,13 +105,21 @@ class CompiledReckoning(Reckoning):
         flight.began, flight.measured, flight.now = self.estimate.time, measured.time, now
         called["measured_positions"][:] = measured.positions
         called["measured_velocities"][:] = measured.velocities
-        flight.measured_orientation, flight.measured_rate = measured.orientation, measured.orientation_rate
         self._step(FlightStep.EXPECT)
         orientation = self.estimate.inertial.orientation + flight.turn_before
-        return Expected(called["positions"], called["velocities"], orientation, flight.expected_rate, flight.aside)
+        return Expected(
+            called["positions"],
+            called["velocities"],
+            orientation,
+            flight.expected_rate,
+            flight.aside,
+            flight.variance,
+            flight.noise,
+        )
 
     def learn(self, measured: Measurement, expected: Expected) -> None:
         """Take in a measurement that is as it was expected."""
+        self._flight.measured_orientation, self._flight.measured_rate = measured.orientation, measured.orientation_rate
         self._step(FlightStep.LEARN)
         self.estimate.inertial.has_changed()
 

@@ -23,7 +23,7 @@ class Correction:
     status : "applied", "limited", "refused" or "invalid"
         The motion was corrected, keeps all limits and obstacles and lands within ``REACHED`` of the goal; it was
         corrected in part, or lands further off, or breaks a limit that the last one breaks too; no part of a correction
-        keeps the limits and the last motion stays; the measurement cannot be one, or comes too late, and changes nothing.
+        keeps the limits and the last motion stays; the measurement cannot be one, or is late, and changes nothing.
     reason : why it is not "applied"
     landing : s
         When the robot lands.

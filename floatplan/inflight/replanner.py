@@ -15,7 +15,7 @@ from floatplan.inflight.correction import REACHED, Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import EVALUATIONS, KEPT, Law
-from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read
+from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read, unwrapped
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Views
 from floatplan.inflight.reckoning import Foreseen, Reckoning
@@ -32,6 +32,7 @@ LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at onc
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
 LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
+FAR_OFF = "too far from what is expected"
 
 
 class Replanner:
@@ -145,7 +146,7 @@ class Replanner:
         ----------
         t : s since takeoff, of the measurement; later than that of the last one
         orientation, orientation_rate : rad, rad/s
-            Unbounded: a somersault more is 2 pi more.
+            Whole turns more or less do not matter.
         positions, velocities : (n,) rad, rad/s
             Of the planned joints.
         now : s since takeoff
@@ -164,31 +165,35 @@ class Replanner:
             return self._unchanged("invalid", "not between the last call and the landing")
         if not measured.time >= max(self._reckoning.motions[0].begin, present - LONGEST_DELAY, 0.0):
             return self._unchanged("invalid", "measured too long ago")
-        if not self._learned(measured, present):
-            return self._unchanged("invalid", "too far from what is expected")
+        wrong = self._learned(measured, present)
+        if wrong:
+            return self._unchanged("invalid", wrong)
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
         return self._correct(present, self._estimate.orientation + self._reckoning.turned(present - measured.time))
 
-    def _learned(self, measured: Measurement, now: float) -> bool:
-        """Take in a measurement; False where it cannot be one."""
+    def _learned(self, measured: Measurement, now: float) -> str:
+        """Take in a measurement; why not, where it cannot be one."""
         estimate, plausible = self._estimate, self._plausible
         if measured.com_position is not None and not plausible.com(measured, *estimate.place(measured.time)):
-            return False
+            return FAR_OFF
         expected = self._reckoning.expected(measured, now)
-        unseen = measured.time - max(self._measured, 0.0)
-        base = plausible.base(measured, expected.orientation + expected.aside, expected.rate, unseen)
-        if base and plausible.joints(measured, expected.positions, expected.velocities):
+        mistake = plausible.mistaken(measured, expected)
+        if mistake:
+            return mistake
+        measured.orientation = unwrapped(measured.orientation, expected.beside)
+        base = plausible.base(measured, expected)
+        if base and plausible.joints(measured, expected):
             self._recovery.clear()
-        elif not (plausible.may_be(measured, expected.orientation + expected.aside) and self._recovery.again(measured)):
-            return False
+        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+            return FAR_OFF
         elif not base:
             estimate.inertial.forget()
         self._reckoning.learn(measured, expected)
         estimate.take_in(measured)
         self._measured = measured.time
-        return True
+        return ""
 
     def _correct(self, now: float, orientation: float) -> Correction:
         first, self._corrected = self._corrected < 0.0, now

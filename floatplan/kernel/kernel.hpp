@@ -107,7 +107,7 @@ struct Flight {
     double began, measured, now, landing, measured_orientation, measured_rate;
     double *measured_positions, *measured_velocities;  // (n)
     double *positions, *velocities, *map;            // (n), (n), (n + 1)
-    double turn_before, turn_after, expected_rate, aside;
+    double turn_before, turn_after, expected_rate, aside, variance, noise;
     std::int64_t evaluations, is_warm;
     double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
     Foreseen foreseen;

@@ -161,7 +161,7 @@ class Flight(Structure):
             for name in ("began", "measured", "now", "landing", "measured_orientation", "measured_rate")
         ),
         *((name, Doubles) for name in ("measured_positions", "measured_velocities", "positions", "velocities", "map")),
-        *((name, c_double) for name in ("turn_before", "turn_after", "expected_rate", "aside")),
+        *((name, c_double) for name in ("turn_before", "turn_after", "expected_rate", "aside", "variance", "noise")),
         *((name, c_int64) for name in ("evaluations", "is_warm")),
         *((name, Doubles) for name in ("warm_start", "coefficients", "worst")),
         ("foreseen", Foreseen),

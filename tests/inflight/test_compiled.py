@@ -75,6 +75,7 @@ def flown_alike(plan: fp.Plan, both: list[fp.Replanner], begin: float, seed: int
         if number == 4:  # invalid, or surprising
             measured[1 + number % 2] += float(rng.choice([0.3, math.nan, 10.0]))
         com = (None, None) if seed % 2 else (path.positions(np.array([t]))[0], path.velocities(np.array([t]))[0] * 1.02)
+        robot.fly(both[0], now, 10)
         here, there = (replanner.update(*measured, now, *com) for replanner in both)
         assert (there.status, there.reason) == (here.status, here.reason)
         for name in ("predicted_miss", "landing", "angular_momentum"):
@@ -86,7 +87,7 @@ def flown_alike(plan: fp.Plan, both: list[fp.Replanner], begin: float, seed: int
         np.testing.assert_allclose(there.foreseen.worst, here.foreseen.worst, rtol=1e-8, atol=1e-8)
         assert there.predicted_miss == pytest.approx(there.foreseen.outlook.miss, rel=1e-9, abs=1e-11)
         compared += here.status != "invalid"
-        robot.fly(both[0], following, 3)
+        robot.fly(both[0], following, 40)
     return compared
 
 

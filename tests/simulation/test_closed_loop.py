@@ -208,7 +208,7 @@ def test_intervals_of_authority_have_no_holes_and_are_not_empty() -> None:
     """Where limits are tight, flights from larger errors may land again beyond some that do not."""
     plan = fp.plan(fp.load_problem(PROBLEMS / "somersault_motors.toml"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(authority_module, "SHARES", (0.0, 0.6))
+        patch.setattr(authority_module, "SHARES", (0.0,))
         found = fp.authority(plan)
     replanner = fp.Replanner(plan, authority_module.RATE / plan.duration)
     for begin, ends in zip(found.times.tolist(), found.momentum, strict=True):
