@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.inflight import identification as filtered
 from floatplan.inflight import law as lawful
 from floatplan.inflight.estimate import Estimate
@@ -85,6 +86,17 @@ class CompiledReckoning(Reckoning):
         )
         self._flight = self._filled.structure
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the kernel, and where numbers lie in memory."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_kernel", "_flight")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        compiled = library.kernel()
+        if compiled is None:
+            raise InputError("a Replanner that was pickled with the compiled kernel needs it: floatplan --version")
+        self.__dict__.update(state)
+        self._kernel, self._flight = compiled, self._filled.structure
+
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
         inertial, flight = estimate.inertial, self._flight
@@ -141,11 +153,8 @@ class CompiledReckoning(Reckoning):
         self._step(FlightStep.CORRECT)
         motion = self._written(now, landing)
         self.motions.append(motion)
-        present = self.present(now, orientation)
-        found = flight.foreseen
-        return Foreseen(
-            motion, found.miss, self._called["worst"].copy(), found.share, lambda: Outlook(self.views, motion, present)
-        )
+        outlook = Outlook(self.views, motion, self.present(now, orientation))
+        return Foreseen(outlook, flight.foreseen.miss, self._called["worst"].copy(), flight.foreseen.share)
 
     def _rewritten(self, now: float, landing: float) -> RemainingMotion:
         self._flight.now, self._flight.landing = now, landing

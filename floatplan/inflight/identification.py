@@ -84,7 +84,7 @@ class Identification:
     def as_found(self) -> Callable[[], Dynamics]:
         """Return what gives the dynamics with the masses found by now, also later."""
         known = self._dynamics
-        return partial(self._adapted, self.state[2:].copy()) if known is None else lambda: known
+        return partial(self._adapted, self.state[2:].copy()) if known is None else partial(_same, known)
 
     def orientation_variance(self, turned: Array) -> float:
         """Of the orientation, rad^2, after a turn by ``turned`` (2+2m,) for each of the state."""
@@ -128,8 +128,8 @@ class Identification:
     def momentum(self, positions: Array, velocities: Array, rates: Array) -> tuple[float, Array]:
         """The measured momentum with the plan's masses, and how h less it depends on the state (2+2m,).
 
-        The joints (2, n) and the base's rates (2,) rad/s are first the expected ones, then those measured: what the state
-        does to the momentum is that of the expected, since noise that is in both would make the masses drift.
+        The joints (2, n) and the base's rates (2,) rad/s are first the expected ones, then those measured: what the
+        state does to the momentum is that of the expected, since noise that is in both would make the masses drift.
         """
         body_rates = velocities @ self._turns + rates[:, None]
         rotations = self._tree.rotations(positions @ self._turns + self._tree.offsets)
@@ -162,3 +162,7 @@ class Identification:
         masses = errors[:bodies] * self._mass
         coupling = self._coupling + self._weights_adjoint @ (masses[:, None] * self._weights)
         return self._nominal.adapted(coupling, self._inertia * (1 + errors[bodies:]))
+
+
+def _same(dynamics: Dynamics) -> Dynamics:
+    return dynamics

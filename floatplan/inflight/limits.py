@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -209,22 +209,22 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Rows]
     """Return the rows of all obstacles and pairs of links, measured to ``shapes``."""
     obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
     blocks: list[Rows] = [
-        DistanceRows(_to_obstacle(obstacle), obstacle.margin, obstacle.window or (-np.inf, np.inf))
+        DistanceRows(partial(_to_obstacle, obstacle), obstacle.margin, obstacle.window or (-np.inf, np.inf))
         for obstacle in obstacles
     ]
     links = [shape.link for shape in shapes]
     for pair in problem.self_clearances:
         first, second = (np.flatnonzero([link == name for link in links]) for name in pair.links)
-        blocks.append(DistanceRows(_between(first, second), pair.margin, (-np.inf, np.inf)))
+        blocks.append(DistanceRows(partial(_between, first, second), pair.margin, (-np.inf, np.inf)))
     return blocks
 
 
-def _to_obstacle(obstacle: Obstacle) -> Callable[[Segments, Array], Distances]:
-    return lambda segments, times: obstacle_distances(segments, obstacle, times)
+def _to_obstacle(obstacle: Obstacle, segments: Segments, times: Array) -> Distances:
+    return obstacle_distances(segments, obstacle, times)
 
 
-def _between(first: IntArray, second: IntArray) -> Callable[[Segments, Array], Distances]:
-    return lambda segments, _: pair_distances(segments.of(first), segments.of(second))
+def _between(first: IntArray, second: IntArray, segments: Segments, _: Array) -> Distances:
+    return pair_distances(segments.of(first), segments.of(second))
 
 
 def _torque_rows(problem: Problem) -> list[Rows]:

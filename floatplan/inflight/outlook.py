@@ -63,7 +63,7 @@ class Instants:
     """
 
     grid: GaussGrid
-    values: tuple[Array, ...]
+    values: tuple[Array, Array, Array]
     free: tuple[Array, ...]
 
     @property
@@ -184,6 +184,10 @@ class Outlook:
 
     def __init__(self, views: Views, motion: RemainingMotion, present: Present, landed: bool = False) -> None:
         self._views, self.motion, self._present, self._landed = views, motion, present, landed
+
+    def __reduce__(self) -> tuple[type[Outlook], tuple[Views, RemainingMotion, Present, bool]]:
+        """To what it is made of: a copy evaluates anew."""
+        return Outlook, (self._views, self.motion, self._present, self._landed)
 
     @property
     def has_distances(self) -> bool:

@@ -6,9 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -26,21 +24,19 @@ GAP_NODES = 5  # [-] of the quadrature between measurements
 
 @dataclass(eq=False)
 class Foreseen:
-    """A motion that was chosen, its miss, rad, the worst of each block of rows, and the share of the correction taken.
-
-    ``look`` makes the whole outlook.
+    """An outlook's motion that was chosen, its miss, rad, the worst of each block of rows, and the share of the
+    correction taken.
     """
 
-    motion: RemainingMotion
+    outlook: Outlook
     miss: float
     worst: Array
     share: float
-    look: Callable[[], Outlook]
 
-    @cached_property
-    def outlook(self) -> Outlook:
-        """All that will come of the motion."""
-        return self.look()
+    @property
+    def motion(self) -> RemainingMotion:
+        """The joints' motion."""
+        return self.outlook.motion
 
 
 class Reckoning:
@@ -106,7 +102,7 @@ class Reckoning:
         present = Outlook(self.views, self._rewritten(now, landing), self.present(now, orientation))
         outlook, share = self._law.corrected(present, evaluations, warm_start)
         self._remember(outlook.motion)
-        return Foreseen(outlook.motion, outlook.miss, outlook.worst, share, lambda: outlook)
+        return Foreseen(outlook, outlook.miss, outlook.worst, share)
 
     def present(self, now: float, orientation: float) -> Present:
         """The robot at a time not before the last measurement, at which its orientation is known, rad."""

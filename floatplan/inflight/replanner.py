@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,7 @@ class Replanner:
     """Corrects a plan's motion in flight, so that the robot lands as planned with what it really took off with.
 
     The joints' motion stays continuous to the accelerations and inside the joint ranges whatever is measured.
-    One object per flight and thread.
+    One object per flight and thread; copies, also pickled ones, go on from where it is, each by itself.
 
     Parameters
     ----------
@@ -82,6 +83,10 @@ class Replanner:
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
 
+    def __copy__(self) -> Replanner:
+        """Return another that flies on by itself: what is measured by one is not known to the other."""
+        return deepcopy(self)
+
     def reset(self) -> None:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
@@ -98,7 +103,7 @@ class Replanner:
         self._landing = plan.duration
         self._reckoning.begin(self._estimate)
         outlook = self._at_takeoff(self.motion, momentum)
-        foreseen = Foreseen(self.motion, outlook.miss, outlook.worst, 1.0, lambda: outlook)
+        foreseen = Foreseen(outlook, outlook.miss, outlook.worst, 1.0)
         self._last = Correction("applied", "", foreseen, plan.duration, momentum)
 
     def _at_takeoff(self, motion: RemainingMotion, angular_momentum: float) -> Outlook:
@@ -260,7 +265,7 @@ def _judged(foreseen: Foreseen) -> tuple[Status, str]:
     if min(foreseen.worst.tolist(), default=0.0) < -KEPT:
         return "limited", "a limit will be broken, as without the correction"
     if not abs(foreseen.miss) <= REACHED:
-        return "limited", "the goal is out of reach"
+        return "limited", f"it lands more than {REACHED:g} rad from the goal"
     return "applied", ""
 
 

@@ -19,21 +19,29 @@ class Filled:
     """A structure with what it points to."""
 
     def __init__(self, kind: type[ctypes.Structure], **values: Any) -> None:
-        self._kept: list[Any] = []
+        self._arrays: dict[str, np.ndarray[Any, Any]] = {}
         self.structure: Any = kind()
         integers = _integers(kind)
         for name, value in values.items():
             if isinstance(value, np.ndarray):
-                array = np.ascontiguousarray(value, dtype=np.int64 if name in integers else np.float64)
-                self._kept.append(array)
-                value = library.address(array)
-            setattr(self.structure, name, value)
+                self.point_to(**{name: np.ascontiguousarray(value, np.int64 if name in integers else np.float64)})
+            else:
+                setattr(self.structure, name, value)
 
     def point_to(self, **arrays: np.ndarray[Any, Any]) -> None:
         """Point to other arrays, as they are: contiguous, of the right numbers."""
-        self._pointed = arrays
+        self._arrays.update(arrays)
         for name, array in arrays.items():
             setattr(self.structure, name, library.address(array))
+
+    def __getstate__(self) -> tuple[type[ctypes.Structure], bytes, dict[str, np.ndarray[Any, Any]]]:
+        """Its numbers and arrays: a copy has its own."""
+        return type(self.structure), bytes(self.structure), self._arrays
+
+    def __setstate__(self, state: tuple[type[ctypes.Structure], bytes, dict[str, np.ndarray[Any, Any]]]) -> None:
+        kind, content, self._arrays = state
+        self.structure = kind.from_buffer_copy(content)
+        self.point_to(**self._arrays)
 
 
 @cache
