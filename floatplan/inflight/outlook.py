@@ -26,6 +26,8 @@ from floatplan.robot.robot import LinkCapsule, PlanarTree
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
 MOST_WATCHED = 160  # [-] where an obstacle could be passed unseen between so few
+LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
+OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
 THINNEST = 1e-3  # [m] of what is passed
 SHARED = ("_course", "flown", "miss", "_rate_by_p")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
@@ -84,11 +86,14 @@ class Views:
         self.has_distances = bool(distances)
         self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
-        self._windows = [obstacle.window for obstacle in obstacles if obstacle.window is not None]
+        self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self._functions = basis(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
-        watched = np.linspace(0.0, 1.0, _watched(plan, self.flight, obstacles))
-        self.instants = self._at(gauss_grid(NODE_COUNTS[_level(plan)]).also(watched))
+        count = _watched(plan, self.flight, obstacles)
+        count += -(count + len(OF_WINDOW) * len(self._windows)) % LANES
+        self._always = gauss_grid(NODE_COUNTS[_level(plan)]).also(np.linspace(0.0, 1.0, count))
+        self.instants = self._at(self._always)
+        self.instants = self.between(0.0, plan.duration)
         self.motor_turns = plan.robot.tree.motor_turns
 
     def _at(self, grid: GaussGrid) -> Instants:
@@ -97,11 +102,11 @@ class Views:
 
     def between(self, begin: float, end: float) -> Instants:
         """Where a motion between two times, s, is looked at: also at the ends and middles of obstacles' windows."""
-        present = [(max(low, begin), min(high, end)) for low, high in self._windows if low < end and high > begin]
-        if not present:
+        if not len(self._windows):
             return self.instants
-        times = np.array([(low, (low + high) / 2, high) for low, high in present]).ravel()
-        return self._at(self.instants.grid.also((times - begin) / (end - begin)))
+        low, high = np.clip(self._windows, begin, end).T
+        times = low[:, None] + (high - low)[:, None] * OF_WINDOW
+        return self._at(self._always.also((times.ravel() - begin) / (end - begin)))
 
 
 def _watched(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:

@@ -136,7 +136,8 @@ class Reckoning {
         RestOfFlight rest(f);
         rest.T = f.landing - f.now;
         rest.h = f.state[1];
-        rest.change = f.goal - (f.state[0] + f.turn_after);
+        rest.orientation = f.state[0] + f.turn_after;
+        rest.change = f.goal - rest.orientation;
         Ahead two[2];
         double *memory = f.ahead_memory;
         for (Ahead &a : two) lay_out(a, memory);
@@ -166,6 +167,9 @@ class Reckoning {
         for (double **each : {&a.rate, &a.inverse, &a.base_acceleration}) take(*each, K);
         for (double **each : {&a.value, &a.violation}) take(*each, f.block_first[f.blocks] * K);
         take(a.worst, f.blocks);
+        if (!f.capsules) return;
+        for (double **each : {&a.angle, &a.turn_c, &a.turn_s}) take(*each, K);
+        for (double **each : {&a.end_x, &a.end_y}) take(*each, 2 * f.capsules * K);
     }
 
     const double *motion_at(double time) const {

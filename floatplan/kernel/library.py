@@ -120,10 +120,10 @@ class Flight(Structure):
             (name, c_int64)
             for name in (
                 *("joints", "groups", "bodies", "width", "instants", "nodes", "gap_nodes", "memory", "blocks"),
-                *("torque_rows", "most_rows", "most_rows_of_all"),
+                *("torque_rows", "most_rows", "most_rows_of_all", "capsules"),
             )
         ),
-        *((name, c_double) for name in ("turn", "goal")),
+        *((name, c_double) for name in ("turn", "goal", "length_scale")),
         *((name, Doubles) for name in ("centre", "amplitude", "turns")),
         ("group", Integers),
         *(
@@ -137,9 +137,14 @@ class Flight(Structure):
         *((name, Doubles) for name in ("aim", "softness")),
         *((name, Integers) for name in ("row_kind", "row_joint")),
         *((name, Doubles) for name in ("row_limit", "row_slope", "row_turns", "row_ratios")),
+        *((name, Integers) for name in ("row_shape", "row_other")),
+        *(
+            (name, Doubles)
+            for name in ("row_window", "obstacles", "radius", "ends_real", "ends_imaginary", "s", "integrals")
+        ),
         *((name, c_double) for name in ("sigma", "acceleration", "far", "weighed", "settled", "shorter", "kept")),
         ("scales", c_double * 2),
-        ("evaluations_far", c_int64),
+        *((name, c_int64) for name in ("evaluations_near", "evaluations_far")),
         *(
             (name, Doubles)
             for name in (
@@ -160,12 +165,18 @@ class Flight(Structure):
             (name, c_double)
             for name in ("began", "measured", "now", "landing", "measured_orientation", "measured_rate")
         ),
-        *((name, Doubles) for name in ("measured_positions", "measured_velocities", "positions", "velocities", "map")),
+        *(
+            (name, Doubles)
+            for name in ("measured_positions", "measured_velocities", "positions", "velocities", "map", "path")
+        ),
         *((name, c_double) for name in ("turn_before", "turn_after", "expected_rate", "aside", "variance", "noise")),
         *((name, c_int64) for name in ("evaluations", "is_warm")),
         *((name, Doubles) for name in ("warm_start", "coefficients", "worst")),
         ("foreseen", Foreseen),
-        *((name, Doubles) for name in ("scratch", "law_memory", "ahead_memory", "filter_memory", "gap_memory")),
+        *(
+            (name, Doubles)
+            for name in ("scratch", "law_memory", "ahead_memory", "filter_memory", "gap_memory", "drift")
+        ),
     )
 
 

@@ -116,9 +116,25 @@ def test_every_problem(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert assert_same(plan, both, 1) >= 10
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", ["falling_cat_apart", "somersault", "high_jump"])
+def test_obstacles_that_move_and_come_and_go(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every kind, some of them in the way."""
+    problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(seed))
+    rng, end = np.random.default_rng(seed), problem.flight.duration
+    com = forward_plan(problem).ballistics.positions(np.array([0.4 * end, 0.6 * end]))
+    circle = fp.Circle(center=tuple(com[0] + rng.normal(0, 0.3, 2)), radius=0.05, velocity=(0.5, -0.2), margin=0.01)
+    bar = fp.Bar(start=tuple(com[1] + rng.normal(0, 0.3, 2)), end=tuple(com[1] + rng.normal(0, 0.6, 2)), radius=0.02)
+    wall = fp.HalfPlane(point=tuple(com[1] - 0.4), normal=(1.0, 2.0), window=(0.3 * end, 0.35 * end))
+    obstacles = (replace(circle, window=(0.41 * end, 0.42 * end)), bar, replace(bar, window=(0.0, 0.8 * end)), wall)
+    plan = forward_plan(replace(problem, obstacles=obstacles), seed=seed)
+    both = pair(plan, monkeypatch)
+    assert assert_same(plan, both, seed) >= 8
+
+
 @pytest.mark.parametrize("name", ["go2", "g1", "human"])
 def test_limits_of_robots_with_coupled_and_locked_joints(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without their obstacles, so that the kernel's law keeps the limits."""
+    """Without their obstacles."""
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     problem = fp.load_problem(PROBLEMS / "gallery" / f"{name}.toml")
