@@ -121,7 +121,7 @@ class CompiledReckoning(Reckoning):
             wander=inertial.wander,
             deviations=inertial.deviations,
         )
-        flight.known = 0
+        flight.known, flight.turn_after = 0, 0.0
         self._step(FlightStep.ADAPT)
         super().begin(estimate)
 
@@ -179,8 +179,9 @@ class CompiledReckoning(Reckoning):
         self._step(FlightStep.REWRITE)
         return self._written(now, landing)
 
-    def _remember(self, motion: RemainingMotion) -> None:
-        super()._remember(motion)
+    def remember(self, motion: RemainingMotion) -> None:
+        """Take a motion as the present one."""
+        super().remember(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
         self._called["coefficients"][:] = motion.coefficients
         self._step(FlightStep.REMEMBER)

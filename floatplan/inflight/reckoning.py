@@ -51,7 +51,7 @@ class Reckoning:
         """Begin another flight, of which so much is known."""
         self.estimate = estimate
         self.motions.clear()
-        self._remember(self._rewriting.first)
+        self.remember(self._rewriting.first)
 
     def expected(self, measured: Measurement, now: float) -> Expected:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
@@ -101,7 +101,7 @@ class Reckoning:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
         present = Outlook(self.views, self._rewritten(now, landing), self.present(now, orientation))
         outlook, share = self._law.corrected(present, evaluations, warm_start)
-        self._remember(outlook.motion)
+        self.remember(outlook.motion)
         return Foreseen(outlook, outlook.miss, outlook.worst, share)
 
     def present(self, now: float, orientation: float) -> Present:
@@ -113,7 +113,8 @@ class Reckoning:
     def _rewritten(self, now: float, landing: float) -> RemainingMotion:
         return self._rewriting.from_now(self.motions[-1], now, landing)
 
-    def _remember(self, motion: RemainingMotion) -> None:
+    def remember(self, motion: RemainingMotion) -> None:
+        """Take a motion as the present one."""
         self.motions.append(motion)
 
     def _joints(self, times: Array) -> tuple[Array, Array]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -79,7 +78,7 @@ class Replanner:
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
-        self._warm_starts = WarmStarts(self._law, self.motion, self._at_takeoff, plan.angular_momentum)
+        self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
 
@@ -102,14 +101,16 @@ class Replanner:
         self._corrected = -math.inf
         self._landing = plan.duration
         self._reckoning.begin(self._estimate)
-        outlook = self._at_takeoff(self.motion, momentum)
+        outlook = Outlook(self.views, self.motion, self._reckoning.present(0.0, orientation))
         foreseen = Foreseen(outlook, outlook.miss, outlook.worst, 1.0)
         self._last = Correction("applied", "", foreseen, plan.duration, momentum)
 
-    def _at_takeoff(self, motion: RemainingMotion, angular_momentum: float) -> Outlook:
-        """What will come of a motion from takeoff, with an angular momentum, kg m^2/s."""
-        present = self._reckoning.present(0.0, self.plan.problem.initial.orientation)
-        return Outlook(self.views, motion, replace(present, angular_momentum=angular_momentum))
+    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Foreseen:
+        """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""
+        self.reset()
+        self._estimate.inertial.state[1] = angular_momentum
+        self._reckoning.remember(motion)
+        return self._reckoning.corrected(0.0, self._estimate.orientation, self.plan.duration, evaluations)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
