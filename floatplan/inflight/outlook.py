@@ -89,9 +89,9 @@ class Views:
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self._functions = basis(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
-        count = _watched(plan, self.flight, obstacles)
-        count += -(count + len(OF_WINDOW) * len(self._windows)) % LANES
-        self._always = gauss_grid(NODE_COUNTS[_level(plan)]).also(np.linspace(0.0, 1.0, count))
+        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _watched(plan, self.flight, obstacles)
+        count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
+        self._always = nodes.also(np.linspace(0.0, 1.0, count))
         self.instants = self._at(self._always)
         self.instants = self.between(0.0, plan.duration)
         self.motor_turns = plan.robot.tree.motor_turns

@@ -13,6 +13,7 @@ from needed import skip_or_fail
 from plain_problems import plain_problems
 
 import floatplan as fp
+from floatplan.inflight import outlook
 from floatplan.inflight.compiled import CompiledReckoning
 from floatplan.inflight.reckoning import Reckoning
 from floatplan.kernel import library
@@ -105,6 +106,15 @@ def test_limits_that_are_met(number: int, monkeypatch: pytest.MonkeyPatch) -> No
     both = pair(plan, monkeypatch)
     assert len(both[0].views.rows) >= 4
     assert assert_same(plan, both, number) >= 10
+
+
+@pytest.mark.parametrize("watched", [41, 43])
+def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outlook, "WATCHED", watched)
+    plan = forward_plan(limited(plain_problems(96)[8], np.random.default_rng(8)), seed=8)
+    both = pair(plan, monkeypatch)
+    assert len(both[0].views.instants.watched) >= watched
+    assert assert_same(plan, both, 8) >= 10
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
