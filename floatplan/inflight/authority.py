@@ -13,6 +13,7 @@ import numpy as np
 from floatplan.arguments import FINITE
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
+from floatplan.inflight.correction import REACHED
 from floatplan.inflight.outlook import Outlook, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
@@ -24,10 +25,10 @@ from floatplan.plans.plan_file import given_plan
 from floatplan.shown import Outlined
 from floatplan.threads import one_thread
 
-REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried
-RESOLUTION = 0.01  # [-] of an interval's ends
+STEP = 0.01  # [-] from error to error that is tried, from zero outwards
+RESOLUTION = 0.001  # [-] of an interval's ends
 RATE = 40  # [-] corrections per flight
 ALLOWED = 0.01  # [-] by which a limit may be broken; of distances, of 0.1 m, beyond the margin
 NODES = 6  # [-] of the quadrature from correction to correction
@@ -42,9 +43,9 @@ class Authority(Outlined):
     times : (K,) s since takeoff
         When corrections begin; before, the robot follows the plan.
     momentum, inertia : (K, 2)
-        Least and largest relative error from which it lands at the goal and keeps the problem's limits: of the angular
-        momentum, or of all inertia of the bodies but the base's. NaN where no error at all is survived. At most
-        ``largest`` is tried.
+        Relative errors between which it lands at the goal from all that were tried, and keeps the problem's limits: of
+        the angular momentum, or of all inertia of the bodies but the base's. NaN where it does not land even without
+        an error. At most ``largest`` is tried.
     largest : float
     reached : rad, the miss that counts as reached
     """
@@ -72,7 +73,9 @@ def authority(plan: Plan | str | Path) -> Authority:
     """Return from which errors of momentum and of inertia corrections in flight reach the landing, and until when.
 
     The joints are taken to follow their reference exactly, and what is measured to be exact: no controller does better.
-    The angular momentum has the error from takeoff on; corrections begin later. Errors are bisected from zero outwards.
+    The angular momentum has the error from takeoff on; corrections begin later. Errors are tried from zero outwards,
+    0.01 apart, and between the last that lands and the first that does not the end is bisected to 0.001: an interval
+    has no holes, but such as lie between two errors that were tried.
 
     Parameters
     ----------
@@ -113,9 +116,13 @@ def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
 
 
 def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
-    """Largest size up to ``most`` of an error of that sign from which a flight lands, by bisection."""
-    low, high = 0.0, most
-    if most <= RESOLUTION or lands(sign * most, begin):
+    """Largest size up to ``most`` of an error of that sign from which, as from all smaller ones, a flight lands."""
+    low = 0.0
+    for high in [*np.arange(STEP, most, STEP).tolist(), most]:
+        if not lands(sign * high, begin):
+            break
+        low = high
+    else:
         return most
     while high - low > RESOLUTION:
         middle = (low + high) / 2
@@ -167,6 +174,6 @@ def _within(replanner: Replanner, present: Present, following: float) -> bool:
     if not views.rows:
         return True
     motion = replanner.rewriting.from_now(replanner.motion, present.time, replanner.landing)
-    soon = views.grid.s <= (following - present.time) / motion.remaining
-    values = Outlook(views, motion, present).values
-    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in values)
+    outlook = Outlook(views, motion, present)
+    soon = outlook.times <= following
+    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in outlook.values)

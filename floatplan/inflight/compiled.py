@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,39 +12,47 @@ from floatplan.inflight import identification as filtered
 from floatplan.inflight import law as lawful
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.law import Law
-from floatplan.inflight.limits import JointRows, Rows, TorqueRows
-from floatplan.inflight.measurement import Measurement
+from floatplan.inflight.limits import LENGTH_SCALE, ROUNDING, DistanceRows, JointRows, Rows, TorqueRows
+from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.outlook import Outlook, Views
-from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Expected, Foreseen, Reckoning
+from floatplan.inflight.outlook import Instants, Outlook, Views
+from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Foreseen, Reckoning
 from floatplan.kernel.filled import Filled
 from floatplan.kernel.layout import ENUMERATIONS
-from floatplan.kernel.library import Kernel
+from floatplan.kernel.library import Kernel, kernel
+from floatplan.kernel.watch import PAIR, written_obstacle
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.momentum import TurningBodies, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import CONDITIONS
+from floatplan.problem.parts import Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 
 STEPS = ENUMERATIONS["Step"].__members__
-KINDS = {"velocities": 0, "accelerations": 1, "orientation_rate": 2, "torque": 3}
+KINDS = {"velocities": 0, "accelerations": 1, "orientation_rate": 2}
+TORQUE, DISTANCE = 3, 4
+ALWAYS = (-np.inf, np.inf)
 
 
 class CompiledReckoning(Reckoning):
-    """The same in C++; where distances are limited, the law itself in NumPy."""
+    """The same in C++."""
 
     def __init__(self, kernel: Kernel, tree: PlanarTree, views: Views, rewriting: Rewriting, law: Law) -> None:
         super().__init__(views, rewriting, law)
         self._kernel = kernel
         n, m, width = len(rewriting.first.amplitude), len(tree.mass), len(views.whitening)
         groups, columns, states = len(TurningBodies.of(tree).turns), CONDITIONS + width, 2 + 2 * m
-        rows = _rows([] if views.has_distances else views.rows, m, n)
-        instants, size = len(views.grid.s), n * width
+        shapes = views.flight.link_shapes if views.has_distances else LinkShapes(tree, ())
+        instants, size, capsules = len(views.instants.grid.s), n * width, len(shapes.radius)
+        rows = _rows(views.rows, capsules, m, n)
         most = 1 + lawful.MOST_ROWS * (len(rows["block_first"]) - 1)
-        ahead = columns * n + (8 * n + 8 * groups + 2 * m + 3 + 2 * len(rows["row_kind"])) * instants
+        of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
+        ahead = columns * n + of_instant * instants
         self._called = {
             "positions": np.zeros(n),
             "velocities": np.zeros(n),
             "map": np.zeros(n + 1),
+            "path": np.zeros(5),
             "measured_positions": np.zeros(n),
             "measured_velocities": np.zeros(n),
             "coefficients": np.zeros((columns, n)),
@@ -62,6 +71,7 @@ class CompiledReckoning(Reckoning):
             "ahead_memory": 2 * (ahead + 8 * 40),
             "filter_memory": 3 * states + max(3 * groups, (columns + 1) * n),
             "gap_memory": (2 * GAP_NODES + 1) * (2 * n + 3 * groups),
+            "drift": views.instants.grid.nodes * size,
         }
         self._filled = Filled(
             "Flight",
@@ -70,14 +80,18 @@ class CompiledReckoning(Reckoning):
             bodies=m,
             width=width,
             instants=instants,
-            nodes=views.grid.nodes,
+            nodes=views.instants.grid.nodes,
             gap_nodes=GAP_NODES,
             memory=MEMORY,
             most_rows=lawful.MOST_ROWS,
             most_rows_of_all=most,
+            capsules=capsules,
+            length_scale=LENGTH_SCALE,
             goal=views.flight.final_orientation,
             **_of_motions(views, rewriting),
+            **_of_instants(views.instants),
             **_of_bodies(tree),
+            **_of_capsules(tree, shapes),
             **rows,
             **_of_law(law),
             **_of_filter(),
@@ -86,6 +100,14 @@ class CompiledReckoning(Reckoning):
             **{name: np.zeros(count) for name, count in memory.items()},
         )
         self._flight = self._filled.structure
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the kernel, and where numbers lie in memory."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_kernel", "_flight")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._kernel, self._flight = kernel(), self._filled.structure
 
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
@@ -97,7 +119,7 @@ class CompiledReckoning(Reckoning):
             wander=inertial.wander,
             deviations=inertial.deviations,
         )
-        flight.known = 0
+        flight.known, flight.turn_after = 0, 0.0
         self._step(STEPS["adapt_masses"])
         super().begin(estimate)
 
@@ -107,13 +129,21 @@ class CompiledReckoning(Reckoning):
         flight.began, flight.measured, flight.now = self.estimate.time, measured.time, now
         called["measured_positions"][:] = measured.positions
         called["measured_velocities"][:] = measured.velocities
-        flight.measured_orientation, flight.measured_rate = measured.orientation, measured.orientation_rate
         self._step(STEPS["expect_state"])
         orientation = self.estimate.inertial.orientation + flight.turn_before
-        return Expected(called["positions"], called["velocities"], orientation, flight.expected_rate, flight.aside)
+        return Expected(
+            called["positions"],
+            called["velocities"],
+            orientation,
+            flight.expected_rate,
+            flight.aside,
+            flight.variance,
+            flight.noise,
+        )
 
     def learn(self, measured: Measurement, expected: Expected) -> None:
         """Take in a measurement that is as it was expected."""
+        self._flight.measured_orientation, self._flight.measured_rate = measured.orientation, measured.orientation_rate
         self._step(STEPS["learn_state"])
         self.estimate.inertial.has_changed()
 
@@ -125,9 +155,13 @@ class CompiledReckoning(Reckoning):
         self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
     ) -> Foreseen:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
+        flight, present = self._flight, self.present(now, orientation)
         if self.views.has_distances:
-            return super().corrected(now, orientation, landing, evaluations, warm_start)
-        flight = self._flight
+            com = present.com
+            self._called["path"][:] = (*com.position0, *com.velocity0, com.gravity)
+            instants = self.views.between(now, landing)
+            if instants is not self.views.instants:
+                self._filled.point_to(**{k: np.ascontiguousarray(part) for k, part in _of_instants(instants).items()})
         flight.now, flight.landing, flight.evaluations = now, landing, evaluations
         flight.is_warm = warm_start is not None
         if warm_start is not None:
@@ -135,19 +169,17 @@ class CompiledReckoning(Reckoning):
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
-        present = self.present(now, orientation)
-        found = flight.foreseen
-        return Foreseen(
-            motion, found.miss, self._called["worst"].copy(), found.share, lambda: Outlook(self.views, motion, present)
-        )
+        outlook = Outlook(self.views, motion, present)
+        return Foreseen(outlook, flight.foreseen.miss, self._called["worst"].copy(), flight.foreseen.share)
 
     def _rewritten(self, now: float, landing: float) -> RemainingMotion:
         self._flight.now, self._flight.landing = now, landing
         self._step(STEPS["rewrite_motion"])
         return self._written(now, landing)
 
-    def _remember(self, motion: RemainingMotion) -> None:
-        super()._remember(motion)
+    def remember(self, motion: RemainingMotion) -> None:
+        """Take a motion as the present one."""
+        super().remember(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["remember_motion"])
@@ -161,14 +193,22 @@ class CompiledReckoning(Reckoning):
         self._kernel.flight(self._flight, step, self._kernel.instructions)
 
 
+def _of_instants(instants: Instants) -> dict[str, Array]:
+    grid = instants.grid
+    return {
+        "s": grid.s,
+        "integrals": grid.integrals[grid.nodes :],
+        **{name: part.T for name, part in zip(("value", "first", "second"), instants.values, strict=True)},
+        **dict(zip(("free_value", "free_first", "free_second"), instants.free, strict=True)),
+    }
+
+
 def _of_motions(views: Views, rewriting: Rewriting) -> dict[str, Any]:
-    grid, gap, first = views.grid, gauss_legendre(GAP_NODES), rewriting.first
+    gap, first = gauss_legendre(GAP_NODES), rewriting.first
     return {
         "centre": first.centre,
         "amplitude": first.amplitude,
-        "weights": grid.weights,
-        **{name: part.T for name, part in zip(("value", "first", "second"), views.values, strict=True)},
-        **dict(zip(("free_value", "free_first", "free_second"), views.free, strict=True)),
+        "weights": views.instants.grid.weights,
         "whitening": views.whitening,
         "table": first.table,
         "points": rewriting.points,
@@ -202,42 +242,47 @@ def _parts(name: str, values: Any) -> dict[str, Array]:
     return {f"{name}_real": values.real, f"{name}_imaginary": values.imag}
 
 
-def _rows(blocks: Any, bodies: int, joints: int) -> dict[str, Any]:
-    """Rows of limits, block after block."""
-    kinds: list[int] = []
-    joint: list[int] = []
-    parts: list[tuple[Array, Array, Array, Array]] = []
+def _of_capsules(tree: PlanarTree, shapes: LinkShapes) -> dict[str, Any]:
+    """Places of the capsules' ends by the rotations of the groups."""
+    ends = np.stack(shapes.weights, axis=1) @ TurningBodies.of(tree).rotations
+    return {"radius": shapes.radius, **_parts("ends", ends)}
+
+
+def _rows(blocks: Sequence[Rows], capsules: int, bodies: int, joints: int) -> dict[str, Any]:
+    """Rows of limits, block after block: kind, joint or capsule, shape, other, limit, slope, window, turns, ratios."""
+    written: list[tuple[Any, ...]] = []
+    obstacles: list[list[float]] = []
+    first = [0]
+    nothing = np.zeros(bodies), np.zeros(joints)
     for block in blocks:
-        count = len(block.limit)
-        parts.append(_block(block, bodies, joints))
-        kinds += [KINDS["torque" if isinstance(block, TorqueRows) else block.quantity]] * count
-        joint += [0] * count if isinstance(block, TorqueRows) else block.limited.tolist()
-    limit, slope, turns, ratios = (
-        (np.concatenate(part) for part in zip(*parts, strict=True)) if parts else (np.zeros(0) for _ in range(4))
-    )
-    sizes = [len(part[0]) for part in parts]
+        if isinstance(block, TorqueRows):
+            parts = zip(block.limit, block.slope, block.turns.T, block.ratios, strict=True)
+            written += [(TORQUE, 0, 0, 0, limit, slope, ALWAYS, *weights) for limit, slope, *weights in parts]
+        elif isinstance(block, JointRows):
+            limited = zip(block.limited, block.limit, strict=True)
+            written += [(KINDS[block.quantity], i, 0, 0, limit, 0.0, ALWAYS, *nothing) for i, limit in limited]
+        else:
+            assert isinstance(block, DistanceRows), "the blocks that there are"
+            window = block.window[0] - ROUNDING, block.window[1] + ROUNDING
+            if isinstance(block.of, Obstacle):
+                shapes, numbers = written_obstacle(block.of)
+                pairs = [(shape, i, len(obstacles)) for shape in shapes for i in range(capsules)]
+                obstacles.append(numbers)
+            else:
+                pairs = [(PAIR, i, j) for i in block.of[0] for j in block.of[1]]
+            written += [(DISTANCE, i, shape, j, block.margin, 0.0, window, *nothing) for shape, i, j in pairs]
+        first.append(len(written))
+    names = ("row_kind", "row_joint", "row_shape", "row_other", "row_limit", "row_slope", "row_window", "row_turns")
+    columns = zip(*written, strict=True) if written else [()] * (len(names) + 1)
     return {
-        "blocks": len(parts),
-        "torque_rows": kinds.count(KINDS["torque"]),
-        "block_first": np.cumsum([0, *sizes]),
+        "blocks": len(blocks),
+        "torque_rows": sum(row[0] == TORQUE for row in written),
+        "block_first": np.array(first),
         "aim": np.array([block.aim for block in blocks]),
         "softness": np.array([block.softness for block in blocks]),
-        "row_kind": np.array(kinds, dtype=np.int64),
-        "row_joint": np.array(joint, dtype=np.int64),
-        "row_limit": limit,
-        "row_slope": slope,
-        "row_turns": turns,
-        "row_ratios": ratios,
+        "obstacles": np.array(obstacles),
+        **{name: np.array(column) for name, column in zip((*names, "row_ratios"), columns, strict=True)},
     }
-
-
-def _block(block: Rows, bodies: int, joints: int) -> tuple[Array, Array, Array, Array]:
-    """Limit, slope, turns, ratios of the rows of a block."""
-    if isinstance(block, TorqueRows):
-        return block.limit, block.slope, block.turns.T, block.ratios
-    assert isinstance(block, JointRows), "distances are not among them"
-    count = len(block.limit)
-    return block.limit, np.zeros(count), np.zeros((count, bodies)), np.zeros((count, joints))
 
 
 def _of_law(law: Law) -> dict[str, Any]:
@@ -250,6 +295,7 @@ def _of_law(law: Law) -> dict[str, Any]:
         "shorter": lawful.SHORTER,
         "kept": lawful.KEPT,
         "scales": lawful.SCALES,
+        "evaluations_near": lawful.EVALUATIONS,
         "evaluations_far": lawful.EVALUATIONS_FAR,
     }
 

@@ -11,6 +11,8 @@ from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.reckoning import Foreseen
 from floatplan.shown import Outlined
 
+REACHED = 0.01  # [rad] of the goal: a landing within half a degree
+
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
 
 
@@ -21,9 +23,9 @@ class Correction(Outlined):
     Attributes
     ----------
     status : "applied", "limited", "refused" or "invalid"
-        The motion was corrected and keeps all limits; it was corrected in part, or breaks a limit that the last one
-        breaks too; no part of a correction keeps the limits and the last motion stays; the measurement
-        cannot be one, or comes too late, and changes nothing.
+        The motion was corrected, keeps all limits and obstacles and lands within ``REACHED`` of the goal; it was
+        corrected in part, or lands further off, or breaks a limit that the last one breaks too; no part of a correction
+        keeps the limits and the last motion stays; the measurement cannot be one, or is late, and changes nothing.
     reason : why it is not "applied"
     landing : s
         When the robot lands.

@@ -25,7 +25,7 @@ MASS_ERROR = 0.05  # [-] of what is known of masses and inertias beforehand
 LARGEST_ERROR = 0.3  # [-] of them that is believed
 MOMENTUM_ERROR = 0.2  # [-] of the plan's h
 SLOWEST_TURN = 1.0  # [rad/s] whose momentum is the least scale of h
-ORIENTATION_ERROR = 0.1  # [rad] at takeoff
+ORIENTATION_ERROR = 0.05  # [rad] at takeoff
 ANGLE_NOISE = 0.002  # [rad] of measured angles
 RATE_NOISE = 0.02  # [rad/s] of measured rates
 WANDER = 0.002  # [-] of the errors, per root of a second, by which the state may change
@@ -84,24 +84,23 @@ class Identification:
     def as_found(self) -> Callable[[], Dynamics]:
         """Return what gives the dynamics with the masses found by now, also later."""
         known = self._dynamics
-        return partial(self._adapted, self.state[2:].copy()) if known is None else lambda: known
+        return partial(self._adapted, self.state[2:].copy()) if known is None else partial(_same, known)
 
-    def learn(
-        self, orientation: float, rates: Array, positions: Array, velocities: Array, inertia: Array, dt: float
-    ) -> None:
+    def orientation_variance(self, turned: Array) -> float:
+        """Of the orientation, rad^2, after a turn by ``turned`` (2+2m,) for each of the state."""
+        covariance = self.covariance
+        return float(covariance[0, 0] + turned @ (2 * covariance[0] + covariance @ turned))
+
+    def learn(self, orientation: float, momentum: float, row: Array, inertia: Array, dt: float) -> None:
         """Take in angles and rates of base and joints, measured ``dt`` s after the last time.
 
-        The base's angle, rad, is that with the joints on their reference. ``rates`` (2,) rad/s of the base, and the
-        joints (2, n), are first the expected ones, then those measured: what the state does to the momentum is that of
-        the expected, since noise that is in both would make the masses drift. D there is ``inertia`` (n+1,), kg m^2.
-        The state's own orientation has been brought to now.
+        The base's angle, rad, is that with the joints on their reference; ``momentum`` and ``row`` are those of
+        :meth:`momentum`. D there is ``inertia`` (n+1,), kg m^2. The state's own orientation has been brought to now.
         """
-        momentum, rows = self._momentum(positions, velocities, rates)
-        row = rows[0]
         self._predict(row * (dt / inertia[0]), dt)
         noise = float(inertia @ inertia)
         self._correct(self._only_orientation, orientation - self.state[0], ANGLE_NOISE**2 * noise / inertia[0] ** 2)
-        innovation, variance = float(momentum[1] - row @ self.state), RATE_NOISE**2 * noise
+        innovation, variance = momentum - float(row @ self.state), RATE_NOISE**2 * noise
         if self._believed(innovation, math.sqrt(float(row @ self.covariance @ row) + variance)):
             self._correct(row, innovation, variance)
         np.minimum(np.maximum(self.state[2:], -LARGEST_ERROR), LARGEST_ERROR, out=self.state[2:])
@@ -126,8 +125,12 @@ class Identification:
         self.forget()
         return True
 
-    def _momentum(self, positions: Array, velocities: Array, rates: Array) -> tuple[Array, Array]:
-        """The momentum (N,) with the plan's masses, and how h less it depends on the state (N, 2+2m)."""
+    def momentum(self, positions: Array, velocities: Array, rates: Array) -> tuple[float, Array]:
+        """The measured momentum with the plan's masses, and how h less it depends on the state (2+2m,).
+
+        The joints (2, n) and the base's rates (2,) rad/s are first the expected ones, then those measured: what the
+        state does to the momentum is that of the expected, since noise that is in both would make the masses drift.
+        """
         body_rates = velocities @ self._turns + rates[:, None]
         rotations = self._tree.rotations(positions @ self._turns + self._tree.offsets)
         places, speeds = rotations @ self._weights_transposed, (rotations * body_rates) @ self._weights_transposed
@@ -136,7 +139,7 @@ class Identification:
         rows[:, 1] = 1.0
         rows[:, 2 : 2 + bodies] = -self._mass * (places.real * speeds.real + places.imag * speeds.imag)
         rows[:, 2 + bodies :] = -self._inertia * body_rates
-        return -rows[:, 2:].sum(axis=1), rows
+        return -float(rows[1, 2:].sum()), rows[0]
 
     def _predict(self, turned: Array, dt: float) -> None:
         """Bring the covariance to now: the orientation has turned by ``turned`` (2+2m,) for each of the state."""
@@ -159,3 +162,7 @@ class Identification:
         masses = errors[:bodies] * self._mass
         coupling = self._coupling + self._weights_adjoint @ (masses[:, None] * self._weights)
         return self._nominal.adapted(coupling, self._inertia * (1 + errors[bodies:]))
+
+
+def _same(dynamics: Dynamics) -> Dynamics:
+    return dynamics

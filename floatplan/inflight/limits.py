@@ -6,7 +6,7 @@ margin over ``LENGTH_SCALE``, as in the planner's constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -24,6 +24,7 @@ from floatplan.tables import JOINT_LIMITS
 
 SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
+ROUNDING = 1e-9  # [s] of instants at the ends of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,22 +161,31 @@ class TorqueRows(Shares):
 
 @dataclass(frozen=True, eq=False)
 class DistanceRows:
-    """Distances between surfaces, less a margin, over ``LENGTH_SCALE``; at the instants of the window, s."""
+    """Distances of all capsules to an obstacle, or between the capsules of two links, given by their indices.
 
-    measure: Callable[[Segments, Array], Distances]
+    Less a margin, over ``LENGTH_SCALE``; at the instants of the window, s.
+    """
+
+    of: Obstacle | tuple[IntArray, IntArray]
     margin: float
     window: tuple[float, float]
     aim: float = 0.1
     softness: float = 0.02
 
+    def _measured(self, shapes: Segments, times: Array) -> Distances:
+        if isinstance(self.of, Obstacle):
+            return obstacle_distances(shapes, self.of, times)
+        first, second = self.of
+        return pair_distances(shapes.of(first), shapes.of(second))
+
     def values(self, ahead: Ahead) -> Array:
         """Values (W, r); infinite outside of the window."""
         times = ahead.watched
-        distances = ahead.measured[self] = self.measure(ahead.shapes, times)
+        distances = ahead.measured[self] = self._measured(ahead.shapes, times)
         values = (distances.values - self.margin) / LENGTH_SCALE
         low, high = self.window
-        if low > times[0] or high < times[-1]:
-            values[(times < low) | (times > high)] = np.inf
+        if low > -np.inf or high < np.inf:
+            values[(times < low - ROUNDING) | (times > high + ROUNDING)] = np.inf
         return values
 
     def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
@@ -208,22 +218,13 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Rows]
     """Return the rows of all obstacles and pairs of links, measured to ``shapes``."""
     obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
     blocks: list[Rows] = [
-        DistanceRows(_to_obstacle(obstacle), obstacle.margin, obstacle.window or (-np.inf, np.inf))
-        for obstacle in obstacles
+        DistanceRows(obstacle, obstacle.margin, obstacle.window or (-np.inf, np.inf)) for obstacle in obstacles
     ]
     links = [shape.link for shape in shapes]
     for pair in problem.self_clearances:
         first, second = (np.flatnonzero([link == name for link in links]) for name in pair.links)
-        blocks.append(DistanceRows(_between(first, second), pair.margin, (-np.inf, np.inf)))
+        blocks.append(DistanceRows((first, second), pair.margin, (-np.inf, np.inf)))
     return blocks
-
-
-def _to_obstacle(obstacle: Obstacle) -> Callable[[Segments, Array], Distances]:
-    return lambda segments, times: obstacle_distances(segments, obstacle, times)
-
-
-def _between(first: IntArray, second: IntArray) -> Callable[[Segments, Array], Distances]:
-    return lambda segments, _: pair_distances(segments.of(first), segments.of(second))
 
 
 def _torque_rows(problem: Problem) -> list[Rows]:

@@ -12,8 +12,12 @@ import numpy.typing as npt
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 
-ORIENTATION_JUMP = 0.6  # [rad] beside what is expected; a turn more or less is never accepted
-LARGEST_JUMP = 2.0  # [rad] the same, long after the last measurement
+GATE = 5.0  # [-] standard deviations of an orientation beside what is expected
+NOISIEST = math.radians(1.0)  # [rad] standard deviation of angles that is not yet an outlier's
+LARGEST_JUMP = 2.0  # [rad] of an orientation, after which a robot that was hit is believed again
+MOST_TURNS = 100  # [-] that an orientation is unwrapped by
+MISTAKEN = 0.1  # [rad] of a joint beside its reference, from which on another order or unit is thought of
+EXPLAINED = 0.4  # [-] of the joints' distance from their reference is left, where that is it
 POSITION_JUMP = 0.6  # [rad] of a joint beside its reference
 RATE_JUMP = 3.0  # [rad/s] of base and joints beside the expected, and as much again as the plan's fastest
 PLACE_JUMP = 1.0  # [m] of the centre of mass
@@ -59,31 +63,79 @@ def read(
     return Measurement(time, angle, rate, positions, velocities, place, speed)
 
 
+@dataclass(eq=False)  # not frozen, for its speed: there is one per update
+class Expected:
+    """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
+
+    ``orientation`` and ``rate`` are the base's; it would stand ``aside`` with the joints as they are measured.
+    ``variance``, rad^2, is the filter's of that orientation; ``noise`` is the variance of a measured one, over that of
+    all angles: the joints' count as well.
+    """
+
+    positions: Array
+    velocities: Array
+    orientation: float
+    rate: float
+    aside: float
+    variance: float
+    noise: float
+
+    @property
+    def beside(self) -> float:
+        """The base's orientation with the joints as they are measured, rad."""
+        return self.orientation + self.aside
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a measured orientation from that, rad: the filter's, and the noise of all angles."""
+        return math.sqrt(max(self.variance, 0.0) + NOISIEST**2 * self.noise)
+
+
+def unwrapped(orientation: float, expected: float) -> float:
+    """Return the orientation by so many turns more or less that it is nearest to the expected one, rad."""
+    turns = (orientation - expected) / (2 * math.pi)
+    return orientation - 2 * math.pi * round(turns) if 0.5 < abs(turns) < MOST_TURNS else orientation
+
+
 class Plausibility:
     """Bounds of what a measurement may differ by from what was expected."""
 
     def __init__(self, plan: Plan) -> None:
         state = plan.at(np.linspace(0.0, plan.duration, 65))
         fastest = float(np.abs(state.orientation_rate).max())
-        self._drift = 0.5 * fastest
         self._base_rate = RATE_JUMP + fastest
         self._joint_rate: list[float] = (RATE_JUMP + 2 * np.abs(state.velocities).max(axis=0)).tolist()
 
-    def joints(self, measured: Measurement, positions: Array, velocities: Array) -> bool:
-        """Whether joints are near their reference (n,)."""
-        places = zip(measured.positions.tolist(), positions.tolist(), strict=True)
-        rates = zip(measured.velocities.tolist(), velocities.tolist(), self._joint_rate, strict=True)
+    def joints(self, measured: Measurement, expected: Expected) -> bool:
+        """Whether joints are near their reference."""
+        places = zip(measured.positions.tolist(), expected.positions.tolist(), strict=True)
+        rates = zip(measured.velocities.tolist(), expected.velocities.tolist(), self._joint_rate, strict=True)
         return all(abs(one - other) <= POSITION_JUMP for one, other in places) and all(
             abs(one - other) <= fastest for one, other, fastest in rates
         )
 
-    def base(self, measured: Measurement, orientation: float, rate: float, unseen: float) -> bool:
-        """Whether the base is near what is expected, ``unseen`` s after the last measurement."""
-        reach = min(ORIENTATION_JUMP + self._drift * unseen, LARGEST_JUMP)
+    def base(self, measured: Measurement, expected: Expected) -> bool:
+        """Whether the base is near what is expected, as well as that is known."""
         return (
-            abs(measured.orientation - orientation) <= reach
-            and abs(measured.orientation_rate - rate) <= self._base_rate
+            abs(measured.orientation - expected.beside) <= GATE * expected.deviation
+            and abs(measured.orientation_rate - expected.rate) <= self._base_rate
         )
+
+    @staticmethod
+    def mistaken(measured: Measurement, expected: Expected) -> str:
+        """What explains angles that are not where they are expected: degrees, or joints in another order."""
+        found, there = measured.positions.tolist(), expected.positions.tolist()
+        if _farthest(found, there) > MISTAKEN:
+            explained = EXPLAINED * _distance(found, there)
+            if _distance(list(map(math.radians, found)), there) <= explained:
+                return "the joints fit their reference as degrees: give radians"
+            if _distance(sorted(found), sorted(there)) <= explained:
+                return "the joints fit their reference in another order: give them as robot.joints lists them"
+        if abs(measured.orientation - expected.orientation) > math.pi / 2 and (
+            abs(math.radians(measured.orientation) - expected.orientation) <= GATE * expected.deviation
+        ):
+            return "the orientation is where it is expected in degrees: give radians"
+        return ""
 
     @staticmethod
     def com(measured: Measurement, position: Array, velocity: Array) -> bool:
@@ -94,9 +146,17 @@ class Plausibility:
         return bool(near.all() and (np.abs(measured.com_velocity - velocity) <= SPEED_JUMP).all())
 
     @staticmethod
-    def may_be(measured: Measurement, orientation: float) -> bool:
-        """Whether a robot that was hit, or long unseen, may be there: a turn more or less is never accepted."""
-        return abs(measured.orientation - orientation) <= LARGEST_JUMP
+    def may_be(measured: Measurement, expected: Expected) -> bool:
+        """Whether a robot that was hit, or long unseen, may be there."""
+        return abs(measured.orientation - expected.beside) <= LARGEST_JUMP
+
+
+def _farthest(one: list[float], other: list[float]) -> float:
+    return max(abs(first - second) for first, second in zip(one, other, strict=True))
+
+
+def _distance(one: list[float], other: list[float]) -> float:
+    return sum(abs(first - second) for first, second in zip(one, other, strict=True))
 
 
 class Recovery:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -19,10 +20,15 @@ from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, PlanarFlown,
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis, joint_motion
 from floatplan.plans.plan import Plan
+from floatplan.problem.parts import Obstacle
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
+MOST_WATCHED = 160  # [-] where an obstacle could be passed unseen between so few
+LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
+OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
+THINNEST = 1e-3  # [m] of what is passed
 SHARED = ("_course", "flown", "miss", "_rate_by_p")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
@@ -51,8 +57,25 @@ class Present:
         return self.adapted()
 
 
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Where a motion is looked at, as shares of what remains: the nodes, then the W watched ones.
+
+    ``values`` are those of the basis and its two derivatives there, (K, 6+m) each; ``free`` (K, m) of changes y.
+    """
+
+    grid: GaussGrid
+    values: tuple[Array, Array, Array]
+    free: tuple[Array, ...]
+
+    @property
+    def watched(self) -> Array:
+        """Shares (W,)."""
+        return self.grid.s[self.grid.nodes :]
+
+
 class Views:
-    """What all looks ahead of a plan have in common: the instants, as shares of what remains, and the rows."""
+    """What all looks ahead of a plan have in common: the instants and the rows."""
 
     def __init__(self, plan: Plan, form: Form) -> None:
         problem = plan.problem
@@ -62,13 +85,44 @@ class Views:
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
         self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
-        self.grid: GaussGrid = gauss_grid(NODE_COUNTS[_level(plan)]).also(np.linspace(0.0, 1.0, WATCHED))
-        self.watched = read_only(self.grid.s[self.grid.nodes :])
-        self.values = basis(form).values(self.grid.s)
-        gram = _second_derivatives(form)
-        self.whitening = np.linalg.inv(np.linalg.cholesky(gram)).T
-        self.free = tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in self.values)
+        obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
+        self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
+        self._functions = basis(form)
+        self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
+        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _watched(plan, self.flight, obstacles)
+        count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
+        self._always = nodes.also(np.linspace(0.0, 1.0, count))
+        self.instants = self._at(self._always)
+        self.instants = self.between(0.0, plan.duration)
         self.motor_turns = plan.robot.tree.motor_turns
+
+    def _at(self, grid: GaussGrid) -> Instants:
+        values = self._functions.values(grid.s)
+        return Instants(grid, values, tuple(read_only(part[:, CONDITIONS:] @ self.whitening) for part in values))
+
+    def between(self, begin: float, end: float) -> Instants:
+        """Where a motion between two times, s, is looked at: also at the ends and middles of obstacles' windows."""
+        if not len(self._windows):
+            return self.instants
+        low, high = np.clip(self._windows, begin, end).T
+        times = low[:, None] + (high - low)[:, None] * OF_WINDOW
+        return self._at(self._always.also((times.ravel() - begin) / (end - begin)))
+
+
+def _watched(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:
+    """Number of instants between which, on the plan, no link passes an obstacle from one side to the other."""
+    if not obstacles:
+        return WATCHED
+    times = np.linspace(0.0, plan.duration, MOST_WATCHED)
+    state, com = plan.at(times), flight.ballistics.positions(times)
+    angles = flight.tree.absolute_angles(state.orientation, state.positions)
+    shapes = flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+    passes = []
+    for obstacle in obstacles:
+        moved = times[:, None] * complex(*obstacle.velocity)
+        step = np.maximum(*(np.abs(np.diff(ends - moved, axis=0)).max(axis=0) for ends in (shapes.start, shapes.end)))
+        passes.append(float((step / np.maximum(obstacle.thickness + 2 * shapes.radius, THINNEST)).max()))
+    return min(max(WATCHED, math.ceil(MOST_WATCHED * max(passes))), MOST_WATCHED)
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
@@ -107,6 +161,7 @@ class Course:
 
     flight: PlanarFlight
     begin: float
+    instants: Instants
     watched: Array
 
     @cached_property
@@ -134,6 +189,10 @@ class Outlook:
 
     def __init__(self, views: Views, motion: RemainingMotion, present: Present, landed: bool = False) -> None:
         self._views, self.motion, self._present, self._landed = views, motion, present, landed
+
+    def __reduce__(self) -> tuple[type[Outlook], tuple[Views, RemainingMotion, Present, bool]]:
+        """To what it is made of: a copy evaluates anew."""
+        return Outlook, (self._views, self.motion, self._present, self._landed)
 
     @property
     def has_distances(self) -> bool:
@@ -169,20 +228,26 @@ class Outlook:
             motion.remaining,
             self.change,
         )
-        return Course(flight, motion.begin, motion.begin + motion.remaining * views.watched)
+        instants = views.between(motion.begin, motion.end)
+        return Course(flight, motion.begin, instants, motion.begin + motion.remaining * instants.watched)
 
     @property
     def watched(self) -> Array:
         """Times (W,), s since takeoff, at which distances are watched."""
         return self._course.watched
 
+    @property
+    def times(self) -> Array:
+        """Times (K,), s since takeoff, at which all else is looked at."""
+        return self.motion.begin + self.motion.remaining * self._course.instants.grid.s
+
     @cached_property
     def shapes(self) -> Segments:
         """The links' shapes at the watched instants."""
-        grid, flown, flight = self._views.grid, self.flown, self._course.flight
+        grid, flown, flight = self._course.instants.grid, self.flown, self._course.flight
         turned = self.motion.remaining * (grid.integrals[grid.nodes :] @ flown.node_rates[0])
         if self._landed:
-            turned -= self.miss * self._views.watched
+            turned -= self.miss * self._course.instants.watched
         angles = flight.tree.absolute_angles(flight.initial_orientation + turned, flown.joints.positions[grid.nodes :])
         return flight.link_shapes.place(self._course.com, angles)
 
@@ -194,9 +259,9 @@ class Outlook:
     @cached_property
     def flown(self) -> PlanarFlown:
         """How the base turns."""
-        motion, views = self.motion, self._views
-        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, views.values)
-        return PlanarFlown(self._course.flight, views.grid, joints, np.array([[self._present.angular_momentum]]))
+        motion, instants = self.motion, self._course.instants
+        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, instants.values)
+        return PlanarFlown(self._course.flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
 
     @property
     def present(self) -> Present:
@@ -241,7 +306,7 @@ class Outlook:
     @cached_property
     def _rate_by_p(self) -> tuple[Array, Array]:
         """Derivatives (n, N) of theta0' at the nodes by p and by its rate, over the amplitude."""
-        nodes, joints, rate = self._views.grid.nodes, self.flown.joints, self.flown.base_rate
+        nodes, joints, rate = self._course.instants.grid.nodes, self.flown.joints, self.flown.base_rate
         by_p = rate.by_position * joints.position_by_p + rate.by_velocity * joints.velocity_by_p
         by_rate = rate.by_velocity * joints.velocity_by_rate
         amplitude = self.motion.amplitude
@@ -249,8 +314,8 @@ class Outlook:
 
     def _turned_by_y(self, integrals: Array) -> Array:
         """Derivatives (S, n m) of turns that are so made of the rates at the nodes (S, N)."""
-        value, rate, _ = self._views.free
-        nodes = self._views.grid.nodes
+        value, rate, _ = self._course.instants.free
+        nodes = self._course.instants.grid.nodes
         by_p, by_rate = ((integrals[:, None, :] * part).reshape(-1, nodes) for part in self._rate_by_p)
         by_y = by_p @ value[:nodes] + by_rate @ rate[:nodes]
         return np.asarray(self.motion.remaining * by_y.reshape(len(integrals), -1))
@@ -258,11 +323,11 @@ class Outlook:
     @property
     def miss_by_y(self) -> Array:
         """Derivative (n m,) of the miss."""
-        return np.asarray(self._turned_by_y(self._views.grid.weights[None, :])[0])
+        return np.asarray(self._turned_by_y(self._course.instants.grid.weights[None, :])[0])
 
     def rows_by_y(self, block: Rows, instants: IntArray, rows: IntArray) -> Array:
         """Derivatives (S, n m) of some rows of a block at some of its instants, each (S,) indices."""
-        grid = self._views.grid
+        grid = self._course.instants.grid
         partials = block.partials(self, instants, rows)
         if partials.by_attitude is None:
             return self._chained(partials, instants)
@@ -288,7 +353,7 @@ class Outlook:
             by_rate = part if by_rate is None else by_rate + part
             by_curvature = partials.by_acceleration * joints.acceleration_by_curvature[instants]
         total: Array | float = 0.0
-        for weight, free in zip((by_value, by_rate, by_curvature), self._views.free, strict=True):
+        for weight, free in zip((by_value, by_rate, by_curvature), self._course.instants.free, strict=True):
             if weight is not None:
                 total = total + (weight / amplitude)[:, :, None] * free[instants][:, None, :]
         return np.asarray(total).reshape(len(instants), -1)

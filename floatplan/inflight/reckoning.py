@@ -6,16 +6,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.law import Law
-from floatplan.inflight.measurement import Measurement
+from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Present, Views
 from floatplan.motion.quadrature import gauss_legendre
@@ -24,37 +22,21 @@ MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
 
 
-@dataclass(eq=False)  # not frozen, for its speed: there is one per update
-class Expected:
-    """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
-
-    ``orientation`` and ``rate`` are the base's; it would stand ``aside`` with the joints as they are measured.
-    """
-
-    positions: Array
-    velocities: Array
-    orientation: float
-    rate: float
-    aside: float
-
-
 @dataclass(eq=False)
 class Foreseen:
-    """A motion that was chosen, its miss, rad, the worst of each block of rows, and the share of the correction taken.
-
-    ``look`` makes the whole outlook.
+    """An outlook's motion that was chosen, its miss, rad, the worst of each block of rows, and the share of the
+    correction taken.
     """
 
-    motion: RemainingMotion
+    outlook: Outlook
     miss: float
     worst: Array
     share: float
-    look: Callable[[], Outlook]
 
-    @cached_property
-    def outlook(self) -> Outlook:
-        """All that will come of the motion."""
-        return self.look()
+    @property
+    def motion(self) -> RemainingMotion:
+        """The joints' motion."""
+        return self.outlook.motion
 
 
 class Reckoning:
@@ -69,7 +51,7 @@ class Reckoning:
         """Begin another flight, of which so much is known."""
         self.estimate = estimate
         self.motions.clear()
-        self._remember(self._rewriting.first)
+        self.remember(self._rewriting.first)
 
     def expected(self, measured: Measurement, now: float) -> Expected:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
@@ -82,24 +64,27 @@ class Reckoning:
         positions, velocities = (values[: GAP_NODES + 1] for values in self._gap_joints)
         maps = inertial.dynamics.momentum_map(positions)
         rates = (inertial.angular_momentum - (maps[:, 1:] * velocities).sum(axis=1)) / maps[:, 0]
-        turn = float(self._gap.weights @ rates[:GAP_NODES]) * (measured.time - began)
-        self._inertia = maps[GAP_NODES]
-        here = positions[GAP_NODES]
-        aside = -float(self._inertia[1:] @ (measured.positions - here) / self._inertia[0])
-        return Expected(here, velocities[GAP_NODES], inertial.orientation + turn, float(rates[GAP_NODES]), aside)
+        dt = measured.time - began
+        turn = float(self._gap.weights @ rates[:GAP_NODES]) * dt
+        self._inertia = inertia = maps[GAP_NODES]
+        here, there, rate = positions[GAP_NODES], velocities[GAP_NODES], rates[GAP_NODES]
+        with np.errstate(all="ignore"):  # whatever is measured
+            aside = -float(inertia[1:] @ (measured.positions - here) / inertia[0])
+            self._momentum = inertial.momentum(
+                np.array([here, measured.positions]),
+                np.array([there, measured.velocities]),
+                np.array([rate, measured.orientation_rate]),
+            )
+        variance = inertial.orientation_variance(self._momentum[1] * (dt / inertia[0]))
+        noise = float(inertia @ inertia / inertia[0] ** 2)
+        return Expected(here, there, inertial.orientation + turn, float(rate), aside, variance, noise)
 
     def learn(self, measured: Measurement, expected: Expected) -> None:
         """Take in a measurement that is as it was expected."""
         inertial = self.estimate.inertial
         inertial.state[0] = expected.orientation
-        inertial.learn(
-            measured.orientation - expected.aside,
-            np.array([expected.rate, measured.orientation_rate]),
-            np.array([expected.positions, measured.positions]),
-            np.array([expected.velocities, measured.velocities]),
-            self._inertia,
-            measured.time - self.estimate.time,
-        )
+        dt = measured.time - self.estimate.time
+        inertial.learn(measured.orientation - expected.aside, *self._momentum, self._inertia, dt)
 
     def turned(self, dt: float) -> float:
         """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
@@ -116,8 +101,8 @@ class Reckoning:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
         present = Outlook(self.views, self._rewritten(now, landing), self.present(now, orientation))
         outlook, share = self._law.corrected(present, evaluations, warm_start)
-        self._remember(outlook.motion)
-        return Foreseen(outlook.motion, outlook.miss, outlook.worst, share, lambda: outlook)
+        self.remember(outlook.motion)
+        return Foreseen(outlook, outlook.miss, outlook.worst, share)
 
     def present(self, now: float, orientation: float) -> Present:
         """The robot at a time not before the last measurement, at which its orientation is known, rad."""
@@ -128,7 +113,8 @@ class Reckoning:
     def _rewritten(self, now: float, landing: float) -> RemainingMotion:
         return self._rewriting.from_now(self.motions[-1], now, landing)
 
-    def _remember(self, motion: RemainingMotion) -> None:
+    def remember(self, motion: RemainingMotion) -> None:
+        """Take a motion as the present one."""
         self.motions.append(motion)
 
     def _joints(self, times: Array) -> tuple[Array, Array]:

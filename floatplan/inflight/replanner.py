@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,11 @@ from floatplan.arguments import optional, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.compiled import CompiledReckoning
-from floatplan.inflight.correction import Correction, Reference, Status
+from floatplan.inflight.correction import REACHED, Correction, Reference, Status
 from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.identification import Identification
 from floatplan.inflight.law import EVALUATIONS, KEPT, Law
-from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read
+from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read, unwrapped
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.outlook import Outlook, Views
 from floatplan.inflight.reckoning import Foreseen, Reckoning
@@ -31,7 +31,6 @@ from floatplan.shown import outline
 from floatplan.threads import one_thread
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
-MISSED = 30.0  # [-] sigmas of a landing that is not the planned one
 FIRST = 8  # [-] evaluations of the first correction, the largest
 LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
 LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
@@ -39,13 +38,14 @@ EARLY = 0.1  # [-] of the time between corrections: one so much too early is mad
 LONGEST_DELAY = 0.25  # [s] of a measurement
 FASTEST = 1e5  # [Hz]
 LARGEST = 1e12  # [SI] sigma and acceleration
+FAR_OFF = "too far from what is expected"
 
 
 class Replanner:
     """Corrects a plan's motion in flight, so that the robot lands as planned with what it really took off with.
 
     The joints' motion stays continuous to the accelerations and inside the joint ranges whatever is measured.
-    One object per flight and thread.
+    One object per flight and thread; copies, also pickled ones, go on from where it is, each by itself.
 
     Parameters
     ----------
@@ -82,9 +82,13 @@ class Replanner:
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
         self.reset()
-        self._warm_starts = WarmStarts(self._law, self.motion, self._at_takeoff, plan.angular_momentum)
+        self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
         self.update(0.0, plan.problem.initial.orientation, *self._takeoff_rates())  # what is made once is made now
         self.reset()
+
+    def __copy__(self) -> Replanner:
+        """Return another that flies on by itself: what is measured by one is not known to the other."""
+        return deepcopy(self)
 
     def __repr__(self) -> str:
         """The plan that it corrects, how often, and when the robot lands as far as is known."""
@@ -107,14 +111,16 @@ class Replanner:
         self._corrected = -math.inf
         self._landing = plan.duration
         self._reckoning.begin(self._estimate)
-        outlook = self._at_takeoff(self.motion, momentum)
-        foreseen = Foreseen(self.motion, outlook.miss, outlook.worst, 1.0, lambda: outlook)
+        outlook = Outlook(self.views, self.motion, self._reckoning.present(0.0, orientation))
+        foreseen = Foreseen(outlook, outlook.miss, outlook.worst, 1.0)
         self._last = Correction("applied", "", foreseen, plan.duration, momentum)
 
-    def _at_takeoff(self, motion: RemainingMotion, angular_momentum: float) -> Outlook:
-        """What will come of a motion from takeoff, with an angular momentum, kg m^2/s."""
-        present = self._reckoning.present(0.0, self.plan.problem.initial.orientation)
-        return Outlook(self.views, motion, replace(present, angular_momentum=angular_momentum))
+    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Foreseen:
+        """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""
+        self.reset()
+        self._estimate.inertial.state[1] = angular_momentum
+        self._reckoning.remember(motion)
+        return self._reckoning.corrected(0.0, self._estimate.orientation, self.plan.duration, evaluations)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -158,7 +164,7 @@ class Replanner:
         ----------
         t : s since takeoff, of the measurement; later than that of the last one
         orientation, orientation_rate : rad, rad/s
-            Unbounded: a somersault more is 2 pi more.
+            Whole turns more or less do not matter.
         positions, velocities : (n,) rad, rad/s
             Of the planned joints.
         now : s since takeoff
@@ -177,31 +183,35 @@ class Replanner:
             return self._unchanged("invalid", "not between the last call and the landing")
         if not measured.time >= max(self._reckoning.motions[0].begin, present - LONGEST_DELAY, 0.0):
             return self._unchanged("invalid", "measured too long ago")
-        if not self._learned(measured, present):
-            return self._unchanged("invalid", "too far from what is expected")
+        wrong = self._learned(measured, present)
+        if wrong:
+            return self._unchanged("invalid", wrong)
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
         return self._correct(present, self._estimate.orientation + self._reckoning.turned(present - measured.time))
 
-    def _learned(self, measured: Measurement, now: float) -> bool:
-        """Take in a measurement; False where it cannot be one."""
+    def _learned(self, measured: Measurement, now: float) -> str:
+        """Take in a measurement; why not, where it cannot be one."""
         estimate, plausible = self._estimate, self._plausible
         if measured.com_position is not None and not plausible.com(measured, *estimate.place(measured.time)):
-            return False
+            return FAR_OFF
         expected = self._reckoning.expected(measured, now)
-        unseen = measured.time - max(self._measured, 0.0)
-        base = plausible.base(measured, expected.orientation + expected.aside, expected.rate, unseen)
-        if base and plausible.joints(measured, expected.positions, expected.velocities):
+        mistake = plausible.mistaken(measured, expected)
+        if mistake:
+            return mistake
+        measured.orientation = unwrapped(measured.orientation, expected.beside)
+        base = plausible.base(measured, expected)
+        if base and plausible.joints(measured, expected):
             self._recovery.clear()
-        elif not (plausible.may_be(measured, expected.orientation + expected.aside) and self._recovery.again(measured)):
-            return False
+        elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
+            return FAR_OFF
         elif not base:
             estimate.inertial.forget()
         self._reckoning.learn(measured, expected)
         estimate.take_in(measured)
         self._measured = measured.time
-        return True
+        return ""
 
     def _correct(self, now: float, orientation: float) -> Correction:
         first, self._corrected = self._corrected < 0.0, now
@@ -212,7 +222,7 @@ class Replanner:
         evaluations = FIRST if first else EVALUATIONS
         foreseen = self._reckoning.corrected(now, orientation, landing, evaluations, warm_start)
         self._landing = landing
-        status, reason = _judged(foreseen, MISSED * self._law.sigma)
+        status, reason = _judged(foreseen)
         self._last = Correction(status, reason, foreseen, landing, self._estimate.angular_momentum)
         return self._last
 
@@ -256,15 +266,15 @@ def _reckoning(plan: Plan, views: Views, rewriting: Rewriting, law: Law) -> Reck
     return CompiledReckoning(kernel(), plan.robot.tree, views, rewriting, law)
 
 
-def _judged(foreseen: Foreseen, miss: float) -> tuple[Status, str]:
+def _judged(foreseen: Foreseen) -> tuple[Status, str]:
     if foreseen.share == 0.0:
         return "refused", "any correction breaks a limit"
     if foreseen.share < 1.0:
         return "limited", "the whole correction breaks a limit"
     if min(foreseen.worst.tolist(), default=0.0) < -KEPT:
         return "limited", "a limit will be broken, as without the correction"
-    if abs(foreseen.miss) > miss:
-        return "limited", "the goal is out of reach"
+    if not abs(foreseen.miss) <= REACHED:
+        return "limited", f"it lands more than {REACHED:g} rad from the goal"
     return "applied", ""
 
 

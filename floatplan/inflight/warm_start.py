@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.inflight.law import FAR, KEPT, Law
+from floatplan.inflight.law import FAR, KEPT
 from floatplan.inflight.motion import RemainingMotion
-from floatplan.inflight.outlook import Outlook
+from floatplan.inflight.reckoning import Foreseen
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 REACH = 0.15  # [-] of the plan's angular momentum, either way
@@ -28,16 +28,15 @@ class WarmStarts:
 
     Parameters
     ----------
-    law : Law
     motion : RemainingMotion
         The plan's, from takeoff.
-    outlook : callable
-        What will come of a motion with an angular momentum, kg m^2/s.
+    corrected : callable
+        A motion from takeoff corrected for an angular momentum, kg m^2/s, with so many evaluations at most.
     planned : kg m^2/s
     """
 
     def __init__(
-        self, law: Law, motion: RemainingMotion, outlook: Callable[[RemainingMotion, float], Outlook], planned: float
+        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Foreseen], planned: float
     ) -> None:
         self._latest = EARLY * motion.end
         free = motion.coefficients[CONDITIONS:]
@@ -47,7 +46,7 @@ class WarmStarts:
             """Momenta one step further each, with their changes; shorter steps where the goal is out of reach."""
             found, changed, momentum, least = [], motion, planned, SHORTEST * abs(step)
             while abs(step) >= least > 0 and abs(momentum + step - planned) <= reach * (1 + 1e-9):
-                there = law.corrected(outlook(changed, momentum + step), EVALUATIONS)[0]
+                there = corrected(changed, momentum + step, EVALUATIONS)
                 if abs(there.miss) > FAR or (there.worst < -KEPT).any():
                     step /= 2
                     continue

@@ -70,3 +70,13 @@ static inline Nearest between(Place start, Place end, Place other_start, Place o
     }
     return best;
 }
+
+// From a segment to an obstacle at a time, s since takeoff, radii left out; the half-plane's normal is the other place.
+static inline Nearest to_obstacle(std::int64_t kind, const double *obstacle, double time, Place start, Place end) {
+    Place moved = time * Place{obstacle[4], obstacle[5]}, one = Place{obstacle[0], obstacle[1]} + moved;
+    Place other{obstacle[2], obstacle[3]};
+    if (kind == circle_row) return point_to_segment(one, start, end);
+    if (kind == bar_row) return between(start, end, one, other + moved);
+    double share = kind == half_plane_end_row;
+    return {inner(other, (share == 1 ? end : start) - one), other, share, 0};
+}

@@ -39,6 +39,15 @@ class Filled:
         self.structure.point_to(**arrays)
         self._kept.update(arrays)
 
+    def __getstate__(self) -> tuple[str, bytes, dict[str, Array | IntArray]]:
+        """Its numbers and arrays: a copy has its own."""
+        return type(self.structure).__name__, bytes(self.structure), self._kept
+
+    def __setstate__(self, state: tuple[str, bytes, dict[str, Array | IntArray]]) -> None:
+        name, content, self._kept = state
+        self.structure = STRUCTURES[name].from_buffer_copy(content)
+        self.structure.point_to(**self._kept)
+
 
 class FilledArray:
     """An array of structures of one name with what they point to; empty where there is None."""

@@ -23,7 +23,7 @@ class Reckoning {
                 }
     }
 
-    // Joints and base at the time of a measurement, if they were on their reference.
+    // Joints and base at the time of a measurement, if they were on their reference, and how well the orientation is known.
     void expect() {
         const std::int64_t nodes = f.gap_nodes;
         for (std::int64_t k = 0; k < nodes; ++k) {
@@ -42,22 +42,30 @@ class Reckoning {
         }
         f.expected_rate = rate / f.map[0];
         f.aside = aside / f.map[0];
+        double *row = f.filter_memory;
+        momentum_row(f.expected_rate, f.positions, f.velocities, row);
+        const double per_row = (f.measured - f.began) / f.map[0];
+        f.noise = 0;
+        for (std::int64_t i = 0; i <= n; ++i) f.noise += f.map[i] * f.map[i] / (f.map[0] * f.map[0]);
+        f.variance = f.covariance[0];
+        for (std::int64_t e = 0; e < state_size; ++e) {
+            double part = 2 * f.covariance[e];
+            for (std::int64_t o = 0; o < state_size; ++o) part += f.covariance[e * state_size + o] * row[o] * per_row;
+            f.variance += per_row * row[e] * part;
+        }
     }
 
-    // The filter, see floatplan/inflight/identification.py; after expect().
+    // The filter, see floatplan/inflight/identification.py; right after expect(), whose row it takes.
     void learn() {
         const double dt = f.measured - f.began;
         f.state[0] += f.turn_before;
         double *row = f.filter_memory, *other = row + state_size, *gain = other + state_size;
-        momentum_row(f.expected_rate, f.positions, f.velocities, row);
         momentum_row(f.measured_rate, f.measured_positions, f.measured_velocities, other);
-        double momentum = 0, noise = 0;
+        double momentum = 0;
         for (std::int64_t e = 2; e < state_size; ++e) momentum -= other[e];
-        for (std::int64_t i = 0; i <= n; ++i) noise += f.map[i] * f.map[i];
         predict(row, dt / f.map[0], dt, gain);
         for (std::int64_t e = 0; e < state_size; ++e) other[e] = e == 0;
-        correct(other, f.measured_orientation - f.aside - f.state[0],
-                f.angle_variance * noise / (f.map[0] * f.map[0]), gain);
+        correct(other, f.measured_orientation - f.aside - f.state[0], f.angle_variance * f.noise, gain);
         double innovation = momentum, deviation = 0;
         for (std::int64_t e = 0; e < state_size; ++e) {
             innovation -= row[e] * f.state[e];
@@ -65,8 +73,8 @@ class Reckoning {
             for (std::int64_t o = 0; o < state_size; ++o) part += f.covariance[e * state_size + o] * row[o];
             deviation += row[e] * part;
         }
-        if (believed(innovation, std::sqrt(deviation + f.rate_variance * noise)))
-            correct(row, innovation, f.rate_variance * noise, gain);
+        const double variance = f.rate_variance * f.noise * f.map[0] * f.map[0];
+        if (believed(innovation, std::sqrt(deviation + variance))) correct(row, innovation, variance, gain);
         for (std::int64_t e = 2; e < state_size; ++e)
             f.state[e] = smaller(larger(f.state[e], -f.largest_error), f.largest_error);
         adapt();
@@ -128,7 +136,8 @@ class Reckoning {
         RestOfFlight rest(f);
         rest.T = f.landing - f.now;
         rest.h = f.state[1];
-        rest.change = f.goal - (f.state[0] + f.turn_after);
+        rest.orientation = f.state[0] + f.turn_after;
+        rest.change = f.goal - rest.orientation;
         Ahead two[2];
         double *memory = f.ahead_memory;
         for (Ahead &a : two) lay_out(a, memory);
@@ -158,6 +167,9 @@ class Reckoning {
         for (double **each : {&a.rate, &a.inverse, &a.base_acceleration}) take(*each, K);
         for (double **each : {&a.value, &a.violation}) take(*each, f.block_first[f.blocks] * K);
         take(a.worst, f.blocks);
+        if (!f.capsules) return;
+        for (double **each : {&a.angle, &a.turn_c, &a.turn_s}) take(*each, K);
+        for (double **each : {&a.end_x, &a.end_y}) take(*each, 2 * f.capsules * K);
     }
 
     const double *motion_at(double time) const {

@@ -71,8 +71,8 @@ struct Foreseen {
 struct Flight {
     Eights instants;
     std::int64_t joints, groups, bodies, width, nodes, gap_nodes, memory, blocks, torque_rows, most_rows;
-    std::int64_t most_rows_of_all;
-    double turn, goal;
+    std::int64_t most_rows_of_all, capsules;
+    double turn, goal, length_scale;
     const double *centre, *amplitude;                // (n)
     const double *turns;                             // (g, n)
     const std::int64_t *group;                       // (m)
@@ -89,9 +89,15 @@ struct Flight {
     const std::int64_t *row_kind, *row_joint;        // (rows)
     const double *row_limit, *row_slope;             // (rows)
     const double *row_turns, *row_ratios;            // (rows, m), (rows, n)
+    // Distances: row_joint is a capsule, row_limit the margin.
+    const std::int64_t *row_shape, *row_other;       // (rows): of watch_kernel.hpp; obstacle or capsule
+    const double *row_window;                        // (rows, 2)
+    const double *obstacles, *radius;                // (obstacles, 7) as in watch_kernel.hpp, (capsules)
+    const double *ends_real, *ends_imaginary;        // (capsules, 2, g): places from the CM by the groups' rotations
+    const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
     // The law's constants.
     double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
-    std::int64_t evaluations_far;
+    std::int64_t evaluations_near, evaluations_far;
     // The filter's.
     const double *mass, *nominal_inertia;            // (m)
     const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the bodies' rotations
@@ -111,12 +117,12 @@ struct Flight {
     // Of one call: what is measured and when, s, and what comes of it.
     double began, measured, now, landing, measured_orientation, measured_rate;
     double *measured_positions, *measured_velocities;  // (n)
-    double *positions, *velocities, *map;            // (n), (n), (n + 1)
-    double turn_before, turn_after, expected_rate, aside;
+    double *positions, *velocities, *map, *path;     // (n), (n), (n + 1); of the CM: place, velocity, gravity
+    double turn_before, turn_after, expected_rate, aside, variance, noise;
     std::int64_t evaluations, is_warm;
     double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
     Foreseen foreseen;
-    double *scratch, *law_memory, *ahead_memory, *filter_memory, *gap_memory;
+    double *scratch, *law_memory, *ahead_memory, *filter_memory, *gap_memory, *drift;  // drift: (nodes, n width)
 };
 
 enum Step : std::int64_t {

@@ -1,4 +1,4 @@
-// The law of corrections, see floatplan/inflight/law.py: without distances, so that every row is of one instant.
+// The law of corrections, see floatplan/inflight/law.py; every row is of one instant.
 
 class Correcting {
   public:
@@ -22,10 +22,13 @@ class Correcting {
         found.evaluated = 1;
         const bool warm = f.is_warm && warm_start(found);
         const double missed = present->miss;
-        if (f.blocks && std::fabs(missed) > f.far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
-        solve(evaluations, found);
+        const bool far = f.blocks && std::fabs(missed) > f.far;
+        if (far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
+        const bool landed = far && f.capsules && solve_as_landed(evaluations, missed, found);
+        if (far && f.capsules) evaluations = f.evaluations_near;
+        if (!landed) solve(evaluations, found);
         found.share = 1;
-        if (!keeps(*present)) {
+        if (!landed && !keeps(*present)) {
             std::memcpy(y, best, size * sizeof(double));
             found.share = 0;
             for (double scale : {f.scales[0], f.scales[1]}) {
@@ -73,6 +76,21 @@ class Correcting {
         std::memcpy(first, present->coefficients, (6 + width) * n * sizeof(double));
         std::memcpy(worst, present->worst, f.blocks * sizeof(double));
         return true;
+    }
+
+    // With distances as if the base were to reach the goal, so that feet in the ground do not keep it from turning there;
+    // false, and back at the first motion, where it is no nearer then or something is broken.
+    bool solve_as_landed(std::int64_t evaluations, double missed, Foreseen &found) {
+        rest.landed = true;
+        rest.evaluate(*present);
+        solve(evaluations, found);
+        rest.landed = false;
+        rest.evaluate(*present);
+        found.evaluated += 2;
+        if (std::fabs(present->miss) < std::fabs(missed) && keeps(*present)) return true;
+        std::memcpy(present->coefficients, first, (6 + width) * n * sizeof(double));
+        rest.evaluate(*present);
+        return false;
     }
 
     bool keeps(const Ahead &a) const {

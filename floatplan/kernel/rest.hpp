@@ -4,7 +4,9 @@
 // groups, E = exp(i turn phi) its rotation; the moments on the m bodies themselves need the rows of C of each, but columns
 // of groups alone.
 
-enum RowKind : std::int64_t { velocity_row = 0, acceleration_row = 1, base_rate_row = 2, torque_row = 3 };
+enum LimitKind : std::int64_t {
+    velocity_row = 0, acceleration_row = 1, base_rate_row = 2, torque_row = 3, distance_row = 4
+};
 
 // Of one motion; what is only needed for torques is there where some row limits one.
 struct Ahead {
@@ -17,6 +19,8 @@ struct Ahead {
     double *value, *violation;                                     // (rows, K)
     double *by_position, *by_speed;                                // (n, K): of theta0'
     double *worst;                                                 // (blocks)
+    double *angle, *turn_c, *turn_s;                               // (K): theta0 and its rotation, where distances are
+    double *end_x, *end_y;                                         // (capsules, 2, K): places
     double miss, square;                                           // square: of all violations
 };
 
@@ -25,13 +29,15 @@ class RestOfFlight {
     RestOfFlight(const Flight &flight) : f(flight), n(f.joints), g(f.groups), m(f.bodies), K(f.instants),
                                          width(f.width), columns(6 + f.width), size(f.joints * f.width) {}
 
-    double T = 0, h = 0, change = 0;
+    double T = 0, h = 0, change = 0, orientation = 0;
+    bool landed = false;  // distances are those of a base that turns to the goal: the miss is taken off, by time
 
     void evaluate(Ahead &a) const {
         turn_base(a);
         if (f.torque_rows) move_bodies(a);
         a.miss = -change;
         for (std::int64_t k = 0; k < f.nodes; ++k) a.miss += T * f.weights[k] * a.rate[k];
+        if (f.capsules) place_capsules(a);
         look_at_rows(a);
     }
 
@@ -62,6 +68,16 @@ class RestOfFlight {
     void miss_by_y(Ahead &a, double *row) const {
         differentiate(a, 0, f.nodes);
         std::memset(row, 0, size * sizeof(double));
+        if (f.capsules) {
+            std::memset(f.drift, 0, f.nodes * size * sizeof(double));
+            for (std::int64_t k = 0; k < f.nodes; ++k) {
+                double *drift = f.drift + k * size;
+                for (std::int64_t i = 0; i < n; ++i)
+                    chain(a, i, k, a.by_position[i * K + k], a.by_speed[i * K + k], 0, drift);
+                for (std::int64_t e = 0; e < size; ++e) row[e] += T * f.weights[k] * drift[e];
+            }
+            return;
+        }
         for (std::int64_t i = 0; i < n; ++i)
             for (std::int64_t k = 0; k < f.nodes; ++k) {
                 double weight = T * f.weights[k];
@@ -71,6 +87,7 @@ class RestOfFlight {
 
     // Derivative (n width) of a row at an instant; that of the miss is known.
     void row_by_y(Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
+        if (f.row_kind[r] == distance_row) return distance_by_y(a, r, k, row);
         if (k >= f.nodes) differentiate(a, k, k + 1);
         std::memset(row, 0, size * sizeof(double));
         std::int64_t joint = f.row_joint[r];
@@ -249,14 +266,108 @@ class RestOfFlight {
         for (std::int64_t k = 0; k < K; ++k) used[k] += f.row_slope[r] * std::fabs(motor_speed(a, r, k));
     }
 
+    // The ends of the capsules at the watched instants.
+    void place_capsules(Ahead &a) const {
+        const std::int64_t first = f.nodes;
+        for (std::int64_t k = first; k < K; ++k) {
+            const double *integral = f.integrals + (k - first) * f.nodes;
+            double turned = 0;
+            for (std::int64_t j = 0; j < f.nodes; ++j) turned += integral[j] * a.rate[j];
+            a.angle[k] = orientation + T * turned - landed * a.miss * f.s[k];
+        }
+        sines_cosines(K - first, a.angle + first, a.turn_s + first, a.turn_c + first);
+        for (std::int64_t k = first; k < K; ++k) a.turn_s[k] *= f.turn;
+        for (std::int64_t e = 0; e < 2 * f.capsules; ++e) {
+            double *x = a.end_x + e * K, *y = a.end_y + e * K;
+            #pragma GCC ivdep
+            for (std::int64_t k = first; k < K; ++k) x[k] = y[k] = 0;
+            for (std::int64_t b = 0; b < g; ++b) {
+                const double re = f.ends_real[e * g + b], im = f.ends_imaginary[e * g + b];
+                const double *c = a.c + b * K, *s = a.s + b * K;
+                if (re == 0 && im == 0) continue;
+                #pragma GCC ivdep
+                for (std::int64_t k = first; k < K; ++k) {
+                    x[k] += re * c[k] - im * s[k];
+                    y[k] += re * s[k] + im * c[k];
+                }
+            }
+            #pragma GCC ivdep
+            for (std::int64_t k = first; k < K; ++k) {
+                const double dt = T * f.s[k], along = x[k], up = y[k];
+                x[k] = f.path[0] + f.path[2] * dt + a.turn_c[k] * along - a.turn_s[k] * up;
+                y[k] = f.path[1] + f.path[3] * dt - f.path[4] * dt * dt / 2 + a.turn_s[k] * along + a.turn_c[k] * up;
+            }
+        }
+    }
+
+    Nearest nearest(const Ahead &a, std::int64_t r, std::int64_t k) const {
+        auto end = [&](std::int64_t e) { return Place{a.end_x[e * K + k], a.end_y[e * K + k]}; };
+        const std::int64_t own = f.row_joint[r], other = f.row_other[r];
+        Nearest found;
+        if (f.row_shape[r] == pair_row) {
+            found = between(end(2 * own), end(2 * own + 1), end(2 * other), end(2 * other + 1));
+            found.distance -= f.radius[own] + f.radius[other];
+        } else {
+            const double *obstacle = f.obstacles + 7 * other;
+            found = to_obstacle(f.row_shape[r], obstacle, f.now + T * f.s[k], end(2 * own), end(2 * own + 1));
+            found.distance -= f.radius[own] + obstacle[6];
+        }
+        return found;
+    }
+
+    // Values (K) of a row of distances; infinite at the nodes, and outside of its window.
+    void distances(const Ahead &a, std::int64_t r, double *value) const {
+        for (std::int64_t k = 0; k < K; ++k) {
+            const double time = f.now + T * f.s[k];
+            const bool there = k >= f.nodes && time >= f.row_window[2 * r] && time <= f.row_window[2 * r + 1];
+            value[k] = there ? (nearest(a, r, k).distance - f.row_limit[r]) / f.length_scale : HUGE_VAL;
+        }
+    }
+
+    void distance_by_y(const Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
+        const Nearest found = nearest(a, r, k);
+        double *by_angle = f.scratch, by_attitude = 0;  // (g)
+        for (std::int64_t b = 0; b < g; ++b) {
+            by_angle[b] = along(a, found.direction, f.row_joint[r], found.own, b, k);
+            if (f.row_shape[r] == pair_row) by_angle[b] -= along(a, found.direction, f.row_other[r], found.other, b, k);
+            by_angle[b] /= f.length_scale;
+            by_attitude += by_angle[b];
+        }
+        std::memset(row, 0, size * sizeof(double));
+        for (std::int64_t i = 0; i < n; ++i) {
+            double by_position = 0;
+            for (std::int64_t b = 0; b < g; ++b) by_position += f.turns[b * n + i] * by_angle[b];
+            chain(a, i, k, by_position, 0, 0, row);
+        }
+        for (std::int64_t j = 0; j < f.nodes; ++j) {
+            const double integral = f.integrals[(k - f.nodes) * f.nodes + j] - landed * f.s[k] * f.weights[j];
+            const double weight = by_attitude * T * integral, *drift = f.drift + j * size;
+            for (std::int64_t e = 0; e < size; ++e) row[e] += weight * drift[e];
+        }
+    }
+
+    // How fast a point of a capsule, a share along it, moves in a direction as a group of bodies turns, m/rad.
+    double along(const Ahead &a, Place direction, std::int64_t capsule, double share, std::int64_t b, std::int64_t k) const {
+        const std::int64_t start = 2 * capsule * g + b, end = start + g;
+        const double re = (1 - share) * f.ends_real[start] + share * f.ends_real[end];
+        const double im = (1 - share) * f.ends_imaginary[start] + share * f.ends_imaginary[end];
+        const double c = a.c[b * K + k], s = a.s[b * K + k], x = re * c - im * s, y = re * s + im * c;
+        const double turned_x = a.turn_c[k] * x - a.turn_s[k] * y, turned_y = a.turn_s[k] * x + a.turn_c[k] * y;
+        return f.turn * (direction.y * turned_x - direction.x * turned_y);
+    }
+
     void look_at_rows(Ahead &a) const {
         a.square = 0;
         for (std::int64_t block = 0; block < f.blocks; ++block) {
             a.worst[block] = HUGE_VAL;
             for (std::int64_t r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
                 double *value = a.value + r * K, *violation = a.violation + r * K;
-                use(a, r, value);
-                for (std::int64_t k = 0; k < K; ++k) value[k] = 1 - value[k] / f.row_limit[r];
+                if (f.row_kind[r] == distance_row) {
+                    distances(a, r, value);
+                } else {
+                    use(a, r, value);
+                    for (std::int64_t k = 0; k < K; ++k) value[k] = 1 - value[k] / f.row_limit[r];
+                }
                 for (std::int64_t k = 0; k < K; ++k) {
                     violation[k] = 0;
                     if (value[k] < a.worst[block] || std::isnan(value[k])) a.worst[block] = value[k];

@@ -149,18 +149,8 @@ static inline Nearest nearest_of(const Watch &watch, const Watched &at, std::int
         found.distance -= watch.radius[first] + watch.radius[second];
         return found;
     }
-    const double *obstacle = watch.obstacles + 7 * second, time = at.times[k];
-    Place moved = time * Place{obstacle[4], obstacle[5]}, one = Place{obstacle[0], obstacle[1]} + moved;
-    Place other{obstacle[2], obstacle[3]};
-    Nearest found;
-    if (watch.kind[row] == circle_row)
-        found = point_to_segment(one, end(2 * first), end(2 * first + 1));
-    else if (watch.kind[row] == bar_row)
-        found = between(end(2 * first), end(2 * first + 1), one, other + moved);
-    else {  // the half-plane's normal is the other place
-        double share = watch.kind[row] == half_plane_end_row;
-        found = {inner(other, end(2 * first + (share == 1)) - one), other, share, 0};
-    }
+    const double *obstacle = watch.obstacles + 7 * second;
+    Nearest found = to_obstacle(watch.kind[row], obstacle, at.times[k], end(2 * first), end(2 * first + 1));
     found.distance -= watch.radius[first] + obstacle[6];
     return found;
 }

@@ -72,7 +72,7 @@ class Watch:
             elif isinstance(block, PairRows):
                 kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
             else:
-                sides, numbers = _written(block.obstacle)
+                sides, numbers = written_obstacle(block.obstacle)
                 capsules = range(len(flight.links))
                 kinds += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
                 obstacles.append(numbers)
@@ -142,8 +142,8 @@ class Watch:
         return {"velocities": n, "accelerations": n, "torques": n, "motor_torques": motors, "orientation_rate": 1}
 
 
-def _written(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
-    """Kinds of the rows of an obstacle, and its numbers: a place, the end or the normal, velocity, radius."""
+def written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
+    """Return kinds of the rows of an obstacle, and its numbers: a place, the end or the normal, velocity, radius."""
     if isinstance(obstacle, Circle):
         return (CIRCLE,), [*obstacle.center, 0.0, 0.0, *obstacle.velocity, obstacle.radius]
     if isinstance(obstacle, Bar):

@@ -13,6 +13,7 @@ from general_path import take_general_path
 from plain_problems import plain_problems
 
 import floatplan as fp
+from floatplan.inflight import outlook
 from floatplan.inflight.compiled import CompiledReckoning
 from floatplan.inflight.reckoning import Reckoning
 from floatplan.robot.urdf.example_robots import robots_folder
@@ -68,6 +69,7 @@ def flown_alike(plan: fp.Plan, both: list[fp.Replanner], begin: float, seed: int
         if number == 4:  # invalid, or surprising
             measured[1 + number % 2] += float(rng.choice([0.3, math.nan, 10.0]))
         com = (None, None) if seed % 2 else (path.positions(np.array([t]))[0], path.velocities(np.array([t]))[0] * 1.02)
+        robot.fly(both[0], now, 10)
         here, there = (replanner.update(*measured, now, *com) for replanner in both)
         assert (there.status, there.reason) == (here.status, here.reason)
         for name in ("predicted_miss", "landing", "angular_momentum"):
@@ -79,7 +81,7 @@ def flown_alike(plan: fp.Plan, both: list[fp.Replanner], begin: float, seed: int
         np.testing.assert_allclose(there.foreseen.worst, here.foreseen.worst, rtol=1e-8, atol=1e-8)
         assert there.predicted_miss == pytest.approx(there.foreseen.outlook.miss, rel=1e-9, abs=1e-11)
         compared += here.status != "invalid"
-        robot.fly(both[0], following, 3)
+        robot.fly(both[0], following, 40)
     return compared
 
 
@@ -99,6 +101,15 @@ def test_limits_that_are_met(number: int, monkeypatch: pytest.MonkeyPatch) -> No
     assert assert_same(plan, both, number) >= 10
 
 
+@pytest.mark.parametrize("watched", [41, 43])
+def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outlook, "WATCHED", watched)
+    plan = forward_plan(limited(plain_problems(96)[8], np.random.default_rng(8)), seed=8)
+    both = pair(plan, monkeypatch)
+    assert len(both[0].views.instants.watched) >= watched
+    assert assert_same(plan, both, 8) >= 10
+
+
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_every_problem(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if file.parent.name == "gallery" and robots_folder() is None:
@@ -108,9 +119,25 @@ def test_every_problem(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert assert_same(plan, both, 1) >= 10
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", ["falling_cat_apart", "somersault", "high_jump"])
+def test_obstacles_that_move_and_come_and_go(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every kind, some of them in the way."""
+    problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(seed))
+    rng, end = np.random.default_rng(seed), problem.flight.duration
+    com = forward_plan(problem).ballistics.positions(np.array([0.4 * end, 0.6 * end]))
+    circle = fp.Circle(center=tuple(com[0] + rng.normal(0, 0.3, 2)), radius=0.05, velocity=(0.5, -0.2), margin=0.01)
+    bar = fp.Bar(start=tuple(com[1] + rng.normal(0, 0.3, 2)), end=tuple(com[1] + rng.normal(0, 0.6, 2)), radius=0.02)
+    wall = fp.HalfPlane(point=tuple(com[1] - 0.4), normal=(1.0, 2.0), window=(0.3 * end, 0.35 * end))
+    obstacles = (replace(circle, window=(0.41 * end, 0.42 * end)), bar, replace(bar, window=(0.0, 0.8 * end)), wall)
+    plan = forward_plan(replace(problem, obstacles=obstacles), seed=seed)
+    both = pair(plan, monkeypatch)
+    assert assert_same(plan, both, seed) >= 8
+
+
 @pytest.mark.parametrize("name", ["go2", "g1", "human"])
 def test_limits_of_robots_with_coupled_and_locked_joints(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without their obstacles, so that the kernel's law keeps the limits."""
+    """Without their obstacles."""
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     problem = fp.load_problem(PROBLEMS / "gallery" / f"{name}.toml")

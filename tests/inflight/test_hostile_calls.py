@@ -119,11 +119,97 @@ def test_consistent_measurements_are_believed_again(plan: fp.Plan, replanner: fp
     assert "invalid" not in statuses[4:]
 
 
-@pytest.mark.parametrize(("offset", "frozen"), [(2 * math.pi, False), (-1.0, True)])
-def test_a_turn_more_or_a_dead_sensor_never(
-    plan: fp.Plan, replanner: fp.Replanner, offset: float, frozen: bool
+def test_a_dead_sensor_is_never_believed(plan: fp.Plan, replanner: fp.Replanner) -> None:
+    assert set(jumped(plan, replanner, -1.0, frozen=True)) == {"invalid"}
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 1])
+def test_whole_turns_do_not_matter(plan: fp.Plan, replanner: fp.Replanner, turns: int) -> None:
+    robot = Drifting(plan, 1.1 * plan.angular_momentum)
+    for following in (plan.duration * np.arange(1, 51) / 100).tolist():
+        t, angle, *rest = robot.state(replanner)
+        correction = replanner.update(t, angle + 2 * math.pi * turns, *rest)
+        assert correction.status == "applied"
+        robot.fly(replanner, following, 3)
+    alone = Drifting(plan, 1.1 * plan.angular_momentum)
+    alone.time, alone.orientation = robot.time, robot.orientation
+    alone.fly(replanner, plan.duration, 400)
+    assert alone.orientation - plan.problem.final.orientation == pytest.approx(correction.predicted_miss, abs=1e-3)
+
+
+@pytest.mark.parametrize("size", [-0.5, -0.2, 0.2, 0.5])
+def test_an_orientation_far_from_what_the_filter_knows_is_an_outlier(
+    plan: fp.Plan, replanner: fp.Replanner, size: float
 ) -> None:
-    assert set(jumped(plan, replanner, offset, frozen)) == {"invalid"}
+    """One of ten: each is refused, and no other; the flight lands as without them."""
+    robot, rng = Drifting(plan, 1.1 * plan.angular_momentum), np.random.default_rng(2)
+    for number, following in enumerate((plan.duration * np.arange(1, 201) / 200).tolist()):
+        t, angle, rate, positions, velocities = robot.state(replanner)
+        noise = 0.002 * rng.standard_normal(3), 0.02 * rng.standard_normal(3)
+        outlier = number % 10 == 4
+        correction = replanner.update(
+            t,
+            angle + noise[0][0] + outlier * size,
+            rate + noise[1][0],
+            positions + noise[0][1:],
+            velocities + noise[1][1:],
+        )
+        assert (correction.status == "invalid") == outlier
+        robot.fly(replanner, following, 3)
+    assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.3)
+
+
+@pytest.mark.parametrize("degrees", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("error", [-0.15, 0.15])
+def test_honest_measurements_are_not_refused(
+    plan: fp.Plan, replanner: fp.Replanner, degrees: float, error: float
+) -> None:
+    """Noise, another momentum, late measurements: at most one in two hundred is invalid."""
+    robot, rng = Drifting(plan, (1 + error) * plan.angular_momentum), np.random.default_rng(7)
+    statuses, size = [], math.radians(degrees) * np.array([[1.0], [10.0]])
+    waiting: tuple[Any, ...] = ()
+    for following in (plan.duration * np.arange(1, 221) / 220).tolist():
+        if waiting:
+            statuses.append(replanner.update(*waiting, now=robot.time).status)
+        t, angle, rate, positions, velocities = robot.state(replanner)
+        noise = size * rng.standard_normal((2, 3))
+        waiting = (
+            t,
+            angle + noise[0, 0],
+            rate + noise[1, 0],
+            positions + noise[0, 1:],
+            velocities + noise[1, 1:],
+        )
+        robot.fly(replanner, following, 5)
+    assert statuses.count("invalid") <= len(statuses) / 200
+
+
+SPOILT: dict[str, tuple[Any, str]] = {
+    "swapped": (lambda values: values[::-1], "another order"),
+    "degrees": (np.degrees, "degrees"),
+}
+
+
+@pytest.mark.parametrize("name", ["somersault", "obstacle", "handstand_ground"])
+@pytest.mark.parametrize("case", SPOILT)
+def test_joints_in_another_order_or_unit_are_noticed(name: str, case: str) -> None:
+    """As soon as they differ by more than 0.1 rad from the right ones, and never believed again."""
+    plan = forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.1)
+    spoil, reason = SPOILT[case]
+    replanner, robot = fp.Replanner(plan), Drifting(plan, 1.05 * plan.angular_momentum)
+    rng, noticed, expected = np.random.default_rng(4), 0, 0
+    for following in (0.3 * plan.duration * np.arange(1, 61) / 60).tolist():
+        t, angle, rate, positions, velocities = robot.state(replanner)
+        wrong = spoil(positions)
+        correction = replanner.update(
+            t, angle, rate, wrong + 0.002 * rng.standard_normal(wrong.shape), spoil(velocities)
+        )
+        expected += bool(np.abs(wrong - positions).max() > 0.12)
+        if correction.status == "invalid":
+            assert reason in correction.reason
+            noticed += 1
+        robot.fly(replanner, following, 3)
+    assert noticed >= expected > 5
 
 
 def test_noise_does_not_make_the_masses_drift(plan: fp.Plan, replanner: fp.Replanner) -> None:

@@ -11,7 +11,9 @@ import pytest
 from flown_plans import Drifting, forward_plan
 
 import floatplan as fp
+from floatplan.inflight.correction import REACHED
 from floatplan.inflight.outlook import Outlook, Present
+from floatplan.motion.planar.clearance import obstacle_distances
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
@@ -144,3 +146,62 @@ def test_rows_change_as_their_derivatives_say(name: str, landed: bool) -> None:
         found = outlook.rows_by_y(block, instants, rows) @ direction
         expected = ((plus - minus) / (2 * step)).ravel()[chosen]
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * (1 + np.abs(expected).max()))
+
+
+def through_the_hand(plan: fp.Plan, when: float, error: float, velocity: tuple[float, float]) -> fp.Plan:
+    """The plan with a small obstacle that is there for 8 ms, in the way of the corrected flight, not of the plan."""
+    replanner, robot = fp.Replanner(plan), Drifting(plan, plan.angular_momentum * (1 + error))
+    replanner.update(*robot.state(replanner))
+    _, orientations, positions = robot.fly(replanner, when, 400)
+    shape, tree = plan.robot.shapes[-1], plan.robot.tree
+    weights = tree.point_weights(np.array([shape.body]), np.array([(shape.start + shape.end) / 2]))[0]
+    com = plan.ballistics.positions(np.array([when]))[0]
+    place = tree.rotations(tree.absolute_angles(orientations[-1:], positions[-1:]))[0] @ weights + complex(*com)
+    center = place - complex(*velocity) * when
+    circle = fp.Circle(
+        center=(center.real, center.imag), radius=0.05, velocity=velocity, window=(when - 0.004, when + 0.004)
+    )
+    return replace(plan, problem=replace(plan.problem, obstacles=(circle,)))
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0), (4.0, -2.0)])
+@pytest.mark.parametrize("when", [0.45, 0.62, 0.8])
+def test_an_obstacle_that_is_there_for_a_moment_is_not_flown_through(
+    plan: fp.Plan, when: float, velocity: tuple[float, float]
+) -> None:
+    """Whatever is called applied passes it, as it is foreseen."""
+    plan = through_the_hand(plan, when, 0.1, velocity)
+    replanner, robot = fp.Replanner(plan), Drifting(plan, 1.1 * plan.angular_momentum)
+    (circle,) = plan.problem.obstacles
+    times = np.linspace(*circle.window, 9)
+    judged = 0
+    for following in np.arange(0.015, when, 0.015).tolist():
+        correction = replanner.update(*robot.state(replanner))
+        if correction.status == "applied":
+            alone = Drifting(plan, robot.momentum)
+            alone.time, alone.orientation = robot.time, robot.orientation
+            least = math.inf
+            for until in times.tolist():
+                ends, orientations, positions = alone.fly(replanner, until, 40)
+                shapes = replanner.views.flight.link_shapes.place(
+                    plan.ballistics.positions(ends[-1:]).view(complex)[:, 0],
+                    plan.robot.tree.absolute_angles(orientations[-1:], positions[-1:]),
+                )
+                least = min(least, float(obstacle_distances(shapes, circle, ends[-1:]).values.min()))
+            assert least > -1e-3
+            judged += 1
+        robot.fly(replanner, following)
+    assert judged > 5
+
+
+def test_applied_means_a_landing_within_what_authority_calls_reached(plan: fp.Plan) -> None:
+    replanner, begin = fp.Replanner(plan), 0.93 * plan.duration
+    missed = []
+    for error in np.linspace(0.0, 0.03, 31):
+        replanner.reset()
+        robot = Drifting(plan, plan.angular_momentum * (1 + error))
+        robot.fly(replanner, begin, 400)
+        correction = replanner.update(*robot.state(replanner))
+        assert (correction.status == "applied") == (abs(correction.predicted_miss) <= REACHED)
+        missed.append(abs(correction.predicted_miss))
+    assert min(missed) < REACHED < 1.5 * REACHED < max(missed)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
+from general_path import take_general_path
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -86,7 +89,10 @@ BAD = {
     "none": {"velocities": None},
     "shape": {"positions": [0.0, 0.0, 0.0]},
     "one number": {"velocities": 1.0},
-    "a turn more": {"orientation": lambda value: value + 2 * math.pi},
+    "half a turn more": {"orientation": lambda value: value + math.pi},
+    "degrees": {"orientation": math.degrees},
+    "joints in degrees": {"positions": np.degrees, "velocities": np.degrees},
+    "joints in another order": {"positions": lambda value: value[::-1], "velocities": lambda value: value[::-1]},
     "huge": {"orientation": 1e308},
     "huge joints": {"positions": [1e308, -1e308]},
     "joint jump": {"positions": lambda value: value + 2.0},
@@ -222,3 +228,46 @@ def test_wrong_arguments_are_told(plan: fp.Plan) -> None:
             fp.Replanner(plan, **wrong)
     with pytest.raises(InputError, match="does not reach"):
         fp.Replanner(replace(plan, ok=False))
+
+
+def told(replanner: fp.Replanner, number: int) -> list[bytes]:
+    """What a replanner answers to the rest of a flight with noise, to the bit."""
+    plan = replanner.plan
+    robot = Drifting(plan, 1.1 * plan.angular_momentum)
+    rng, size = np.random.default_rng(number), len(plan.robot.joints)
+    robot.time, robot.orientation = 0.2, float(plan.orientation(np.array([0.2]))[0])
+    answers = []
+    for following in (0.2 + 0.02 * np.arange(1, 12)).tolist():
+        t, angle, rate, positions, velocities = robot.state(replanner)
+        noise = 0.002 * rng.standard_normal((2, size + 1))
+        correction = replanner.update(t, angle + noise[0, 0], rate, positions + noise[0, 1:], velocities + noise[1, 1:])
+        reference = replanner.reference(following)
+        answers += [np.array([correction.predicted_miss, correction.angular_momentum, correction.landing]).tobytes()]
+        answers += [correction.status.encode(), correction.motion.coefficients.tobytes()]
+        answers += [reference.motors.tobytes(), reference.positions.tobytes()]
+        robot.fly(replanner, following)
+    return answers
+
+
+COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda whole: pickle.loads(pickle.dumps(whole))}
+
+
+@pytest.mark.parametrize("name", ["somersault", "obstacle"])
+@pytest.mark.parametrize("way", ["on", "off"])
+@pytest.mark.parametrize("copied", COPIES)
+def test_a_copy_goes_on_alike_and_by_itself(name: str, way: str, copied: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if way == "off":
+        take_general_path(monkeypatch)
+    original = fp.Replanner(forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.1))
+    robot = Drifting(original.plan, 1.1 * original.plan.angular_momentum)
+    for following in (0.04, 0.08, 0.12, 0.16):
+        original.update(*robot.state(original))
+        robot.fly(original, following)
+    others = [COPIES[copied](original) for _ in range(3)]
+    other_flight = told(others[0], 1)
+    expected = told(original, 0)
+    assert other_flight != expected
+    assert told(others[1], 0) == expected
+    others[2].reset()
+    original.reset()
+    assert told(others[2], 2) == told(original, 2)

@@ -168,6 +168,7 @@ def test_flights_that_are_too_long_are_told(plan: fp.Plan, monkeypatch: pytest.M
 
 def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(authority_module, "SHARES", (0.5,))
+    monkeypatch.setattr(authority_module, "STEP", 0.2)
     monkeypatch.setattr(authority_module, "RESOLUTION", 0.2)
     hostile = replace(plan, problem=replace(plan.problem, name="<script>alert(1)</script>"))
     path = hostile.save("plan.json")
@@ -197,8 +198,26 @@ def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pyt
 def found(plan: fp.Plan) -> fp.Authority:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(authority_module, "SHARES", (0.0, 0.6))
-        patch.setattr(authority_module, "RESOLUTION", 0.04)
+        patch.setattr(authority_module, "STEP", 0.1)
+        patch.setattr(authority_module, "RESOLUTION", 0.01)
         return fp.authority(plan)
+
+
+def test_intervals_of_authority_have_no_holes_and_are_not_empty() -> None:
+    """Where limits are tight, flights from larger errors may land again beyond some that do not."""
+    plan = fp.plan(fp.load_problem(PROBLEMS / "somersault_motors.toml"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(authority_module, "SHARES", (0.0,))
+        found = fp.authority(plan)
+    replanner = fp.Replanner(plan, authority_module.RATE / plan.duration)
+    for begin, ends in zip(found.times.tolist(), found.momentum, strict=True):
+        assert ends[0] < -1e-4
+        assert ends[1] > 1e-4
+        for error in [*np.arange(-0.06, 0.095, 0.01), *ends]:
+            if ends[0] <= error <= ends[1]:
+                momentum = plan.angular_momentum * (1 + error)
+                equations = replanner.views.flight.equations
+                assert authority_module._lands(replanner, equations, momentum, begin), error
 
 
 def test_authority_shrinks_with_time(found: fp.Authority) -> None:
