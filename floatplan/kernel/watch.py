@@ -17,7 +17,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.library import Kernel, address, kernel
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.flight import PlanarFlight
-from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.parts import Bar, Circle, Ground, HalfPlane, Obstacle
 
 SUM, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = range(6)
 
@@ -94,7 +94,7 @@ class Watch:
                 kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
             else:
                 sides, numbers = _written(block.obstacle)
-                capsules = range(len(flight.links))
+                capsules = _facing(flight, block.obstacle)
                 kinds += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
                 obstacles.append(numbers)
         self.rows = len(kinds)
@@ -170,6 +170,14 @@ class Watch:
     def has_followers(self) -> bool:
         """Whether there are more motors than planned joints."""
         return bool(self.flight.tree.motor_turns.shape[1] > self.joints)
+
+
+def _facing(flight: PlanarFlight, obstacle: Obstacle) -> range:
+    """The shapes whose distances to an obstacle count: the hulls', which are the last, where it is the ground."""
+    shapes = flight.link_shapes
+    if isinstance(obstacle, Ground) and shapes.hulls:
+        return range(len(shapes.links), len(shapes.radius))
+    return range(len(shapes.links))
 
 
 def _written(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:

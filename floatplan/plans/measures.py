@@ -22,12 +22,11 @@ from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing"]
 
-CONTACT = 1e-8  # [m] tolerance of the ground, as of obstacles
 RELATIVE = 1e-9  # [-] of limits
 ROUNDING = 1e-9  # [rad] of joint ranges
 
@@ -196,10 +195,10 @@ def _ground(plan: Measured) -> Iterator[PlanWarning]:
         message = f"What the flight does to the ground could not be measured: {error}."
         yield PlanWarning("ground", plan.problem.takeoff_frame.link, None, 0.0, "m", None, message)
         return
-    if not height >= -CONTACT:
+    if not height >= -CLEARANCE:
         takeoff = plan.problem.takeoff_frame.link
         at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
-        if at_takeoff < -CONTACT:
+        if at_takeoff < -CLEARANCE:
             message = (
                 f"{link} gets {-height:.3g} m below the place that {takeoff} left, at {instant:.3g} s, and something is"
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."

@@ -42,7 +42,7 @@ from floatplan.problem.limits import (
 )
 from floatplan.problem.parts import (
     Flight,
-    HalfPlane,
+    Ground,
     JointState,
     Landing,
     Limits,
@@ -53,7 +53,7 @@ from floatplan.problem.parts import (
     Takeoff,
 )
 from floatplan.robot.leak import refuse_leak
-from floatplan.robot.robot import Frame, Robot
+from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
 
@@ -210,7 +210,7 @@ class Problem:
         return self.landing.height or 0.0
 
     @cached_property
-    def ground_plane(self) -> HalfPlane:
+    def ground_plane(self) -> Ground:
         """The half-plane below the ground's line, asked for or not.
 
         Raises
@@ -219,7 +219,12 @@ class Problem:
             The collision geometry of the takeoff link is wrong.
         """
         height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
-        return HalfPlane(point=(0.0, height), normal=(0.0, 1.0))
+        return Ground(point=(0.0, height), normal=(0.0, 1.0))
+
+    @cached_property
+    def ground_shapes(self) -> tuple[LinkCapsule, ...]:
+        """Shapes of all links by whose ends heights over the ground are measured; errors as above."""
+        return self.robot.hulls((self.takeoff.frame, self.landing.frame))
 
     @property
     def chooses_ends(self) -> bool:
