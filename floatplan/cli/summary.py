@@ -187,8 +187,7 @@ def _verdict(plan: Plan) -> Text:
     took = "" if seconds is None else f" in {float(seconds):.3g} s"
     if plan.ok:
         proved = plan.certificate is not None and plan.certificate.proved
-        word = f"{'proved, ' if proved else ''}with warnings" if plan.warnings else "proved" if proved else ""
-        parts = ", ".join(filter(None, (plan.status, word)))
+        parts = ", ".join([plan.status, *["flight proved"] * proved, *["with warnings"] * bool(plan.warnings)])
         return Text(
             f"{plan.problem.name}: planned{took} ({parts})", style="bold yellow" if plan.warnings else "bold green"
         )

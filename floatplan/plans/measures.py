@@ -18,6 +18,7 @@ from floatplan.errors import InputError
 from floatplan.motion.flight_state import Peaks
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.plans.contact import Contact
+from floatplan.plans.contact_advice import FAST
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
@@ -212,14 +213,22 @@ def _ground(plan: Measured) -> Iterator[PlanWarning]:
 
 
 def _contacts(plan: Measured) -> Iterator[PlanWarning]:
-    """Frames that no joint rates within the limits let leave or meet the ground at rest."""
+    """Frames that no joint rates within the limits, or such as no robot's are, let leave or meet the ground at rest."""
     for contact in plan.contacts:
+        instant = 0.0 if contact.end == "takeoff" else plan.problem.flight.duration
         if not contact.ok:
-            instant = 0.0 if contact.end == "takeoff" else plan.problem.flight.duration
             message = f"{contact.verdict.rstrip('.')}; floatplan takeoff tells what would help."
             yield PlanWarning(
                 contact.end, contact.joint or contact.frame, contact.rate, contact.limit, "rad/s", instant, message
             )
+        elif contact.unlimited and contact.unlimited[1] > FAST:
+            joint, rate = contact.unlimited
+            message = (
+                f"For {contact.frame} to be at rest at {contact.end}, {joint} turns at {rate:.4g} rad/s at"
+                f" {contact.angular_momentum:.5g} kg m^2/s; its URDF gives no velocity limit, and legged robots"
+                f" stay below {FAST:g} rad/s; floatplan takeoff tells what would help."
+            )
+            yield PlanWarning(contact.end, joint, rate, FAST, "rad/s", instant, message)
 
 
 def _joints(plan: Measured) -> Iterator[PlanWarning]:

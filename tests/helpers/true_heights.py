@@ -14,6 +14,7 @@ import floatplan as fp
 def lowest_by_link(plan: fp.Plan, times: np.ndarray, packages: Path | None = None) -> dict[str, np.ndarray]:
     """Height (N,) of the lowest point of each link that has collision geometry, m, in the problem's world."""
     robot = plan.robot
+    assert robot.path is not None
     model = pin.buildModelFromUrdf(str(robot.path), pin.JointModelFreeFlyer())
     folders = [str(robot.path.parent if packages is None else packages)]
     geometry = pin.buildGeomFromUrdf(model, str(robot.path), pin.GeometryType.COLLISION, package_dirs=folders)
