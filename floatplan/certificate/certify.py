@@ -76,7 +76,7 @@ def certify(
         if "<collision" in robot.xml:
             flight = record.problem["flight"]
             standing = [str(flight[end]["frame"]) for end in ("takeoff", "landing")]
-            shapes, hulls = shapes_of(robot), shapes_of(robot, robot.hulls(standing))
+            shapes, hulls = shapes_of(robot), shapes_of(robot, robot.hulls(standing, robot.limb_ends))
         return prove(record, path, shapes=shapes, hulls=hulls, unknown_meshes=unknown, budget=budget)
 
 

@@ -203,11 +203,11 @@ def no_common_momentum(problem: Problem) -> str | None:
 
 def _contact(problem: Problem, end: End, angular_momentum: float | None) -> Contact:
     asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
-    if not has_contact(problem, end):
-        return Contact(problem, end, asked, None)
     if asked == "free":
         shared = shared_momentum(problem)
         asked = "midpoint" if shared is None else shared
+    if not has_contact(problem, end):
+        return Contact(problem, end, asked, None)
     momentum = sum(angular_momentum_interval(problem)) / 2 if asked == "midpoint" else float(asked)
     return Contact(problem, end, asked, contact_rates(problem, end, momentum))
 

@@ -10,6 +10,8 @@ from floatplan.arrays import Array
 from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Frame, Robot
 
+TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
+
 
 def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:
     """Height of a frame over the centre of mass, m."""

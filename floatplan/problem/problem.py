@@ -30,7 +30,7 @@ from floatplan.problem.checks import (
     refuse,
     takeoff_of,
 )
-from floatplan.problem.ground import ground_height
+from floatplan.problem.ground import TOUCHING, frame_height, ground_height, lowest_point
 from floatplan.problem.limits import (
     check_inside,
     check_orientation_rate,
@@ -223,8 +223,22 @@ class Problem:
 
     @cached_property
     def ground_shapes(self) -> tuple[LinkCapsule, ...]:
-        """Shapes of all links by whose ends heights over the ground are measured; errors as above."""
-        return self.robot.hulls((self.takeoff.frame, self.landing.frame))
+        """Shapes of all links by whose ends heights over the ground are measured; errors as above.
+
+        Exact are those that touch it: the links that take off and land, and ends of limbs that are as low there.
+        """
+        robot, line = self.robot, self.ground_plane.point[1]
+        ends = (
+            (self.takeoff_frame, self.takeoff.position[1], self.initial),
+            (self.landing_frame, self.landing_height, self.final),
+        )
+        rises = [(height - frame_height(robot, frame, state) - line, state) for frame, height, state in ends]
+        low = [
+            link
+            for link in robot.limb_ends
+            if min(rise + lowest_point(robot, link, state) for rise, state in rises) < TOUCHING
+        ]
+        return robot.hulls((self.takeoff.frame, self.landing.frame), low)
 
     @property
     def chooses_ends(self) -> bool:

@@ -256,6 +256,12 @@ class Robot:
         """Convex hulls of the links that have a shape: capsules whose ends are its corners; errors as of ``shapes``."""
         return self._shapes[1]
 
+    @property
+    def limb_ends(self) -> list[str]:
+        """Links with a shape on bodies that carry no other: hands, feet, head."""
+        carrying = set(self.tree.parent.tolist())
+        return [link for link in self.link_hulls if self.layout.body_of[link] not in carrying]
+
     def contact_link(self, link: str) -> str | None:
         """Return the link with whose shapes another stands on the ground: itself, else one that it is fixed to.
 
@@ -268,17 +274,17 @@ class Robot:
             link = carrier[link].parent
         return link
 
-    def hulls(self, frames: Iterable[str]) -> tuple[LinkCapsule, ...]:
+    def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
         """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
 
-        Those of the links that stand are all corners of their hulls. What else may touch the ground, turning with one
-        of them or at the end of a limb, is exact too; others reach up to a millimetre farther. Errors as of ``shapes``.
+        Those of the links that stand are all corners of their hulls. What turns with one of them is exact too, and the
+        bodies of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
         """
         turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
-        touching = set(range(len(turns))).difference(self.tree.parent.tolist())
-        touching |= {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
+        exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
+        exact.update(self.layout.body_of[link] for link in touching)
         standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
-        return moving_hulls(self.tree, self.link_hulls, standing, touching)
+        return moving_hulls(self.tree, self.link_hulls, standing, exact)
 
     @cached_property
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:

@@ -118,8 +118,9 @@ class TestWritten:
         assert kinds(fp.load_plan(path)) == kinds(sunk)
 
     def test_none_is_an_empty_list(self, tmp_path):
-        problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
-        path = fp.plan(problem).save(tmp_path / "plan.json")
+        problem = fp.load_problem(ROOT / "problems" / "falling_cat.toml")
+        afloat = replace(problem, flight=replace(problem.flight, gravity=0.0))
+        path = fp.plan(afloat).save(tmp_path / "plan.json")
         assert json.loads(path.read_text())["warnings"] == []
 
     def test_in_json_summary_and_report(self, sunk, floatplan, tmp_path):
