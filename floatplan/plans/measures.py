@@ -224,9 +224,8 @@ def _contacts(plan: Measured) -> Iterator[PlanWarning]:
         elif contact.unlimited and contact.unlimited[1] > FAST:
             joint, rate = contact.unlimited
             message = (
-                f"For {contact.frame} to be at rest at {contact.end}, {joint} turns at {rate:.4g} rad/s at"
-                f" {contact.angular_momentum:.5g} kg m^2/s; its URDF gives no velocity limit, and legged robots"
-                f" stay below {FAST:g} rad/s; floatplan takeoff tells what would help."
+                f"{joint} turns at {rate:.4g} rad/s for {contact.frame} to be at rest at {contact.end}, more than"
+                f" {FAST:g} rad/s, and its URDF gives no limit; floatplan takeoff tells what would help."
             )
             yield PlanWarning(contact.end, joint, rate, FAST, "rad/s", instant, message)
 
