@@ -40,6 +40,7 @@ def certify_record(
     urdf: str | Path | None = None,
     *,
     shapes: Sequence[LinkShape] | None = None,
+    hulls: Sequence[LinkShape] | None = None,
     budget: int = BUDGET,
 ) -> Certificate:
     """Prove or refute a plan, one thread at a time; another that computes with Arb meanwhile sees its precision change.
@@ -53,6 +54,8 @@ def certify_record(
         Capsules, m; places are (x, y, z) in the link's frame, or (horizontal, vertical) from the link's origin, along
         the root link's axes in the posture with all planned positions zero. Left out, a link is the segments from
         its origin to its children's joints; a robot that has ``<collision>`` elements needs them given.
+    hulls : the same, optional
+        Capsules whose ends reach as far down as the links: what stands on the ground. Left out, ``shapes``.
     budget : int
         Most cells of time; with fewer than it needs, the proof may end undecided.
 
@@ -61,7 +64,7 @@ def certify_record(
     InputError
         The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
     """
-    return prove(checked(record), urdf, shapes=shapes, budget=budget)
+    return prove(checked(record), urdf, shapes=shapes, hulls=hulls, budget=budget)
 
 
 def prove(
@@ -69,6 +72,7 @@ def prove(
     urdf: str | Path | None = None,
     *,
     shapes: Sequence[LinkShape] | None = None,
+    hulls: Sequence[LinkShape] | None = None,
     unknown_meshes: Sequence[str] = (),
     budget: int = BUDGET,
 ) -> Certificate:
@@ -83,7 +87,7 @@ def prove(
         robot = recorded_robot(path, record.robot)
         try:
             with np.errstate(all="ignore"):
-                return _prove(robot, record, shapes, unknown_meshes, budget, began)
+                return _prove(robot, record, (shapes, hulls), unknown_meshes, budget, began)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
@@ -95,7 +99,7 @@ def prove(
 def _prove(
     robot: PlanarRobot,
     record: PlanRecord,
-    shapes: Sequence[LinkShape] | None,
+    shapes: tuple[Sequence[LinkShape] | None, Sequence[LinkShape] | None],
     unknown_meshes: Sequence[str],
     budget: int,
     began: float,
@@ -122,11 +126,13 @@ def _prove(
     if not obstacles and record.clearance_min is not None:
         found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
     if record.asks_clearance:
-        chosen = _shapes(robot, shapes)
+        capsules, hulls = shapes
+        chosen = _shapes(robot, capsules)
         surroundings = Surroundings(record, flight, place_shapes(flight, chosen), robot.sigma)
         clear = [self_finding(surroundings, pair) for pair in pairs]
         if problem.get("ground"):
-            clear.append(ground_finding(surroundings, robot))
+            standing = surroundings.shapes if hulls is None else place_shapes(flight, _shapes(robot, hulls))
+            clear.append(ground_finding(surroundings, robot, standing))
         if obstacles:
             to_obstacles, clearance = _clearances(surroundings, obstacles)
             clear = to_obstacles + clear

@@ -7,6 +7,7 @@ around collision geometry, which the certificate takes as given.
 from __future__ import annotations
 
 import cmath
+from collections.abc import Sequence
 from pathlib import Path
 
 from floatplan.arguments import optional, whole
@@ -18,7 +19,7 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import Recorded, check_meshes, find_urdf, recorded, recorded_robot
 from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate
-from floatplan.robot.robot import Robot
+from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.robot.urdf.example_robots import urdf_path
 from floatplan.tables import Range
 from floatplan.threads import one_thread
@@ -60,18 +61,18 @@ def certify(
         robot = robot or recorded_robot(record.robot, file, path)
         check_meshes(robot, record.robot, file)
         unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
-        return prove(record, path, shapes=_shapes(robot), unknown_meshes=unknown, budget=budget)
+        shapes = hulls = None
+        if "<collision" in robot.xml:
+            flight = record.problem["flight"]
+            standing = [str(flight[end]["frame"]) for end in ("takeoff", "landing")]
+            shapes, hulls = shapes_of(robot), shapes_of(robot, robot.hulls(standing, robot.limb_ends))
+        return prove(record, path, shapes=shapes, hulls=hulls, unknown_meshes=unknown, budget=budget)
 
 
-def _shapes(robot: Robot) -> list[LinkShape] | None:
-    """The robot's capsules, where its file has collision geometry."""
-    return shapes_of(robot) if "<collision" in robot.xml else None
-
-
-def shapes_of(robot: Robot) -> list[LinkShape]:
-    """Shapes of a loaded robot, such as the capsules around its collision geometry, as ``certify`` takes them."""
+def shapes_of(robot: Robot, capsules: Sequence[LinkCapsule] | None = None) -> list[LinkShape]:
+    """Shapes of a loaded robot, left out the capsules around its collision geometry, as ``certify`` takes them."""
     found: list[LinkShape] = []
-    for shape in robot.shapes:
+    for shape in robot.shapes if capsules is None else capsules:
         origin = robot.frames[shape.link].local
         turn = cmath.exp(1j * robot.tree.turn * float(robot.tree.offsets[shape.body]))
         start, end = ((place - origin) * turn for place in (shape.start, shape.end))

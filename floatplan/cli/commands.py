@@ -212,7 +212,7 @@ def bounds(
     ] = None,
     json_output: Json = False,
 ) -> None:
-    """Tell which angular momentum suits a flight: of joints that do not turn back, and with feet at rest at both ends.
+    """Tell which angular momentum suits a flight: of joints that do not turn back, and by their rates at both ends.
 
     For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
     the frame on the ground being at rest: intervals of angular momentum and velocity.

@@ -17,7 +17,8 @@ def takeoff(
 ) -> None:
     """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
 
-    Exit code 1 where they do not at one of the ends, or not with the same free angular momentum at both.
+    Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
+    rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
     """
     from floatplan.plans.contact import landing as at_landing
     from floatplan.plans.contact import no_common_momentum

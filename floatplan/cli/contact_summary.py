@@ -53,7 +53,7 @@ def reachable_summary(facts: Mapping[str, Any]) -> RenderableType:
     """Return what rates within the limits reach at both ends, of ``floatplan bounds``; empty where none stands."""
     ends = [end for end in ("takeoff", "landing") if facts[f"{end}_asked"] is not None]
     if not ends:
-        return Text("no frame stands on the ground, so no rates have to push off", "dim")
+        return Text("no frame stands on the ground, so none has to be at rest", "dim")
     table = Table("", *REACHED.values(), box=None, header_style="dim", pad_edge=False)
     for end in ends:
         table.add_row(f"{end}, asked", *(f"{value:.5g}" for value in facts[f"{end}_asked"]))

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
+from floatplan.motion.planar.contact_rates import End, has_contact, shared_momentum
 from floatplan.motion.planar.reachable import Reachable, reachable
 from floatplan.problem.limits import position_limits
 from floatplan.problem.parts import Limits
@@ -63,16 +63,16 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
 def reachable_sets(problem: Problem) -> dict[str, Reachable]:
     """Return what joint rates reach at the ends where a frame stands on the ground, about what the problem asks.
 
-    Where h is free it is the one that lets the joints be slowest there.
+    Where h is free it is the one that lets the joints be slowest at both together.
     """
-    return {end: reachable(problem, end, _asked(problem, end)) for end in get_args(End) if has_contact(problem, end)}
+    return {end: reachable(problem, end, _asked(problem)) for end in get_args(End) if has_contact(problem, end)}
 
 
-def _asked(problem: Problem, end: End) -> float:
+def _asked(problem: Problem) -> float:
     asked = problem.flight.angular_momentum
     if asked == "free":
-        best = contact_rates(problem, end, None)
-        asked = best.angular_momentum if best.exist else "midpoint"
+        shared = shared_momentum(problem)
+        asked = "midpoint" if shared is None else shared
     return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else asked
 
 

@@ -44,7 +44,7 @@ class CompiledReckoning(Reckoning):
         groups, columns, states = len(TurningBodies.of(tree).turns), CONDITIONS + width, 2 + 2 * m
         shapes = views.flight.link_shapes if views.has_distances else LinkShapes(tree, ())
         instants, size, capsules = len(views.instants.grid.s), n * width, len(shapes.radius)
-        rows = _rows(views.rows, capsules, m, n)
+        rows = _rows(views.rows, shapes, m, n)
         most = 1 + lawful.MOST_ROWS * (len(rows["block_first"]) - 1)
         of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
         ahead = columns * n + of_instant * instants
@@ -248,7 +248,7 @@ def _of_capsules(tree: PlanarTree, shapes: LinkShapes) -> dict[str, Any]:
     return {"radius": shapes.radius, **_parts("ends", ends)}
 
 
-def _rows(blocks: Sequence[Rows], capsules: int, bodies: int, joints: int) -> dict[str, Any]:
+def _rows(blocks: Sequence[Rows], capsules: LinkShapes, bodies: int, joints: int) -> dict[str, Any]:
     """Rows of limits, block after block: kind, joint or capsule, shape, other, limit, slope, window, turns, ratios."""
     written: list[tuple[Any, ...]] = []
     obstacles: list[list[float]] = []
@@ -266,7 +266,7 @@ def _rows(blocks: Sequence[Rows], capsules: int, bodies: int, joints: int) -> di
             window = block.window[0] - ROUNDING, block.window[1] + ROUNDING
             if isinstance(block.of, Obstacle):
                 shapes, numbers = written_obstacle(block.of)
-                pairs = [(shape, i, len(obstacles)) for shape in shapes for i in range(capsules)]
+                pairs = [(shape, i, len(obstacles)) for shape in shapes for i in capsules.facing(block.of)]
                 obstacles.append(numbers)
             else:
                 pairs = [(PAIR, i, j) for i in block.of[0] for j in block.of[1]]

@@ -81,7 +81,8 @@ class Views:
         problem = plan.problem
         flight = planar_flight(problem)
         shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
-        self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes))
+        hulls = _distinct(flight.tree, problem.ground_shapes) if problem.ground else ()
+        self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes, hulls))
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
         self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from floatplan.arrays import Array, ComplexArray
 from floatplan.initial.rates import EndRates, end_rates
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.motion.planar.contact import CONTACT, STILL
+from floatplan.motion.planar.contact import STILL
 from floatplan.motion.planar.momentum import MomentumMapping, TurningBodies, momentum_mapping
-from floatplan.problem.ground import contact_shapes
 from floatplan.robot.planar.tree import rotations_of
 from floatplan.robot.robot import Robot
+from floatplan.tables import CLEARANCE
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
@@ -65,14 +65,15 @@ class Stance:
     def points(self) -> tuple[ComplexArray, Array, BoolArray, BoolArray]:
         """Weights (P, m) of the ends of all shapes, radii (P,), m; which stand, and which are where a foot is."""
         robot, frame = self.robot, self.robot.frames[self.frame]
-        standing = {id(shape) for shape in contact_shapes(robot, frame.link)}
-        if not standing:
+        shapes = robot.hulls([self.frame])
+        standing = robot.contact_link(frame.link)
+        if standing is None:
             return frame_weights(robot, frame)[None], np.zeros(1), np.ones(1, dtype=bool), np.ones(1, dtype=bool)
         turns = robot.tree.turns
-        ends = [(shape, end) for shape in robot.shapes for end in (shape.start, shape.end)]
+        ends = [(shape, end) for shape in shapes for end in (shape.start, shape.end)]
         bodies, local = (np.array(column) for column in zip(*((shape.body, end) for shape, end in ends), strict=True))
         weights = robot.tree.point_weights(bodies, local)
-        stands = np.array([id(shape) in standing for shape, _ in ends])
+        stands = np.array([shape.link == standing for shape, _ in ends])
         places = self._somewhere() @ weights.T
         apart = np.abs(places[:, :, None] - places[:, None, stands]).max(axis=0).min(axis=1)
         feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ROUNDING)  # a shank ends where its foot is
@@ -158,7 +159,7 @@ class Standing:
         velocities = np.copysign(1.0, com_rises)[:, None] * rises
         lifted = np.where(self.stance.points[3], LIFTED, 0.0)
         soon = -(self._heights + velocities * SOON + lifted).min(axis=1)
-        pressed = -np.where(self._heights < CONTACT, velocities, 0.0).min(axis=1)
+        pressed = -np.where(self._heights < CLEARANCE, velocities, 0.0).min(axis=1)
         return np.asarray(np.maximum(np.maximum(soon, np.where(pressed > STILL, pressed, 0.0)), 0.0))
 
     @cached_property

@@ -73,7 +73,7 @@ class Watch:
                 kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
             else:
                 sides, numbers = written_obstacle(block.obstacle)
-                capsules = range(len(flight.links))
+                capsules = flight.link_shapes.facing(block.obstacle)
                 kinds += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
                 obstacles.append(numbers)
         self.rows = len(kinds)

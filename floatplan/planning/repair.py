@@ -92,7 +92,9 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
     record = plan.record.with_checks(certificate=certificate.to_dict())
     failed = [finding for finding in certificate.findings if finding.verdict == certificate.verdict]
     if certificate.proved:
-        return plan.with_record(replace(record, explanation="Everything is proved to hold at all times."))
+        return plan.with_record(
+            replace(record, explanation="The flight is proved: all that is asked of it holds at all times.")
+        )
     said = "; ".join(_sentence(finding) for finding in failed)
     if certificate.verdict == "refuted":
         return plan.with_record(replace(record, ok=False, status="infeasible", explanation=f"Refuted: {said}."))

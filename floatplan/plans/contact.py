@@ -15,9 +15,9 @@ from floatplan.arguments import number, optional
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact
+from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact, shared_momentum
 from floatplan.motion.planar.reachable import reachable
-from floatplan.plans.contact_advice import FAST, Momentum, advice, size, told
+from floatplan.plans.contact_advice import FAST, Momentum, advice, told
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 from floatplan.shown import Outlined
@@ -38,8 +38,8 @@ class Contact(Outlined):
     ----------
     problem : Problem
     end : "takeoff" or "landing"
-    momentum : float, "midpoint" or "free"
-        Asked for, see :class:`~floatplan.Flight`.
+    momentum : float or "midpoint"
+        As asked for, see :class:`~floatplan.Flight`; where it is free, the one that suits both ends best.
     found : ContactRates, optional
         None where no frame stands on the ground: the base link's own flies freely.
     """
@@ -94,7 +94,7 @@ class Contact(Outlined):
 
     @property
     def angular_momentum(self) -> float | None:
-        """About the centre of mass, kg m^2/s: as asked; where it is free, the best."""
+        """About the centre of mass, kg m^2/s: as asked; where it is free, the one that suits both ends best."""
         return None if self.found is None else self.found.angular_momentum
 
     @property
@@ -107,7 +107,7 @@ class Contact(Outlined):
         """The verdict for a person; where it is bad, also what was tried and would help."""
         if self.found is None:
             return (self.verdict,)
-        bad = size(self.found) > (1 if self.ratio is not None else FAST)
+        bad = self.found.size > (1 if self.ratio is not None else FAST)
         return (self.verdict, *(advice(self.problem, self.end, self.momentum) if bad else ()))
 
     @cached_property
@@ -126,17 +126,32 @@ class Contact(Outlined):
         if found.ratio is None:
             return (
                 f"{self.frame} {verb}s the ground at rest at {self.end} with joints that turn at up to"
-                f" {told(found)}, {found.joint} before all; no motor has a velocity limit."
+                f" {self._told}, {found.joint} before all; no motor has a velocity limit."
             )
         rates = f"{found.joint} at {self.rate:.4g} rad/s where {self.limit:.4g} rad/s are allowed"
         if self.ok:
-            return f"{self.frame} {verb}s the ground at rest at {self.end}, with {told(found)}: {rates}."
-        return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {told(found)}, {rates}."
+            return f"{self.frame} {verb}s the ground at rest at {self.end}, with {self._told}: {rates}."
+        return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {self._told}, {rates}."
+
+    @property
+    def unlimited(self) -> tuple[str, float] | None:
+        """The fastest of the motors that the URDF sets no velocity limit, and its rate, rad/s; None without."""
+        if self.found is None or not self.found.exist:
+            return None
+        robot = self.problem.robot
+        rates = np.where(np.isfinite(robot.motor_velocity_limits), 0.0, np.abs(self.found.motor_rates))
+        fastest = int(rates.argmax())
+        return (robot.motors[fastest], float(rates[fastest])) if rates[fastest] else None
+
+    @property
+    def _told(self) -> str:
+        """Share and angular momentum in words: one says nothing without the other."""
+        return "" if self.found is None else f"{told(self.found)} at {self.found.angular_momentum:.5g} kg m^2/s"
 
     @property
     def brief(self) -> str:
         """The verdict in a few words."""
-        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {told(self.found)}" if self.found else "flies"
+        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {self._told}" if self.found else "flies"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` prints of it; None for what is not finite."""
@@ -159,13 +174,15 @@ class Contact(Outlined):
 
 @one_thread
 def takeoff(problem: Problem | str | Path, angular_momentum: float | None = None) -> Contact:
-    """Tell whether the takeoff frame can leave the ground at rest within the joints' velocity limits.
+    """Tell whether the takeoff frame can be at rest at takeoff within the joints' velocity limits.
+
+    Joint rates at that one instant are looked at; neither how the robot gets there from rest, nor forces and balance.
 
     Parameters
     ----------
     problem : Problem, or path of a problem file
     angular_momentum : float, optional
-        kg m^2/s; left out, the problem's; where it is free, the one that lets the joints be slowest.
+        kg m^2/s; left out, the problem's; where it is free, that with the least larger ratio of takeoff and landing.
 
     Raises
     ------
@@ -177,7 +194,7 @@ def takeoff(problem: Problem | str | Path, angular_momentum: float | None = None
 
 @one_thread
 def landing(problem: Problem | str | Path, angular_momentum: float | None = None) -> Contact:
-    """Tell whether the landing frame can meet the ground at rest; see :func:`takeoff`."""
+    """Tell whether the landing frame can be at rest at landing; see :func:`takeoff`."""
     return _contact(problem, "landing", angular_momentum)
 
 
@@ -185,10 +202,12 @@ def no_common_momentum(problem: Problem) -> str | None:
     """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
     if problem.flight.angular_momentum != "free":
         return None
-    ends = takeoff(problem), landing(problem)
-    if not all(contact.found is not None and contact.ok and contact.ratio is not None for contact in ends):
+    ends: tuple[End, ...] = ("takeoff", "landing")
+    best = [contact_rates(problem, end, None) for end in ends if has_contact(problem, end)]
+    if len(best) < 2 or not all(found.ratio is not None and found.ratio <= 1 + RELATIVE for found in best):
         return None
-    first, last = (reachable(problem, c.end, c.angular_momentum or 0.0).angular_momentum for c in ends)
+    pairs = zip(ends, best, strict=True)
+    first, last = (reachable(problem, end, found.angular_momentum).angular_momentum for end, found in pairs)
     if first is None or last is None or max(first[0], last[0]) <= min(first[1], last[1]):
         return None
     return (
@@ -201,10 +220,13 @@ def _contact(given: Problem | str | Path, end: End, angular_momentum: float | No
     problem = given_problem(given)
     angular_momentum = optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
     asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
+    if asked == "free":
+        shared = shared_momentum(problem)
+        asked = "midpoint" if shared is None else shared
     if not has_contact(problem, end):
         return Contact(problem, end, asked, None)
-    momentum = sum(angular_momentum_interval(problem)) / 2 if asked == "midpoint" else asked
-    return Contact(problem, end, asked, contact_rates(problem, end, None if momentum == "free" else float(momentum)))
+    momentum = sum(angular_momentum_interval(problem)) / 2 if asked == "midpoint" else float(asked)
+    return Contact(problem, end, asked, contact_rates(problem, end, momentum))
 
 
 def _why_none(problem: Problem, found: ContactRates) -> str:

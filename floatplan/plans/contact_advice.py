@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -27,24 +27,17 @@ WORTH_TELLING = 0.95  # [-] of what it is now
 ENOUGH = 0.8  # [-] of a limit, or of FAST: slower need not be
 CHANGE = 0.1  # [-] of a limit, that is as bad as a change by one rad, or of the duration by a factor of e
 
-Momentum: TypeAlias = float | Literal["midpoint", "free"]
+Momentum: TypeAlias = float | Literal["midpoint"]
 
 
 def _share(found: ContactRates) -> float:
     """Of a velocity limit; without limits, of what is fast."""
-    return size(found) / (FAST if found.ratio is None else 1.0)
-
-
-def size(found: ContactRates) -> float:
-    """The ratio; without limits the largest rate of a motor, rad/s; infinite where no rates exist."""
-    if not found.exist:
-        return math.inf
-    return float(np.abs(found.motor_rates).max()) if found.ratio is None else found.ratio
+    return found.size / (FAST if found.ratio is None else 1.0)
 
 
 def told(found: ContactRates) -> str:
     """The same in words."""
-    number = size(found)
+    number = found.size
     if not math.isfinite(number):
         return "no rates at all"
     if found.ratio is None:
@@ -61,6 +54,9 @@ class _Trial:
     free: bool
 
 
+Change: TypeAlias = Callable[[Problem, _Trial, ContactRates], str]
+
+
 class _Trials:
     """Rates of trials at one end of a problem's flight; the frame stays where it is, at the base's orientation."""
 
@@ -69,7 +65,7 @@ class _Trials:
         self._frame, self._orientation, positions, _ = at_end(problem, end)
         self._limits = rate_limits(problem)
         self._weights = np.array([frame_weights(problem.robot, frame) for frame in problem.robot.frames.values()])
-        self.asked = _Trial(problem.flight.duration, positions, momentum == "free")
+        self.asked = _Trial(problem.flight.duration, positions, False)
         self._own_height, lowest = self._heights(positions)
         self._floor = lowest - self._own_height - SINKING
 
@@ -81,7 +77,7 @@ class _Trials:
 
     def _angular_momentum(self, trial: _Trial) -> float | None:
         problem = self._problem
-        if trial.free or self._momentum == "free":
+        if trial.free:
             return None
         if self._momentum != "midpoint":
             return self._momentum
@@ -150,28 +146,32 @@ def advice(problem: Problem, end: End, momentum: Momentum) -> Iterator[str]:
 
     Parameters
     ----------
-    momentum : as in :class:`~floatplan.Flight`
+    momentum : kg m^2/s, or "midpoint"
     """
     trials = _Trials(problem, end, momentum)
     asked = trials.asked
     least = _share(trials.rates(asked))
     longer = trials.longer_or_shorter()
     alone = [replace(asked, free=True), longer, trials.postures(asked, durations=False)]
-    for trial, change in zip(alone, (_momentum, _duration, _posture), strict=True):
+    kept = (_momentum,) if problem.flight.angular_momentum == "free" else ()
+    for trial, changes in zip(alone, ((_momentum,), (_duration, *kept), (_posture, *kept)), strict=True):
         found = trials.rates(trial)
         if _share(found) < WORTH_TELLING * least:
-            yield f"With {change(problem, trial, found)} it takes {told(found)}."
+            yield f"With {_listed(changes, problem, trial, found)} it takes {told(found)}."
     if min(_share(trials.rates(trial)) for trial in alone) <= 1:
         return
     together = trials.postures(replace(longer, free=True), durations=True)
     found = trials.rates(together)
     if _share(found) < WORTH_TELLING * least:
-        changes = (change(problem, together, found) for change in (_momentum, _duration, _posture))
-        yield f"With {', '.join(changes)} it takes {told(found)}."
+        yield f"With {_listed((_momentum, _duration, _posture), problem, together, found)} it takes {told(found)}."
+
+
+def _listed(changes: tuple[Change, ...], problem: Problem, trial: _Trial, found: ContactRates) -> str:
+    return ", ".join(change(problem, trial, found) for change in changes)
 
 
 def _momentum(_problem: Problem, _trial: _Trial, found: ContactRates) -> str:
-    return f"an angular momentum of {found.angular_momentum:.4g} kg m^2/s"
+    return f"an angular momentum of {found.angular_momentum:.5g} kg m^2/s"
 
 
 def _duration(_problem: Problem, trial: _Trial, _found: ContactRates) -> str:

@@ -19,16 +19,16 @@ from floatplan.errors import InputError
 from floatplan.motion.flight_state import Peaks
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.plans.contact import Contact
+from floatplan.plans.contact_advice import FAST
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns"]
 
-CONTACT = 1e-8  # [m] tolerance of the ground, as of obstacles
 RELATIVE = 1e-9  # [-] of limits
 ROUNDING = 1e-9  # [rad] of joint ranges
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
@@ -198,10 +198,10 @@ def _ground(plan: Measured) -> Iterator[PlanWarning]:
         message = f"What the flight does to the ground could not be measured: {error}."
         yield PlanWarning("ground", plan.problem.takeoff_frame.link, None, 0.0, "m", None, message)
         return
-    if not height >= -CONTACT:
+    if not height >= -CLEARANCE:
         takeoff = plan.problem.takeoff_frame.link
         at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
-        if at_takeoff < -CONTACT:
+        if at_takeoff < -CLEARANCE:
             message = (
                 f"{link} gets {-height:.3g} m below the place that {takeoff} left, at {instant:.3g} s, and something is"
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
@@ -215,14 +215,21 @@ def _ground(plan: Measured) -> Iterator[PlanWarning]:
 
 
 def _contacts(plan: Measured) -> Iterator[PlanWarning]:
-    """Frames that no joint rates within the limits let leave or meet the ground at rest."""
+    """Frames that no joint rates within the limits, or such as no robot's are, let leave or meet the ground at rest."""
     for contact in plan.contacts:
+        instant = 0.0 if contact.end == "takeoff" else plan.problem.flight.duration
         if not contact.ok:
-            instant = 0.0 if contact.end == "takeoff" else plan.problem.flight.duration
             message = f"{contact.verdict.rstrip('.')}; floatplan takeoff tells what would help."
             yield PlanWarning(
                 contact.end, contact.joint or contact.frame, contact.rate, contact.limit, "rad/s", instant, message
             )
+        elif contact.unlimited and contact.unlimited[1] > FAST:
+            joint, rate = contact.unlimited
+            message = (
+                f"{joint} turns at {rate:.4g} rad/s for {contact.frame} to be at rest at {contact.end}, more than"
+                f" {FAST:g} rad/s, and its URDF gives no limit; floatplan takeoff tells what would help."
+            )
+            yield PlanWarning(contact.end, joint, rate, FAST, "rad/s", instant, message)
 
 
 def _joints(plan: Measured) -> Iterator[PlanWarning]:

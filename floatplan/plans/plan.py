@@ -190,8 +190,8 @@ class Plan(PlannedMotion):
         """Least height, m, of a link's surface over the ground's line; when, s; and which link's it is."""
         ground = self.problem.ground_plane
         height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
-        distances = obstacle_distances(self.segments(np.array([instant])), ground, np.array([instant])).values[0]
-        shapes = self.robot.shapes
+        segments, shapes = self.segments(np.array([instant]), hulls=True), self.problem.ground_shapes
+        distances = obstacle_distances(segments, ground, np.array([instant])).values[0]
         return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
 
     @property

@@ -20,7 +20,7 @@ from floatplan.motion.planar.full_motion import FullMotion
 from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.threads import one_thread
@@ -196,18 +196,20 @@ class PlannedMotion:
         ``obstacles`` are those of the problem where left out.
         """
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        segments = self.segments(instants)
+        chosen = self.problem.obstacles if obstacles is None else obstacles
+        segments = self.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
         least = np.full(len(instants), np.inf)
-        for obstacle in self.problem.obstacles if obstacles is None else obstacles:
+        for obstacle in chosen:
             distance = obstacle_distances(segments, obstacle, instants).values.min(axis=1)
             low, high = obstacle.window or (-np.inf, np.inf)
             least = np.minimum(least, np.where((instants >= low) & (instants <= high), distance, np.inf))
         return least
 
     @one_thread
-    def segments(self, instants: Array) -> Segments:
-        """The links' shapes at instants (N,)."""
+    def segments(self, instants: Array, hulls: bool = False) -> Segments:
+        """The links' shapes at instants (N,); with the hulls for distances to the ground where asked for."""
         positions, _, _ = self.joint_motion(instants)
         angles = self.robot.tree.absolute_angles(self.orientation(instants), positions)
         com = self.ballistics.positions(instants)
-        return LinkShapes(self.robot.tree, self.robot.shapes).place(com[:, 0] + 1j * com[:, 1], angles)
+        shapes = LinkShapes(self.robot.tree, self.robot.shapes, self.problem.ground_shapes if hulls else ())
+        return shapes.place(com[:, 0] + 1j * com[:, 1], angles)

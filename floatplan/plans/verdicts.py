@@ -201,7 +201,7 @@ def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool)
     if certificate is None:
         return "planned, not proved yet"
     if certificate.proved:
-        return "proved, with warnings" if warned else "proved"
+        return "flight proved, with warnings" if warned else "flight proved"
     return "planned, proof undecided" if certificate.verdict == "undecided" else "refuted"
 
 

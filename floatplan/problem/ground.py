@@ -8,25 +8,9 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.problem.parts import JointState
-from floatplan.robot.robot import Frame, LinkCapsule, Robot
+from floatplan.robot.robot import Frame, Robot
 
-
-def contact_shapes(robot: Robot, link: str) -> Sequence[LinkCapsule]:
-    """Return the shapes with which a link stands on the ground: its own, else those of the link that it is fixed to.
-
-    None where no link that it is fixed to has any: the link is then the point of its origin.
-
-    Raises
-    ------
-    InputError
-        A link's collision geometry is wrong.
-    """
-    carrier = {joint.child: joint for joint in robot.layout.tree.joints}
-    while True:
-        shapes = [shape for shape in robot.shapes if shape.link == link]
-        if shapes or link not in carrier or carrier[link].moves:
-            return shapes
-        link = carrier[link].parent
+TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
 
 def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:
@@ -35,10 +19,19 @@ def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:
 
 
 def lowest_point(robot: Robot, link: str, state: JointState) -> float:
-    """Height over the centre of mass, m, of the lowest point with which a link stands; errors as above."""
-    shapes = contact_shapes(robot, link)
-    if not shapes:
+    """Height over the centre of mass, m, of the lowest point with which a link stands.
+
+    It is the link's own, or that of the link that it is fixed to; where that has no shape, its origin.
+
+    Raises
+    ------
+    InputError
+        A link's collision geometry is wrong.
+    """
+    standing = robot.contact_link(link)
+    if standing is None:
         return frame_height(robot, robot.frames[link], state)
+    shapes = robot.link_hulls[standing]
     bodies = [shape.body for shape in shapes]
     starts, ends = (
         _heights(robot, bodies, [getattr(shape, end) for shape in shapes], state) for end in ("start", "end")

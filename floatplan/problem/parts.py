@@ -323,6 +323,11 @@ class HalfPlane(Obstacle):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ground(HalfPlane):
+    """The ground, on which links stand: distances to it are those of their hulls, not of the capsules around them."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Bar(Obstacle):
     """A capsule: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 

@@ -25,7 +25,7 @@ from floatplan.problem.checks import (
     landing_of,
     takeoff_of,
 )
-from floatplan.problem.ground import ground_height
+from floatplan.problem.ground import TOUCHING, frame_height, ground_height, lowest_point
 from floatplan.problem.limits import (
     check_inside,
     joint_limits,
@@ -37,7 +37,7 @@ from floatplan.problem.limits import (
 from floatplan.problem.parts import (
     OBSTACLE_KINDS,
     Flight,
-    HalfPlane,
+    Ground,
     JointState,
     Landing,
     Limits,
@@ -48,7 +48,7 @@ from floatplan.problem.parts import (
     Takeoff,
 )
 from floatplan.robot.leak import refuse_leak
-from floatplan.robot.robot import Frame, Robot
+from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
 from floatplan.threads import one_thread
@@ -216,7 +216,7 @@ class Problem(Checked):
 
     @cached_property
     @one_thread
-    def ground_plane(self) -> HalfPlane:
+    def ground_plane(self) -> Ground:
         """The half-plane below the ground's line, asked for or not.
 
         Raises
@@ -225,7 +225,26 @@ class Problem(Checked):
             The collision geometry of the takeoff link is wrong.
         """
         height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
-        return HalfPlane(point=(0.0, height), normal=(0.0, 1.0))
+        return Ground(point=(0.0, height), normal=(0.0, 1.0))
+
+    @cached_property
+    def ground_shapes(self) -> tuple[LinkCapsule, ...]:
+        """Shapes of all links by whose ends heights over the ground are measured; errors as above.
+
+        Exact are those that touch it: the links that take off and land, and ends of limbs that are as low there.
+        """
+        robot, line = self.robot, self.ground_plane.point[1]
+        ends = (
+            (self.takeoff_frame, self.takeoff.position[1], self.initial),
+            (self.landing_frame, self.landing_height, self.final),
+        )
+        rises = [(height - frame_height(robot, frame, state) - line, state) for frame, height, state in ends]
+        low = [
+            link
+            for link in robot.limb_ends
+            if min(rise + lowest_point(robot, link, state) for rise, state in rises) < TOUCHING
+        ]
+        return robot.hulls((self.takeoff.frame, self.landing.frame), low)
 
     @property
     def chooses_ends(self) -> bool:

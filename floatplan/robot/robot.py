@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from floatplan.robot.planar.model import build_model, full_coordinates, motor_co
 from floatplan.robot.planar.model_check import check_model
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.shapes.capsules import Outline
+from floatplan.robot.shapes.hulls import moving_hulls
 from floatplan.robot.shapes.links import link_outlines, link_shapes, mesh_digests, missing_meshes, unread_geometry
 from floatplan.robot.shapes.outlines import KINDS
 from floatplan.robot.urdf.check import check_urdf
@@ -251,8 +252,7 @@ class Robot:
         """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
         return MappingProxyType(mesh_digests(self.layout.tree, None if self.path is None else self.path.parent))
 
-    @cached_property
-    @one_thread
+    @property
     def shapes(self) -> tuple[LinkCapsule, ...]:
         """The links' shapes in the plane, fitted when first used.
 
@@ -261,6 +261,46 @@ class Robot:
         InputError
             If the geometry of a ``<collision>`` is wrong, or its file is not a mesh, or not the one of ``meshes``.
         """
+        return self._shapes[0]
+
+    @property
+    def link_hulls(self) -> Mapping[str, Sequence[LinkCapsule]]:
+        """Convex hulls of the links that have a shape: capsules whose ends are its corners; errors as of ``shapes``."""
+        return self._shapes[1]
+
+    @property
+    def limb_ends(self) -> list[str]:
+        """Links with a shape on bodies that carry no other: hands, feet, head."""
+        carrying = set(self.tree.parent.tolist())
+        return [link for link in self.link_hulls if self.layout.body_of[link] not in carrying]
+
+    def contact_link(self, link: str) -> str | None:
+        """Return the link with whose shapes another stands on the ground: itself, else one that it is fixed to.
+
+        None where none of these has any; errors as of ``shapes``.
+        """
+        carrier = {joint.child: joint for joint in self.layout.tree.joints}
+        while link not in self.link_hulls:
+            if link not in carrier or carrier[link].moves:
+                return None
+            link = carrier[link].parent
+        return link
+
+    def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
+        """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
+
+        Those of the links that stand are all corners of their hulls. What turns with one of them is exact too, and the
+        bodies of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
+        """
+        turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
+        exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
+        exact.update(self.layout.body_of[link] for link in touching)
+        standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
+        return moving_hulls(self.tree, self.link_hulls, standing, exact)
+
+    @cached_property
+    @one_thread
+    def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
         try:
             return link_shapes(self.layout, None if self.path is None else self.path.parent, self.meshes)
         except InputError as error:

@@ -197,7 +197,8 @@ class _Loop:
         self.plan_torque_peak = self.motors @ plan.peaks.motor_torque
         problem = plan.problem
         self.obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
-        self.shapes = LinkShapes(robot.tree, robot.shapes) if self.obstacles else None
+        hulls = problem.ground_shapes if problem.ground else ()
+        self.shapes = LinkShapes(robot.tree, robot.shapes, hulls) if self.obstacles else None
         self.base_weights = robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
 
     def fly(self, seed: int, flight: int, correct: bool) -> tuple[_Flown, Counter[str], list[float]]:

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from robot_samples import inertial, joint, robot_text
+from true_heights import lowest_by_link
 
 import floatplan as fp
 from floatplan.motion.planar.contact import motion_into_ground
+from floatplan.robot.shapes.capsules import OUTSIDE, Outline, with_fewer_corners
 from floatplan.robot.urdf.example_robots import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,7 +63,10 @@ class TestMeasured:
         assert "ground = true" in warning.message
 
     def test_a_plan_above_it_has_none(self, handstand):
-        assert kinds(fp.plan(handstand)) == ["landing"]  # on a stretched arm, which no joint rates stop
+        assert kinds(fp.plan(handstand)) == [
+            "takeoff",
+            "landing",
+        ]  # fast, and on a stretched arm: no joint rates stop it
 
     def test_without_gravity_there_is_no_ground(self, sinking):
         plan = fp.plan(replace(sinking, flight=replace(sinking.flight, gravity=0.0)))
@@ -113,8 +118,9 @@ class TestWritten:
         assert kinds(fp.load_plan(path)) == kinds(sunk)
 
     def test_none_is_an_empty_list(self, tmp_path):
-        problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
-        path = fp.plan(problem).save(tmp_path / "plan.json")
+        problem = fp.load_problem(ROOT / "problems" / "falling_cat.toml")
+        afloat = replace(problem, flight=replace(problem.flight, gravity=0.0))
+        path = fp.plan(afloat).save(tmp_path / "plan.json")
         assert json.loads(path.read_text())["warnings"] == []
 
     def test_in_json_summary_and_report(self, sunk, floatplan, tmp_path):
@@ -168,7 +174,8 @@ class TestAsked:
         assert plain.landing_height == 0.0
 
     def test_it_is_kept_and_proved(self, backflip):
-        plan = fp.plan(replace(backflip, ground=True), prove=True)
+        resting = replace(backflip.flight, landing=fp.Landing("RL_foot"))
+        plan = fp.plan(replace(backflip, ground=True, flight=resting), prove=True)
         assert plan.certificate.proved, plan.explanation
         assert "ground" in {finding.label for finding in plan.certificate.findings}
         assert "ground" not in kinds(plan)
@@ -205,3 +212,94 @@ class TestAsked:
 
     def test_a_foot_that_rises_is_not(self, handstand):
         assert motion_into_ground(replace(handstand, ground=True), -1.17) == []
+
+
+FEET = {
+    "box": ('<box size="0.3048 0.3048 0.3048"/>', "0 0.2 0"),
+    "cylinder": ('<cylinder radius="0.08" length="0.2"/>', "0 0 0"),
+    "cylinder across": ('<cylinder radius="0.08" length="0.3"/>', "1.5707963267948966 0 0"),
+    "cylinder aslant": ('<cylinder radius="0.03" length="0.2"/>', "0.7 0.4 0"),
+    "sphere": ('<sphere radius="0.06"/>', "0 0 0"),
+    "mesh": ('<mesh filename="foot.stl"/>', "0 0.3 0"),
+}
+ROUNDED = {"cylinder aslant": 2e-4}  # [m] by which a rim seen aslant is taken outside; all others are exact
+
+
+def gymnast_with_foot(root, folder, foot):
+    """A gymnast whose foot has a shape, and whose hand is a small cube."""
+    import trimesh
+
+    folder.mkdir(exist_ok=True)
+    trimesh.creation.icosphere(subdivisions=2, radius=0.09).apply_scale([1.5, 1.0, 0.6]).export(folder / "foot.stl")
+    geometry, turned = FEET[foot]
+    text = (root / "urdf" / "gymnast.urdf").read_text()
+    for link, shape, rpy in (("foot", geometry, turned), ("hand", '<box size="0.04 0.04 0.04"/>', "0 0 0")):
+        collision = f'<collision><origin xyz="0.01 0 0.02" rpy="{rpy}"/><geometry>{shape}</geometry></collision>'
+        text = text.replace(f'<link name="{link}"/>', f'<link name="{link}">{collision}</link>')
+    path = folder / "robot.urdf"
+    path.write_text(text)
+    return fp.Robot.from_urdf(path)
+
+
+def handstand_of(robot, handstand, **changes):
+    flight = replace(handstand.flight, landing=fp.Landing("hand", changes.pop("height", None)))
+    return replace(handstand, robot=robot, flight=flight, limits=fp.Limits(position="full"), **changes)
+
+
+@pytest.mark.parametrize("foot", FEET)
+class TestTrueShapes:
+    """The line and what rests on it touch corners, rims and vertices, not the capsules around them."""
+
+    def test_the_line_and_the_landing(self, root, tmp_path, handstand, foot):
+        problem = handstand_of(gymnast_with_foot(root, tmp_path, foot), handstand, ground=True)
+        plan = fp.plan(problem, prove=True)
+        assert plan.certificate is not None, plan.explanation
+        assert plan.certificate.proved, plan.certificate
+        line, off = problem.ground_plane.point[1], ROUNDED.get(foot, 0.0)
+        heights = lowest_by_link(plan, np.linspace(0.0, plan.duration, 2001))
+        assert -1e-7 <= heights["foot"][0] - line <= off + 1e-7
+        assert heights["hand"][-1] == pytest.approx(line, abs=1e-6)
+        assert min(each.min() for each in heights.values()) >= line - 1e-6
+
+    def test_a_depth_is_told_in_full(self, root, tmp_path, handstand, foot):
+        """A hand that lands below the sole, as deep as the warning says, is refuted where the ground is asked for."""
+        robot = gymnast_with_foot(root, tmp_path, foot)
+        resting = handstand_of(robot, handstand, ground=True).landing_height
+        plan = fp.plan(handstand_of(robot, handstand, height=resting - 0.0078))
+        (warning,) = [each for each in plan.warnings if each.kind == "ground"]
+        heights = lowest_by_link(plan, np.linspace(0.0, plan.duration, 2001))
+        deepest = min(heights, key=lambda link: heights[link].min())
+        true = heights[deepest].min() - heights["foot"][0]
+        assert true < -0.0077
+        assert -1.1e-3 <= warning.value - true <= ROUNDED.get(foot, 0.0) + 1e-6
+        asked = replace(plan.problem, ground=True)
+        assert not fp.plan(asked, budget=1).ok
+
+
+@pytest.mark.parametrize("name", ["go2", "g1", "talos"])
+def test_real_robots_warn_of_true_depths(root, name):
+    if robots_folder() is None:
+        pytest.skip("example-robot-data is not installed")
+    problem = fp.load_problem(root / "problems" / "gallery" / f"{name}.toml")
+    plan = fp.plan(replace(problem, obstacles=(), limits=fp.Limits()))
+    heights = lowest_by_link(plan, np.linspace(0.0, plan.duration, 2001), robots_folder().parent.parent)
+    standing = plan.robot.contact_link(plan.problem.takeoff_frame.link)
+    line = heights[standing][0]
+    assert problem.ground_plane.point[1] == pytest.approx(line, abs=1e-6)
+    true = min(each.min() for each in heights.values()) - line
+    told = min((each.value for each in plan.warnings if each.kind == "ground"), default=0.0)
+    assert true - 1.1e-3 <= told <= min(true, 0.0) + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_fewer_corners_hold_the_hull(seed):
+    rng = np.random.default_rng(seed)
+    hull = Outline.convex(0.2 * (rng.normal(size=400) + 1j * rng.normal(size=400)))
+    outer = with_fewer_corners(hull)
+    assert len(outer.points) <= len(hull.points)
+    directions = np.exp(2j * np.pi * np.arange(3600) / 3600)
+    reach = [(directions.conj()[:, None] * each.points).real.max(axis=1) for each in (hull, outer)]
+    assert (reach[1] - reach[0]).min() > -1e-12
+    assert (reach[1] - reach[0]).max() <= OUTSIDE
+    disc = with_fewer_corners(Outline.convex(0.1 * np.exp(2j * np.pi * np.arange(720) / 720)))
+    assert len(disc.points) < 40

@@ -98,7 +98,7 @@ def obstacle_finding(surroundings: Surroundings, index: int, obstacle: Mapping[s
     )
 
 
-def ground_finding(surroundings: Surroundings, robot: PlanarRobot) -> Finding:
+def ground_finding(surroundings: Surroundings, robot: PlanarRobot, hulls: PlacedShapes) -> Finding:
     """Height of all links over the horizontal line through the lowest point of the link that takes off, at t = 0."""
     with flint.ctx.workprec(PRECISION):
         up = (flint.arb(0), flint.arb(surroundings.sigma))
@@ -107,15 +107,15 @@ def ground_finding(surroundings: Surroundings, robot: PlanarRobot) -> Finding:
         return heights(shapes, surroundings.direction(up), surroundings.height_offset((0.0, level), (0.0, 0.0), up))
 
     frame = surroundings.record.problem["flight"]["takeoff"]["frame"]
-    standing = _standing(surroundings.shapes, robot.carriers[frame])
+    standing = _standing(hulls, robot.carriers[frame])
     level = surroundings.record.problem["flight"]["takeoff"]["position"][1]
     if standing:
-        level = above(0.0, surroundings.shapes.only(standing)).least_at_start()
+        level = above(0.0, hulls.only(standing)).least_at_start()
     return _finding(
         surroundings,
         "ground",
         (),
-        Separation(above(level, surroundings.shapes)),
+        Separation(above(level, hulls)),
         np.arange(len(surroundings.flight.cells)),
         0.0,
     )[0]

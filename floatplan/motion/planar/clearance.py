@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
-from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+from floatplan.problem.parts import Bar, Circle, Ground, HalfPlane, Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule
 
@@ -27,7 +27,8 @@ class Segments:
     """The capsules of some links over K instants.
 
     ``start, end`` (K, S) complex, m; ``start_weights, end_weights`` (S, m) of :meth:`PlanarTree.point_weights`;
-    ``radius`` (S,) m; ``rotations`` (K, m).
+    ``radius`` (S,) m; ``rotations`` (K, m). The last ``hulls`` of them are the links' hulls, for the ground alone;
+    without any the capsules are.
     """
 
     start: ComplexArray
@@ -37,8 +38,16 @@ class Segments:
     radius: Array
     rotations: ComplexArray
     turn: float
+    hulls: int = 0
 
-    def of(self, capsules: IntArray) -> Segments:
+    def facing(self, obstacle: Obstacle) -> Segments:
+        """Return those whose distances to an obstacle count: the hulls' where it is the ground."""
+        if not self.hulls:
+            return self
+        first = len(self.radius) - self.hulls
+        return self.of(slice(first, None) if isinstance(obstacle, Ground) else slice(first))
+
+    def of(self, capsules: IntArray | slice) -> Segments:
         """Return some of the capsules, by index."""
         return Segments(
             self.start[:, capsules],
@@ -75,11 +84,15 @@ class Segments:
 
 
 class LinkShapes:
-    """Capsules of a robot, ready to be placed."""
+    """Capsules of a robot, and the hulls of its links where its height over the ground counts, ready to be placed."""
 
-    def __init__(self, tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> None:
+    def __init__(
+        self, tree: PlanarTree, capsules: tuple[LinkCapsule, ...], hulls: tuple[LinkCapsule, ...] = ()
+    ) -> None:
         self._tree = tree
-        self.links = tuple(shape.link for shape in shapes)
+        self.links = tuple(shape.link for shape in capsules)
+        self.hulls, self.hull_links = len(hulls), tuple(shape.link for shape in hulls)
+        shapes = (*capsules, *hulls)
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
         self._start = tree.point_weights(bodies, np.array([shape.start for shape in shapes], dtype=np.complex128))
         self._end = tree.point_weights(bodies, np.array([shape.end for shape in shapes], dtype=np.complex128))
@@ -90,6 +103,13 @@ class LinkShapes:
     def weights(self) -> tuple[ComplexArray, ComplexArray]:
         """Weights (S, m) of the capsules' starts and ends, see :meth:`PlanarTree.point_weights`."""
         return self._start, self._end
+
+    def facing(self, obstacle: Obstacle) -> range:
+        """Indices of the shapes whose distances to an obstacle count: the hulls' where it is the ground."""
+        capsules = len(self.links)
+        if self.hulls and isinstance(obstacle, Ground):
+            return range(capsules, capsules + self.hulls)
+        return range(capsules)
 
     @property
     def radius(self) -> Array:
@@ -109,6 +129,7 @@ class LinkShapes:
             self._radius,
             rotations,
             self._tree.turn,
+            self.hulls,
         )
 
 
@@ -145,7 +166,7 @@ class Distances:
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
     """Distances of links to an obstacle: one row per capsule, or ``ends`` rows, as its kind says."""
     shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
-    return OBSTACLE_DISTANCES[obstacle.kind].to_links(segments, obstacle, shift)
+    return OBSTACLE_DISTANCES[obstacle.kind].to_links(segments.facing(obstacle), obstacle, shift)
 
 
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:

@@ -14,8 +14,8 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.end_rates import end_rates
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
+from floatplan.tables import CLEARANCE
 
-CONTACT = 1e-7  # [m] height below which a point is in contact
 STILL = 1e-9  # [m/s] speed below which a point is at rest
 
 
@@ -48,7 +48,7 @@ def _slowest_contact(
 ) -> tuple[str, float]:
     """Of the points on the ground the one that is slowest upwards, or downwards for sign -1: its link, m/s."""
     robot, path = problem.robot, ballistics(problem)
-    tree, shapes = robot.tree, robot.shapes
+    tree, shapes = robot.tree, problem.ground_shapes
     rate = Dynamics(tree).base_rate(state.positions[None], state.velocities[None], angular_momentum)[0]
     rotations = tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions))
     swings = 1j * tree.turn * (rate + tree.turns @ state.velocities) * rotations
@@ -60,6 +60,6 @@ def _slowest_contact(
         weights = tree.point_weights(bodies, np.array([getattr(shape, end) for shape in shapes]))
         height = com_height + (weights @ rotations).imag - radius - problem.ground_plane.point[1]
         velocity = sign * (com_velocity + (weights @ swings).imag)
-        for index in np.flatnonzero(np.abs(height) < CONTACT):
+        for index in np.flatnonzero(np.abs(height) < CLEARANCE):
             slowest = min(slowest, (shapes[index].link, float(velocity[index])), key=lambda contact: contact[1])
     return slowest

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Frame, Robot
 
 End: TypeAlias = Literal["takeoff", "landing"]
+
+
+HALVINGS = 80  # [-] of the interval between the best angular momenta of both ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,13 @@ class ContactRates:
     def motor_rates(self) -> Array:
         """Rates (m,) of ``robot.motors``, rad/s."""
         return read_only(self.robot.motor_ratios @ self.rates)
+
+    @property
+    def size(self) -> float:
+        """The ratio; without limits the largest rate of a motor, rad/s; infinite where no rates exist."""
+        if not self.exist:
+            return np.inf
+        return float(np.abs(self.motor_rates).max()) if self.ratio is None else self.ratio
 
 
 def has_contact(problem: Problem, end: End) -> bool:
@@ -146,6 +156,29 @@ def contact_rates(problem: Problem, end: End, angular_momentum: float | None) ->
         kg m^2/s; None for the one that lets the joints be slowest.
     """
     return rates_at(problem.robot, contact_equations(problem, end), rate_limits(problem), angular_momentum)
+
+
+def shared_momentum(problem: Problem) -> float | None:
+    """Return the angular momentum, kg m^2/s, that lets the joints be slowest at both ends together.
+
+    It has the least larger ratio of both. Each ratio is convex, so between the best of either end the one rises while
+    the other falls. None where no frame stands at either end, or none can be at rest.
+    """
+    ends = [end for end in get_args(End) if has_contact(problem, end)]
+    best = {end: found for end in ends if (found := contact_rates(problem, end, None)).exist}
+    if len(best) < 2:
+        return next((found.angular_momentum for found in best.values()), None)
+
+    def larger(momentum: float) -> tuple[float, End]:
+        return max((contact_rates(problem, end, momentum).size, end) for end in ends)
+
+    first, last = best["takeoff"].angular_momentum, best["landing"].angular_momentum
+    if larger(first)[1] == "takeoff":
+        return first
+    for _ in range(HALVINGS):
+        middle = (first + last) / 2
+        first, last = (first, middle) if larger(middle)[1] == "takeoff" else (middle, last)
+    return min(first, last, key=larger)
 
 
 def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_momentum: float | None) -> ContactRates:

@@ -27,10 +27,10 @@ from floatplan.motion.planar.clearance import (
 from floatplan.motion.planar.closed_form import BaseRate, Dynamics, Moments
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
-from floatplan.robot.robot import Robot
+from floatplan.robot.robot import LinkCapsule, Robot
 
 TINY = 1e-300  # keeps a quotient of zeros from being none
 SMALLEST_TAIL = 1e-16  # relative: rounding
@@ -98,7 +98,8 @@ class PlanarFlight:
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
-        return self.links * OBSTACLE_DISTANCES[obstacle.kind].ends
+        links = self.link_shapes.hull_links if isinstance(obstacle, Ground) else self.links
+        return links * OBSTACLE_DISTANCES[obstacle.kind].ends
 
     def grid(self, level: int) -> GaussGrid:
         """Return the Gauss-Legendre nodes of a level."""
@@ -300,15 +301,15 @@ class PlanarFlown:
 
 
 @lru_cache(maxsize=64)
-def _of_robot(robot: Robot) -> tuple[Dynamics, LinkShapes]:
-    return Dynamics(robot.tree), LinkShapes(robot.tree, robot.shapes)
+def _of_robot(robot: Robot, hulls: tuple[LinkCapsule, ...]) -> tuple[Dynamics, LinkShapes]:
+    return Dynamics(robot.tree), LinkShapes(robot.tree, robot.shapes, hulls)
 
 
 def planar_flight(problem: Problem) -> PlanarFlight:
     """Prepare a problem's flight once for all motions."""
     return PlanarFlight(
         problem.robot.tree,
-        *_of_robot(problem.robot),
+        *_of_robot(problem.robot, problem.ground_shapes if problem.ground else ()),
         ballistics(problem),
         problem.initial.orientation,
         problem.final.orientation,

@@ -13,8 +13,10 @@ RADII = 9  # [-] tried for each direction, from half the width to half the diago
 SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this fraction of its area
 CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
 SHORTEST = 1e-9  # [-] of the shape's extent: segments shorter than that are points
+FLATTEST = 1e-9  # [-] sine of the angle between sides that are prolonged until they meet
 SAME = 1e-11  # [-] of the largest coordinate: how closely capsules that were kept have to fit
 MOST_SPLITS = 2  # [-] one after the other: at most four capsules
+OUTSIDE = 1e-3  # [m] by which a polygon of fewer corners may reach beyond a convex hull
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,47 @@ def convex_hull(points: ComplexArray) -> ComplexArray:
             chain.append(point)
         corners += chain[:-1]
     return np.array(corners, dtype=np.complex128)
+
+
+def with_fewer_corners(outline: Outline) -> Outline:
+    """Return a polygon about a convex outline, no farther from it than ``OUTSIDE``: some of its own sides, prolonged.
+
+    What rests on one of these sides rests as it does on the outline itself.
+    """
+    corners = outline.points
+    count = len(corners)
+    if count < 4:
+        return outline
+    sides = np.roll(corners, -1) - corners
+    first = side = int(abs(sides).argmax())
+    kept: list[complex] = []
+    while side < first + count:
+        following, corner = side + 1, complex(corners[(side + 1) % count])
+        while following < first + count:
+            beyond = _meeting(corners, sides, side, following + 1)
+            if beyond is None:
+                break
+            following, corner = following + 1, beyond
+        kept.append(corner)
+        side = following
+    return Outline.convex(np.array(kept), outline.radius)
+
+
+def _meeting(corners: ComplexArray, sides: ComplexArray, side: int, other: int) -> complex | None:
+    """Where two sides of a polygon, counted around it, meet when prolonged; None where that is too far outside."""
+    count = len(corners)
+    own, next_ = complex(sides[side % count]), complex(sides[other % count])
+    slope = (own.conjugate() * next_).imag
+    if not slope > FLATTEST * abs(own) * abs(next_):  # parallel, or half a turn and more from one another
+        return None
+    reach = ((complex(corners[other % count]) - complex(corners[side % count])).conjugate() * next_).imag / slope
+    place = complex(corners[side % count]) + reach * own
+    between = np.arange(side + 1, other) % count
+    away = [
+        -PlaneCapsule(complex(corners[i]), complex(corners[i] + sides[i]), 0.0).depth(np.array([place]))
+        for i in between
+    ]
+    return place if np.min(away) <= OUTSIDE else None
 
 
 def _turn(first: complex, second: complex, third: complex) -> float:

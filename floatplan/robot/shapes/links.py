@@ -3,7 +3,8 @@
 A link with ``<collision>`` geometry is the capsules around its projection; they hold it, so that a clearance of the
 capsules is one of the link. A link without is the segments from its own origin to the origins of its children's joints,
 of radius 0: the paper's links. A joint's origin is where the URDF puts it; a locked prismatic joint holds its child
-away from there, and the child then has the segment between the two as well.
+away from there, and the child then has the segment between the two as well. Over the ground a link is as high as its
+convex hull, whose corners are kept beside the capsules.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
 
 
-def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]) -> tuple[LinkCapsule, ...]:
-    """Return the shapes of all links, in the order of the links in the file.
+def link_shapes(
+    layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]
+) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
+    """Return the shapes of all links, in the order of the links in the file, and the hulls of those that have any.
 
     Parameters
     ----------
@@ -52,9 +55,16 @@ def link_shapes(layout: TreeLayout, folder: Path | None, meshes: Mapping[str, st
         joints[joint.parent].append(joint)
         joints[joint.child].append(joint)
     shapes: list[LinkCapsule] = []
+    hulls: dict[str, list[LinkCapsule]] = {}
     for link, own in joints.items():
-        shapes += _capsules(layout, link, folder, meshes) or _segments(layout, link, own)
-    return tuple(shapes)
+        capsules, outlines = _capsules(layout, link, folder, meshes)
+        body = layout.body_of[link]
+        capsules = capsules or _segments(layout, link, own)
+        corners = [LinkCapsule(link, body, *ends) for outline in _convex(outlines) for ends in _ends(outline)]
+        shapes += capsules
+        if capsules:
+            hulls[link] = corners or capsules
+    return tuple(shapes), hulls
 
 
 def mesh_digests(tree: UrdfTree, folder: Path | None) -> dict[str, str]:
@@ -81,8 +91,7 @@ def link_outlines(layout: TreeLayout, folder: Path | None) -> list[tuple[int, Ou
         for collision in link.collisions:
             outline = read_collision(name, collision, _projection(layout, name), folder)
             if isinstance(outline, MeshUse):
-                mesh = load_mesh(outline.path, outline.scale, outline.element)
-                outline = Outline(outline.projection(mesh.corners), mesh.edges)
+                outline = _outline(outline, load_mesh(outline.path, outline.scale, outline.element))
             if outline is not None:
                 outlines.append((layout.body_of[name], outline))
     return outlines
@@ -118,16 +127,41 @@ def _mesh_names(tree: UrdfTree) -> list[tuple[str, str]]:
     ]
 
 
-def _capsules(layout: TreeLayout, link: str, folder: Path | None, meshes: Mapping[str, str]) -> list[LinkCapsule]:
+def _capsules(
+    layout: TreeLayout, link: str, folder: Path | None, meshes: Mapping[str, str]
+) -> tuple[list[LinkCapsule], list[Outline]]:
+    """The capsules around a link's collision geometry, and the geometry itself."""
     fitted: list[PlaneCapsule] = []
+    outlines: list[Outline] = []
     for collision in layout.tree.links[link].collisions:
         outline = read_collision(link, collision, _projection(layout, link), folder)
         if isinstance(outline, MeshUse):
-            fitted += mesh_capsules(outline, _same_mesh(outline, meshes))
+            mesh = _same_mesh(outline, meshes)
+            fitted += mesh_capsules(outline, mesh)
+            outlines.append(_outline(outline, mesh))
         elif outline is not None:
             fitted += fit_capsules(outline)
+            outlines.append(outline)
     body = layout.body_of[link]
-    return [LinkCapsule(link, body, capsule.start, capsule.end, capsule.radius) for capsule in _outermost(fitted)]
+    capsules = [LinkCapsule(link, body, each.start, each.end, each.radius) for each in _outermost(fitted)]
+    return capsules, outlines
+
+
+def _outline(use: MeshUse, mesh: Mesh) -> Outline:
+    return Outline(use.projection(mesh.corners), mesh.edges)
+
+
+def _convex(outlines: list[Outline]) -> list[Outline]:
+    """One convex outline around all of the same radius."""
+    radii = dict.fromkeys(outline.radius for outline in outlines)
+    around = {radius: [each.points for each in outlines if each.radius == radius] for radius in radii}
+    return [Outline.convex(np.concatenate(points), radius) for radius, points in around.items()]
+
+
+def _ends(outline: Outline) -> list[tuple[complex, complex, float]]:
+    """Segments with a radius, from corner to corner, whose ends are all corners of a convex outline."""
+    corners = outline.points.tolist()
+    return [(corners[i], corners[min(i + 1, len(corners) - 1)], outline.radius) for i in range(0, len(corners), 2)]
 
 
 def _same_mesh(use: MeshUse, meshes: Mapping[str, str]) -> Mesh:
