@@ -18,7 +18,7 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.problem.parts import Obstacle
 from floatplan.view.figures.comparison import worst_passage
-from floatplan.view.figures.curves.sampled import SAMPLES
+from floatplan.view.figures.curves import SAMPLES
 from floatplan.view.figures.figures import figures, save_figures
 from floatplan.view.figures.kinogram import COLUMNS, kinogram, kinogram_times
 from floatplan.view.figures.snapshots import snapshot_times

@@ -19,7 +19,7 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.plans.verdicts import Finding
 from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
-from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, hex_colour, rounded, sample_grid
+from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
 from floatplan.view.scene.scene import scene
 from floatplan.view.scene.solids import obstacle_slab, prism, quaternion
@@ -100,7 +100,6 @@ def test_samples_hold_the_middle_of_the_flight(handstand: fp.Plan) -> None:
 def test_numbers_are_rounded_and_gaps_are_null() -> None:
     assert rounded([1 / 3, np.nan, np.inf]) == [0.33333333333, None, None]
     assert rounded([[1.0], [2.0]]) == [[1.0], [2.0]]
-    assert hex_colour(np.array([0.0, 0.5, 1.0])) == "#0080ff"
 
 
 def test_it_says_what_was_asked_found_and_proved(planned: Callable[[str], fp.Plan]) -> None:

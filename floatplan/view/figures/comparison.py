@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
-from floatplan.view.figures.curves.sampled import plan_names
+from floatplan.view.figures.curves import plan_names
 from floatplan.view.figures.snapshots import (
     draw_flight,
     draw_path,

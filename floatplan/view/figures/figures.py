@@ -12,12 +12,9 @@ from matplotlib.figure import Figure
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.view.charts import charts
 from floatplan.view.figures.comparison import comparison
-from floatplan.view.figures.curves.clearance import clearance
-from floatplan.view.figures.curves.joints import configuration, drawn_limits, limited
-from floatplan.view.figures.curves.momentum import inertia, momentum
-from floatplan.view.figures.curves.sampled import SampledPlan
-from floatplan.view.figures.curves.torques import torques
+from floatplan.view.figures.curves import chart_figure, sampled
 from floatplan.view.figures.kinogram import kinogram
 from floatplan.view.figures.snapshots import snapshots
 from floatplan.view.style import DPI, styled
@@ -89,17 +86,11 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         joints = ", ".join(compare.robot.joints)
         reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
-    flown, other = SampledPlan.of(plan), None if compare is None else SampledPlan.of(compare)
+    flown, other = sampled(plan), None if compare is None else sampled(compare, plan)
     yield "snapshots", snapshots(plan)
     yield "kinogram", kinogram(plan)
-    yield "configuration", configuration(flown, other)
-    for row in drawn_limits(plan):
-        yield row.title.lower(), limited(flown, row, other)
-    yield "torques", torques(flown, other)
-    yield "momentum", momentum(flown, other)
-    yield "inertia", inertia(flown, other)
-    if plan.problem.obstacles:
-        yield "clearance", clearance(flown, other)
+    for chart in charts(flown):
+        yield chart.name, chart_figure(chart, flown, other)
     if compare is not None:
         yield "comparison", comparison(plan, compare)
 

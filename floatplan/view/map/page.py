@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
+from matplotlib.colors import to_hex
 
 from floatplan.arrays import Array
 from floatplan.files import plain
@@ -18,9 +19,9 @@ from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_to_dict
 from floatplan.view.figures.heatmap import STATUS_COLOURS, STATUS_NAMES
-from floatplan.view.report.data import hex_colour, robot_data, rounded
+from floatplan.view.report.data import robot_data, rounded
 from floatplan.view.report.report import asset, escaped_json, filled, policy
-from floatplan.view.style import SEQUENCE, rgb
+from floatplan.view.style import SEQUENCE
 
 SHARED_SCRIPTS = ("theme.js", "motion.js", "stage.js", "player.js")
 SCRIPTS = ("flight.js", "heatmap.js", "page.js")
@@ -95,7 +96,7 @@ def colours() -> dict[str, Any]:
     """Colours of the scale and of the statuses, with the words for these."""
     scale: Array = matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, COLOURS))[:, :3]
     return {
-        "scale": [hex_colour(rgb(tuple(colour))) for colour in scale],
+        "scale": [to_hex(colour) for colour in scale],
         "statuses": [
             {"name": name, "colour": colour, "words": STATUS_NAMES[name]} for name, colour in STATUS_COLOURS.items()
         ],

@@ -21,8 +21,8 @@ from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
-from floatplan.view.report.charts import charts
-from floatplan.view.report.data import columns, motion_data, sample_grid
+from floatplan.view.charts import SampledPlan, charts
+from floatplan.view.report.data import chart_data, motion_data, sample_grid
 from floatplan.view.report.sections import sections, verdict
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
@@ -68,7 +68,7 @@ def notebook_frame(plan: Plan) -> str:
 
 def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds."""
-    sampled = columns(plan, sample_grid(plan.duration))
+    flown = SampledPlan.of(plan, sample_grid(plan.duration))
     word, tone = verdict(plan)
     problem = plan.problem
     data: dict[str, Any] = plain(
@@ -76,8 +76,8 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},
             "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
-            "motion": motion_data(plan),
-            "charts": charts(plan, sampled),
+            "motion": motion_data(flown),
+            "charts": [chart_data(chart, flown) for chart in charts(flown)],
             "sections": sections(plan),
             "problem": _problem_file(plan, path),
             "own_problem": problem.file_text is not None,
