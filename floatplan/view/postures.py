@@ -67,6 +67,29 @@ def postures(plan: Plan, times: Array) -> Postures:
     return _placed(plan, times, com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0])
 
 
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """The bodies of the robot at K instants.
+
+    Attributes
+    ----------
+    places : (K, m) complex, m; of the bodies' origins
+    angles : (K, m) rad; about the plane's normal
+    """
+
+    places: ComplexArray
+    angles: Array
+
+
+def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexArray) -> Poses:
+    """Poses of the bodies from orientation (K,), positions (K, n) and centre of mass (K,)."""
+    tree = robot.tree
+    bodies = len(tree.mass)
+    origins = tree.point_weights(np.arange(bodies), np.zeros(bodies, dtype=np.complex128))
+    angles = tree.absolute_angles(orientation, positions)
+    return Poses(places=com[:, None] + tree.rotations(angles) @ origins.T, angles=angles)
+
+
 def com_path(plan: Plan, times: Array) -> ComplexArray:
     """Places (K,) of the centre of mass at times (K,), m."""
     places = plan.ballistics.positions(times)

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 
@@ -27,6 +28,7 @@ PALE = "#c9c9c9"
 ALARM = "#b00020"
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of curves, one per obstacle
+TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
 SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
 BASE_GREY = "#555555"  # of the base beside it
 SEQUENCE_END = 0.9  # [-] its last tenth is too light for white paper
@@ -105,9 +107,13 @@ def palette(count: int) -> list[Array]:
 
 def rgb(colour: Any) -> Array:
     """Red, green and blue (3,), from 0 to 1."""
-    from matplotlib.colors import to_rgb
-
     return np.array(to_rgb(colour))
+
+
+def rgb_bytes(colour: Any) -> tuple[int, int, int]:
+    """Red, green and blue, from 0 to 255."""
+    red, green, blue = (int(255 * part) for part in to_rgb(colour))
+    return red, green, blue
 
 
 def faded(colour: Any, strength: float) -> Array:

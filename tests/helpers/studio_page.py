@@ -11,7 +11,7 @@ import numpy as np
 from browser import Browser
 
 from floatplan.studio.page import Studio
-from floatplan.studio.scene.bodies import in_space
+from floatplan.view.scene.bodies import in_space
 
 PATIENCE = 60.0  # s for what takes a fraction of one
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"

@@ -15,10 +15,10 @@ import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio.page import Studio, opened
 from floatplan.studio.panel.obstacles_tab import NEW
-from floatplan.studio.scene.bodies import Bodies, in_plane, in_space
 from floatplan.studio.session import edits
 from floatplan.studio.session.hands import Hands
 from floatplan.studio.visitors import is_own_page
+from floatplan.view.scene.bodies import Bodies, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
@@ -236,8 +236,9 @@ def test_meshes_are_where_the_urdf_has_them() -> None:
     import trimesh
     from scipy.spatial import cKDTree
 
-    from floatplan.studio.scene.bodies import DETAIL, body_poses
-    from floatplan.view.scene.moving_robot import joint_angles, visual_model
+    from floatplan.view.postures import body_poses
+    from floatplan.view.scene.bodies import DETAIL
+    from floatplan.view.scene.meshes import joint_angles, visual_model
 
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")

@@ -21,8 +21,8 @@ from floatplan.plans.verdicts import Finding
 from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
 from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
-from floatplan.view.scene.scene import scene
-from floatplan.view.scene.solids import obstacle_slab, prism, quaternion
+from floatplan.view.scene.bodies import turned
+from floatplan.view.scene.scene import obstacle_slab, prism, scene
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 
@@ -201,7 +201,8 @@ def test_slabs_are_closed_and_turns_are_turns(handstand: fp.Plan) -> None:
     _, counts = np.unique(edges, axis=0, return_counts=True)
     assert set(counts) == {4}  # each edge has two faces, each face two sides
     assert np.ptp(vertices @ handstand.robot.plane.normal) == pytest.approx(0.5)
-    np.testing.assert_allclose(quaternion(np.array([0.0, 0.0, 1.0]), np.pi), [0, 0, 0, 1], atol=1e-15)
+    half = turned(handstand.robot.plane, np.array([np.pi]))
+    np.testing.assert_allclose(half, [[0, *handstand.robot.plane.normal]], atol=1e-15)
 
 
 def test_ground_and_walls_reach_beside_the_whole_flight(handstand: fp.Plan) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from dataclasses import dataclass
 from typing import Any
@@ -11,26 +10,32 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import JointState, Obstacle
-from floatplan.studio.scene.bodies import Bodies, Grip, Shapes, ghost_poses, in_plane, in_space
-from floatplan.studio.scene.detail import bends
 from floatplan.studio.scene.player import Show
 from floatplan.studio.session.edits import moved, put_obstacle
 from floatplan.studio.session.hands import Hands, on
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.flown import Flown
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import postures, robot_size
-from floatplan.view.scene.solids import obstacle_slab, point_in_space
+from floatplan.view.postures import Poses, body_poses, posture_at, postures, robot_size
+from floatplan.view.scene.bodies import Bodies, Grip, in_plane, in_space
+from floatplan.view.scene.meshes import bends
+from floatplan.view.scene.scene import add_grounds, add_obstacle, look, move_obstacle, obstacle_slab
+from floatplan.view.style import TRAILS, rgb_bytes
 from floatplan.view.surroundings import ground_lines
 
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
-STONE, SAND = (150, 150, 150), (226, 222, 212)
-PATHS = ((110, 110, 110), (139, 94, 0), (106, 61, 154))  # of the centre of mass, takeoff and landing frame
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
 BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
-GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
+
+
+def ghost_poses(problem: fp.Problem, state: JointState, time: float) -> Poses:
+    """The bodies of a posture, its centre of mass where the flight has it at a time, s."""
+    path = ballistics(problem).positions(np.array([time]))
+    com = path[:, 0] + 1j * path[:, 1]
+    return body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
 
 
 @dataclass
@@ -54,11 +59,11 @@ class Stage:
         placed = postures(plan, snapshot_times(plan))
         self._box = picture_box(plan, placed)
         self._plan = plan
-        self._shapes = Shapes.of(plan)
+        self._shapes = posture_at(plan, plan.problem.initial, 0.0)
         self._drawn: View | None = None
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
-        self._grounds(ground_lines(placed))
+        add_grounds(server, self._plane, *self._box, ground_lines(placed))
         self.flier = Bodies(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_capsules(self._shapes)
@@ -68,7 +73,11 @@ class Stage:
         self._grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         self._paths = server.scene.add_line_segments(
-            "/paths", np.zeros((1, 2, 3), dtype=np.float32), PATHS[0], thickness=2.0, thickness_units="screen"
+            "/paths",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            rgb_bytes(TRAILS[0]),
+            thickness=2.0,
+            thickness_units="screen",
         )
         self._obstacles: list[Any] = []
         self._grabbed: dict[str, Grabbed] = {}
@@ -96,44 +105,26 @@ class Stage:
         with self._lock:
             obstacles = self._drawn.problem.obstacles if self._drawn else ()
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
-                if any(obstacle.velocity) or obstacle.window is not None:
-                    low, high = obstacle.window or (-math.inf, math.inf)
-                    node.position = point_in_space(self._plane, complex(*obstacle.velocity) * instant)
-                    node.visible = bool(low <= instant <= high)
+                move_obstacle(node, self._plane, obstacle, instant)
 
     def show_ghost(self, end: str, wanted: bool) -> None:
         """Show the posture at an end, or hide it."""
         self.ghosts[end].root.visible = wanted
 
     def _look(self) -> None:
-        low, high = self._box
-        scene, plane = self._server.scene, self._plane
-        size, middle = abs(high - low), point_in_space(plane, (low + high) / 2)
-        aside = np.cross(plane.horizontal, plane.vertical)
-        scene.set_up_direction(tuple(plane.vertical))
-        scene.configure_environment_map(None)
-        scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
-        scene.add_light_ambient("/lights/ambient", intensity=1.6)
-        self._server.initial_camera.position = tuple(middle + size * (0.85 * aside + 0.1 * plane.vertical))
-        self._server.initial_camera.look_at = tuple(middle)
+        look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
+        self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
 
         def narrow(client: Any) -> None:
             """On a phone the panel is the lower half: the flight is drawn in the upper one."""
             if client.camera.aspect < 1.0:
-                lower = middle - 0.52 * size * plane.vertical
-                client.camera.position = middle + size * (1.4 * aside + 0.1 * plane.vertical)
-                client.camera.look_at = lower
+                low, high = self._box
+                across, up = np.cross(self._plane.horizontal, self._plane.vertical), self._plane.vertical
+                size, middle = abs(high - low), in_space(self._plane, (low + high) / 2)
+                client.camera.position = middle + size * (1.4 * across + 0.1 * up)
+                client.camera.look_at = middle - 0.52 * size * up
 
         on(self._server.on_client_connect, narrow)
-
-    def _grounds(self, lines: list[tuple[float, complex, complex]]) -> None:
-        low, high = self._box
-        plane, size = self._plane, abs(high - low)
-        aside = np.cross(plane.horizontal, plane.vertical)
-        for index, (level, *_) in enumerate(lines):
-            place = point_in_space(plane, complex((low.real + high.real) / 2, level))
-            letters = "xyz"[int(np.argmax(np.abs(plane.horizontal)))] + "xyz"[int(np.argmax(np.abs(aside)))]
-            self._server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
         ghost = Bodies(self._server, f"/{end}", self._robot)
@@ -212,27 +203,19 @@ class Stage:
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
         for index, obstacle in enumerate(problem.obstacles):
-            vertices, faces = obstacle_slab(self._plan, obstacle, *self._box)
+            slab = obstacle_slab(self._plan, obstacle, *self._box)
             if index < len(self._obstacles) and self._kind_drawn(index) == obstacle.kind:
-                self._obstacles[index].vertices = vertices.astype(np.float32)
+                self._obstacles[index].vertices = slab[0].astype(np.float32)
                 continue
-            node = self._add_obstacle(index, obstacle, vertices, faces)
+            node = self._add_obstacle(index, obstacle, slab)
             self._obstacles[index : index + 1] = [node]
 
     def _kind_drawn(self, index: int) -> str:
         before = self._drawn.problem.obstacles if self._drawn else ()
         return before[index].kind if index < len(before) else ""
 
-    def _add_obstacle(self, index: int, obstacle: Obstacle, vertices: Array, faces: IntArray) -> Any:
-        flat = not obstacle.bounded
-        node = self._server.scene.add_mesh_simple(
-            f"/obstacles/{index}",
-            vertices,
-            faces,
-            color=SAND if flat else STONE,
-            opacity=0.85,
-            flat_shading=True,
-        )
+    def _add_obstacle(self, index: int, obstacle: Obstacle, slab: tuple[Array, IntArray]) -> Any:
+        node = add_obstacle(self._server, index, obstacle, slab)
 
         def drag(event: Any) -> None:
             place, begins = self._place(event), event.phase == "start"
@@ -255,10 +238,10 @@ class Stage:
 
     def _draw_paths(self, flown: Flown) -> None:
         pairs, colours = [], []
-        for places, colour in zip((flown.com, flown.takeoff, flown.landing), PATHS, strict=True):
+        for places, colour in zip((flown.com, flown.takeoff, flown.landing), TRAILS, strict=True):
             points = in_space(self._plane, places[bends(places, BEND)])
             pairs.append(np.stack((points[:-1], points[1:]), axis=1))
-            colours.append(np.broadcast_to(colour if flown.plan.ok else ASTRAY, pairs[-1].shape))
+            colours.append(np.broadcast_to(rgb_bytes(colour) if flown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 
