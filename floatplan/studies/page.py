@@ -17,7 +17,7 @@ from floatplan.studies.file import StudyFile, coloured, versions
 from floatplan.studies.maps import draw, drawn_map, edges_of, units_of, words
 from floatplan.studies.rows import STATUSES
 from floatplan.view.figures.figures import rendered
-from floatplan.view.map.page import PackedNumbers, colours, flight_data, map_page
+from floatplan.view.map import PackedNumbers, colours, flight_data, map_page
 from floatplan.view.style import styled
 
 DPI_OF_MAPS = 200  # [1/in]

@@ -15,7 +15,7 @@ from floatplan import InputError
 from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
-from floatplan.view.figures.heatmap import STATUS_COLOURS, STATUS_NAMES, heatmap
+from floatplan.view.map import STATUS_COLOURS, STATUS_NAMES, heatmap
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """

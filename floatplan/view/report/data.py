@@ -19,7 +19,7 @@ from floatplan.problem.parts import Obstacle
 from floatplan.view.charts import NEAR, Chart, Curve, SampledPlan, clearance_ceiling
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import posture_at, postures
-from floatplan.view.style import ALARM, INK, OBSTACLES, palette
+from floatplan.view.style import ALARM, INK, OBSTACLES, TRAILS, palette
 from floatplan.view.surroundings import ground_lines, obstacle_outline
 
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
@@ -36,7 +36,8 @@ def motion_data(flown: SampledPlan) -> dict[str, Any]:
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in flown.columns.items()},
         "robot": robot_data(plan),
-        "frames": _frames(plan),
+        "frames": frame_data(plan),
+        "trail": TRAILS[0],
         "obstacles": [_obstacle(obstacle, index) for index, obstacle in enumerate(plan.problem.obstacles)],
         "ghosts": rounded(placed.times),
         "goal": _goal(plan),
@@ -145,15 +146,20 @@ def _pairs(values: Iterable[complex]) -> list[list[float]]:
     return [[float(f"{value.real:.{DIGITS}g}"), float(f"{value.imag:.{DIGITS}g}")] for value in values]
 
 
-def _frames(plan: Plan) -> list[dict[str, Any]]:
-    """Frames that leave a trail, and how they are marked; one that takes off and lands is one."""
+def frame_data(plan: Plan) -> list[dict[str, Any]]:
+    """Return the frames that leave a trail, and how they are marked; one that takes off and lands is one."""
     problem = plan.problem
     roles = {problem.takeoff.frame: "takes off"}
     roles[problem.landing.frame] = "takes off and lands" if problem.landing.frame in roles else "lands"
     frames = [(name, role, plan.robot.frames[name]) for name, role in roles.items()]
     return [
-        {"name": name, "role": role, "weights": _weights(plan, np.array([frame.body]), np.array([frame.local]))[0]}
-        for name, role, frame in frames
+        {
+            "name": name,
+            "role": role,
+            "colour": colour,
+            "weights": _weights(plan, np.array([frame.body]), np.array([frame.local]))[0],
+        }
+        for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
     ]
 
 

@@ -12,7 +12,7 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -43,15 +43,33 @@ def report(plan: Plan, path: str | Path | None = None) -> str:
     """
     licence, plots = map(asset, PLOTS)
     scripts = [f"/*\n{licence}\n*/\n{plots}", *map(asset, SCRIPTS)]
-    word, _ = verdict(plan)
+    title = f"{plan.problem.name}: {verdict(plan)[0]}"
+    return page("report.html", title, STYLES, scripts, report_data(plan, path)).decode()
+
+
+def page(
+    body: str, title: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], numbers: bytes = b""
+) -> bytes:
+    """Return a page, as HTML.
+
+    Parameters
+    ----------
+    body : file of the template of what is on the page
+    title : of the page
+    styles : files
+    scripts : their texts
+    data : what JSON holds
+    numbers : what stands in the body's place for numbers, which is not searched
+    """
+    template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     parts = {
-        "title": html.escape(f"{plan.problem.name}: {word}"),
+        "title": html.escape(title),
         "policy": policy(scripts),
-        "style": "\n".join(asset(name) for name in STYLES),
-        "data": escaped_json(report_data(plan, path)),
+        "style": "\n".join(map(asset, styles)),
+        "data": escaped_json(data),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
     }
-    return filled(asset("report.html"), parts)
+    return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
 
 
 def write_report(plan: Plan, path: str | Path) -> Path:
@@ -97,7 +115,7 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
-def policy(scripts: list[str]) -> str:
+def policy(scripts: Sequence[str]) -> str:
     """Return the security policy of a page with no other scripts than these, and no address of any kind."""
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)

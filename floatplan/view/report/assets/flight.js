@@ -4,6 +4,7 @@
 const INTERVALS = 180;
 const SNAPSHOTS = 6;
 const ARC = 48;
+const FAR = 1e3; // m
 
 class Flight {
   constructor(data) {
@@ -45,12 +46,14 @@ class Flight {
       const [a, b, c] = states.slice(2 * index, 2 * index + 3).map((state) => state.rate);
       columns.orientation.push(columns.orientation[index] + (duration / INTERVALS) * (a + 4 * b + c) / 6);
     }
+    const colours = this.data.obstacles;
     const shown = {
       duration,
       columns,
       robot: this.data.robot,
-      frames: this.frames(),
-      obstacles: (problem.obstacles || []).map(outlined),
+      frames: this.data.frames,
+      trail: this.data.trail,
+      obstacles: (problem.obstacles || []).map((one, index) => shownObstacle(one, colours[index % colours.length])),
       ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
       ground: [],
     };
@@ -60,13 +63,6 @@ class Flight {
     shown.goal = { orientation: problem.goal.orientation, positions: problem.goal.positions, com: end };
     shown.box = this.box(motion, problem, shown);
     return motion;
-  }
-
-  frames() {
-    const { takeoff, landing } = this.data.frames;
-    const one = takeoff.name === landing.name;
-    const frames = [{ ...takeoff, role: one ? "takes off and lands" : "takes off" }];
-    return one ? frames : [...frames, { ...landing, role: "lands" }];
   }
 
   /* Joint positions and the rate of the base at a fraction of the flight. */
@@ -107,7 +103,7 @@ class Flight {
   /* The centre of mass: from where the takeoff frame leaves to the height at which the landing frame arrives. */
   addPath(shown, problem) {
     const motion = new Motion({ ...shown, columns: { ...shown.columns, com_x: [0], com_y: [0] } });
-    const { takeoff, landing } = this.data.frames;
+    const [takeoff, landing = takeoff] = this.data.frames;
     const at = (index) => {
       const positions = motion.data.robot.joints.map((_, joint) => shown.columns[`positions.${joint}`][index]);
       return motion.pose(shown.columns.orientation[index], positions, [0, 0]);
@@ -159,37 +155,33 @@ function dot(row, values) {
   return row.reduce((sum, share, index) => sum + share * values[index], 0);
 }
 
-function outlined(obstacle, index) {
+/* The capsule, two ends and a radius, that an obstacle is; a half-plane's is so large that its side is the edge. */
+const CAPSULES = {
+  circle: ({ center, radius }) => [center, center, radius],
+  capsule: ({ start, end, radius }) => [start, end, radius],
+  "half-plane": ({ point, normal }) => {
+    const [nx, ny] = normal.map((part) => (FAR * part) / Math.hypot(...normal));
+    return [[point[0] - nx + ny, point[1] - ny - nx], [point[0] - nx - ny, point[1] - ny + nx], FAR];
+  },
+};
+
+/* An obstacle of the problem as the stage shows it. */
+function shownObstacle(obstacle, colour) {
+  const [start, end, radius] = CAPSULES[obstacle.kind](obstacle);
+  const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
+  const outline = (size) =>
+    [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
+      Array.from({ length: ARC + 1 }, (_, index) => {
+        const angle = along + Math.PI * (from + index / ARC);
+        return [x + size * Math.cos(angle), y + size * Math.sin(angle)];
+      }),
+    );
   return {
     kind: obstacle.kind,
-    colour: ["#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"][index % 6],
-    outline: outline(obstacle, 0),
-    margin: obstacle.margin > 0 ? outline(obstacle, obstacle.margin) : null,
+    colour,
+    outline: outline(radius),
+    margin: obstacle.margin > 0 ? outline(radius + obstacle.margin) : null,
     velocity: obstacle.velocity || [0, 0],
     window: obstacle.window || null,
   };
-}
-
-function outline(obstacle, margin) {
-  if (obstacle.kind === "half-plane") {
-    const length = Math.hypot(...obstacle.normal);
-    const [nx, ny] = obstacle.normal.map((part) => part / length);
-    const [x, y] = [obstacle.point[0] + margin * nx, obstacle.point[1] + margin * ny];
-    const far = 1e3;
-    return [
-      [x + far * ny, y - far * nx],
-      [x - far * ny, y + far * nx],
-      [x - far * (nx + ny), y - far * (ny - nx)],
-      [x - far * (nx - ny), y - far * (ny + nx)],
-    ];
-  }
-  const [start, end] = obstacle.kind === "circle" ? [obstacle.center, obstacle.center] : [obstacle.start, obstacle.end];
-  const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
-  const radius = obstacle.radius + margin;
-  return [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
-    Array.from({ length: ARC + 1 }, (_, index) => {
-      const angle = along + Math.PI * (from + index / ARC);
-      return [x + radius * Math.cos(angle), y + radius * Math.sin(angle)];
-    }),
-  );
 }
