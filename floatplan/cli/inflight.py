@@ -61,7 +61,7 @@ def fly_many(
 
 
 def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | None) -> Path:
-    from floatplan.view.report.flights_page import write_flights_page
+    from floatplan.view.report.flights import write_flights_page
 
     with naming_the_place(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | 
 
 
 def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
-    from floatplan.view.report.flights_page import authority_rows, landing_rows, told
+    from floatplan.view.report.flights import authority_rows, landing_rows, told
 
     parts: list[RenderableType] = []
     if flown is not None:

@@ -16,9 +16,8 @@ from floatplan.plans.plan import Plan
 from floatplan.studies.file import StudyFile, coloured, versions
 from floatplan.studies.maps import draw, drawn_map, edges_of, units_of, words
 from floatplan.studies.rows import STATUSES
-from floatplan.view.figures.figures import rendered
 from floatplan.view.map import PackedNumbers, colours, flight_data, map_page
-from floatplan.view.style import styled
+from floatplan.view.style import rendered, styled
 
 DPI_OF_MAPS = 200  # [1/in]
 MOST_PAGE_ROWS = 200_000  # of a page

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import threading
 from collections.abc import Iterator, Sequence
@@ -74,6 +75,12 @@ RC: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
 }
+COMPRESSION = 4  # [-] level of PNG files: higher ones take much longer
+METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": "floatplan"},
+    "svg": {"Creator": "floatplan", "Date": None},
+    "pdf": {"Creator": "floatplan", "CreationDate": None},
+}
 _MATPLOTLIB_LOCK = threading.RLock()  # matplotlib's settings are one set for all threads
 SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made of several
 
@@ -95,6 +102,18 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
+    """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+    stream = io.BytesIO()
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
+    figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
+    return stream.getvalue()
 
 
 def palette(count: int) -> list[Array]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -13,18 +11,10 @@ from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.view.charts import charts
-from floatplan.view.figures.comparison import comparison
 from floatplan.view.figures.curves import chart_figure, sampled
 from floatplan.view.figures.kinogram import kinogram
-from floatplan.view.figures.snapshots import snapshots
-from floatplan.view.style import DPI, styled
-
-COMPRESSION = 4  # [-] level of PNG files: higher ones take much longer
-METADATA: dict[str, dict[str, Any]] = {
-    "png": {"Software": "floatplan"},
-    "svg": {"Creator": "floatplan", "Date": None},
-    "pdf": {"Creator": "floatplan", "CreationDate": None},
-}
+from floatplan.view.figures.snapshots import comparison, snapshots
+from floatplan.view.style import METADATA, rendered, styled
 
 
 def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
@@ -93,15 +83,3 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         yield chart.name, chart_figure(chart, flown, other)
     if compare is not None:
         yield "comparison", comparison(plan, compare)
-
-
-def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
-    """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
-        figure.set_layout_engine(None)
-    stream = io.BytesIO()
-    options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
-    figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
-    return stream.getvalue()
