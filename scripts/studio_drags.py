@@ -24,7 +24,7 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.studio.page import Studio, opened
-from floatplan.studio.panel.obstacles_tab import NEW
+from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
 from floatplan.studio.session.saving import Part, Saving
 from floatplan.studio.work.around import COLUMNS, ROWS

@@ -13,9 +13,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.export.full_table import write_full_csv, write_parquet
 from floatplan.export.ros_bag import write_mcap
-from floatplan.export.table import sample_times, write_table
+from floatplan.export.table import sample_times, write_full_csv, write_parquet, write_table
 from floatplan.files import write_atomically
 from floatplan.motion.planar.free_flyer import free_flyer
 from floatplan.plans.plan import Plan

@@ -13,11 +13,10 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
-from floatplan.studio.page import Studio, opened
-from floatplan.studio.panel.obstacles_tab import NEW
+from floatplan.studio.page import Studio, is_own_page, opened
+from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
 from floatplan.studio.session.hands import Hands
-from floatplan.studio.visitors import is_own_page
 from floatplan.view.scene.bodies import Bodies, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]

@@ -11,16 +11,14 @@ import numpy as np
 import floatplan as fp
 from floatplan.problem.parts import JointState
 from floatplan.studio.panel import cards
-from floatplan.studio.panel.choices import Choices
-from floatplan.studio.panel.dials import Dial, Dials
-from floatplan.studio.panel.limits_tab import LimitsTab
-from floatplan.studio.panel.obstacles_tab import ObstaclesTab
-from floatplan.studio.scene.player import Player
-from floatplan.studio.scene.stage import Stage
+from floatplan.studio.panel.dials import Choices, Dial, Dials
+from floatplan.studio.panel.tabs import LimitsTab, ObstaclesTab
+from floatplan.studio.player import Player
 from floatplan.studio.session import edits
 from floatplan.studio.session.hands import Hands, by_hand, on
 from floatplan.studio.session.saving import Part, Saving
 from floatplan.studio.session.session import Session, View
+from floatplan.studio.stage import Stage
 from floatplan.studio.work.around import COLUMNS, ROWS
 from floatplan.tables import OBJECTIVE_TABLE
 

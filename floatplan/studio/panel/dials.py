@@ -1,4 +1,7 @@
-"""Sliders of numbers of the problem, by their paths; and what keeps them from fighting with the hand on them."""
+"""Sliders of numbers of the problem, by their paths, and choices of words and ticks.
+
+A slider does not fight with the hand on it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.studio.session.edits import numbers
+from floatplan.studio.session.edits import Edit, numbers
 from floatplan.studio.session.hands import Hands, by_hand
 from floatplan.studio.session.session import Session
 
@@ -112,3 +115,44 @@ def _step(width: float) -> float:
     """A round step, about so fine that a slider has :data:`STEPS`."""
     power = 10.0 ** np.floor(np.log10(max(width, 1e-9) / STEPS))
     return float(power * next(each for each in (1, 2, 5, 10) if each * power >= width / STEPS))
+
+
+class Choices:
+    """Dropdowns and ticks; each follows the session."""
+
+    def __init__(self, gui: Any, session: Session, hands: Hands) -> None:
+        self._gui, self._session, self._hands = gui, session, hands
+        self._shown: list[tuple[Any, Callable[[fp.Problem], Any]]] = []
+
+    def add(
+        self,
+        label: str,
+        words: Sequence[str],
+        get: Callable[[fp.Problem], str],
+        edit: Callable[[Any], Edit],
+        hint: str | None = None,
+    ) -> None:
+        """Add a choice of words: how to read it from a problem, and the edit that makes it."""
+        present = get(self._session.view.problem)
+        offered = tuple(dict.fromkeys((*words, present)))
+        self._follow(self._gui.add_dropdown(label, offered, initial_value=present, hint=hint), get, edit)
+
+    def add_tick(self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[Any], Edit]) -> None:
+        """Add a tick."""
+        self._follow(self._gui.add_checkbox(label, get(self._session.view.problem)), get, edit)
+
+    def follow(self, problem: fp.Problem) -> None:
+        """Show the problem's choices."""
+        for choice, get in self._shown:
+            wanted = get(problem)
+            if choice.value != wanted:
+                choice.value = wanted
+
+    def _follow(self, choice: Any, get: Callable[[fp.Problem], Any], edit: Callable[[Any], Edit]) -> None:
+        self._shown.append((choice, get))
+
+        def choose() -> None:
+            if not self._session.edit(edit(choice.value)):
+                choice.value = get(self._session.view.problem)
+
+        by_hand(choice.on_update, lambda _: self._hands.do(f"choice {id(choice)}", choose))

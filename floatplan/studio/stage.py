@@ -12,7 +12,7 @@ import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import JointState, Obstacle
-from floatplan.studio.scene.player import Show
+from floatplan.studio.player import Show
 from floatplan.studio.session.edits import moved, put_obstacle
 from floatplan.studio.session.hands import Hands, on
 from floatplan.studio.session.session import Session, View
