@@ -69,11 +69,11 @@ def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | 
 
 
 def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
-    from floatplan.view.report.flights import authority_rows, landing_rows, told
+    from floatplan.view.report.flights import authority_rows, landing_rows, summary
 
     parts: list[RenderableType] = []
     if flown is not None:
-        parts.append(Text(told(flown), "bold"))
+        parts.append(Text(summary(flown), "bold"))
         parts.append(_table(("", "with corrections", "without"), landing_rows(flown)))
     if found is not None:
         parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(found)))

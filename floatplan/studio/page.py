@@ -5,10 +5,9 @@ Only the studio's own page may connect, and no other that a browser on this mach
 
 from __future__ import annotations
 
-import io
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,6 +19,7 @@ from floatplan.studio.player import Player
 from floatplan.studio.session.hands import Hands
 from floatplan.studio.session.session import Session
 from floatplan.studio.stage import Stage
+from floatplan.view.scene.scene import silence
 
 HOST = "127.0.0.1"  # of this machine alone
 THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
@@ -53,7 +53,7 @@ class Studio:
         first = self.session.view.flown
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
-        with redirect_stdout(io.StringIO()), own_page_alone():
+        with silence(), own_page_alone():
             self.server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
@@ -85,7 +85,7 @@ class Studio:
         self.player.close()
         self.painter.close()
         self.hands.close()
-        with redirect_stdout(io.StringIO()), suppress(Exception):
+        with silence(), suppress(Exception):
             self.server.stop()
 
     def _repaint(self) -> None:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, IntArray
 from floatplan.motion.planar.ballistics import ballistics
-from floatplan.problem.parts import JointState, Obstacle
+from floatplan.problem.parts import Obstacle
 from floatplan.studio.player import Show
-from floatplan.studio.session.edits import moved, put_obstacle
+from floatplan.studio.session.edits import end_state, moved, put_obstacle
 from floatplan.studio.session.hands import Hands, on
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.flown import Flown
@@ -31,8 +31,9 @@ BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
 
 
-def ghost_poses(problem: fp.Problem, state: JointState, time: float) -> Poses:
-    """The bodies of a posture, its centre of mass where the flight has it at a time, s."""
+def end_poses(problem: fp.Problem, end: str) -> Poses:
+    """The bodies of the posture at "start" or "goal", its centre of mass where the flight has it then."""
+    state, time = end_state(problem, end), 0.0 if end == "start" else problem.flight.duration
     path = ballistics(problem).positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
     return body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
@@ -70,7 +71,7 @@ class Stage:
         self.kept = Bodies(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
-        self._grips: dict[str, dict[int, Grip]] = {}
+        self.grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         self._paths = server.scene.add_line_segments(
             "/paths",
@@ -132,18 +133,8 @@ class Stage:
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
             self._make_grabbable(node, end, part)
-        self._grips[end] = grips
+        self.grips[end] = grips
         return ghost
-
-    def grip_places(self, end: str, part: int, angles: Array) -> ComplexArray:
-        """Where a hand that turns a part of the posture by angles (K,), rad, has its grip, m."""
-        problem = self._session.view.problem
-        state = problem.initial if end == "start" else problem.final
-        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
-        grip = self._grips[end][part]
-        place = complex(poses.places[0, grip.body] + self._robot.tree.rotations(poses.angles)[0, grip.body] * grip.end)
-        pivot, _ = self._pivot(problem, state, end, part)
-        return np.asarray(pivot + (place - pivot) * np.exp(1j * angles))
 
     def _make_grabbable(self, node: Any, end: str, part: int) -> None:
         def drag(event: Any) -> None:
@@ -156,9 +147,8 @@ class Stage:
     def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
         """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
         problem, key = self._session.view.problem, f"{end} {part}"
-        state = problem.initial if end == "start" else problem.final
         if begins or key not in self._grabbed:
-            pivot, value = self._pivot(problem, state, end, part)
+            pivot, value = self.pivot(problem, end, part)
             self._grabbed[key] = Grabbed(pivot, place, 0.0, value)
             return
         held = self._grabbed[key]
@@ -171,9 +161,8 @@ class Stage:
             self._session.set(f"{end}.orientation", held.value + turn)
             return
         joint = part - 1
-        body = self._body(part)
-        parent = int(self._robot.tree.parent[body])
-        share = float(self._robot.tree.turns[body, joint] - self._robot.tree.turns[parent, joint])
+        body, tree = self._body(part), self._robot.tree
+        share = float(tree.turns[body, joint] - tree.turns[tree.parent[body], joint])
         low, high = problem.position_limits[joint]
         value = float(np.clip(held.value + turn / share, low, high))
         self._session.set(f"{end}.positions.{self._robot.joints[joint]}", value)
@@ -183,14 +172,12 @@ class Stage:
         shapes = zip(self._robot.shapes, self._shapes.part.tolist(), strict=True)
         return min((shape.body for shape, of in shapes if of == part), default=0)
 
-    def _pivot(self, problem: fp.Problem, state: JointState, end: str, part: int) -> tuple[complex, float]:
-        """Where a part turns, and its angle, rad: the base about the centre of mass."""
-        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
+    def pivot(self, problem: fp.Problem, end: str, part: int) -> tuple[complex, float]:
+        """Where a part of the posture at an end turns, and its angle, rad: the base about the centre of mass."""
+        poses, state, tree = end_poses(problem, end), end_state(problem, end), self._robot.tree
         if part:
             return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
-        tree = self._robot.tree
-        rotations = tree.rotations(poses.angles)[0]
-        com = (tree.mass @ (poses.places[0] + rotations * tree.center)) / tree.mass.sum()
+        com = (tree.mass @ (poses.places[0] + tree.rotations(poses.angles)[0] * tree.center)) / tree.mass.sum()
         return complex(com), float(state.orientation)
 
     def _place(self, event: Any) -> complex | None:
@@ -198,8 +185,8 @@ class Stage:
         return in_plane(self._plane, np.asarray(event.client.camera.position), np.asarray(event.end_position))
 
     def _draw_problem(self, problem: fp.Problem) -> None:
-        self.ghosts["start"].put(ghost_poses(problem, problem.initial, 0.0), 0)
-        self.ghosts["goal"].put(ghost_poses(problem, problem.final, problem.flight.duration), 0)
+        for end, ghost in self.ghosts.items():
+            ghost.put(end_poses(problem, end), 0)
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
         for index, obstacle in enumerate(problem.obstacles):

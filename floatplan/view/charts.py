@@ -146,16 +146,16 @@ class Chart:
         return [curve for panel in reversed(self.panels) for curve in panel.curves]
 
 
-def charts(flown: SampledPlan) -> list[Chart]:
+def charts(sampled: SampledPlan) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance."""
-    plan = flown.plan
+    plan = sampled.plan
     ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
     angles = _of_parts(plan, ["orientation", *_joint_keys(plan, "positions")], ends=list(zip(*ends, strict=True)))
     inertia = _of_parts(plan, [f"inertia.{index}" for index in range(len(plan.robot.joints) + 1)])
     drawn = [
         Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
         *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(_limits(plan, row)).any()),
-        Chart("torques", "Torques", "N m", [Panel("torque", _motors(flown))]),
+        Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
         _momentum(plan),
         Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)]),
     ]
@@ -199,14 +199,14 @@ def _limited(plan: Plan, row: LimitRow) -> Chart:
     return Chart(row.title.lower(), row.title, row.unit, panels)
 
 
-def _motors(flown: SampledPlan) -> list[Curve]:
+def _motors(sampled: SampledPlan) -> list[Curve]:
     """The motors' own torques, in their leaders' colours; followers that do as their leaders do are left out."""
-    plan, motors = flown.plan, flown.plan.robot.motors
+    plan, motors = sampled.plan, sampled.plan.robot.motors
     leaders: IntArray = np.abs(plan.robot.motor_ratios).argmax(axis=1)
     colours, joints = palette(len(plan.robot.joints) + 1)[1:], len(plan.robot.joints)
-    limits = available_torques(plan, flown.state.velocities)
+    limits = available_torques(plan, sampled.state.velocities)
     proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
-    torques = flown.state.motor_torques.T
+    torques = sampled.state.motor_torques.T
     shown = [*range(joints), *(m for m in range(joints, len(motors)) if _differ(torques[m], torques[leaders[m]]))]
     return [
         Curve(

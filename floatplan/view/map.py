@@ -87,8 +87,8 @@ def heatmap(shown: HeatMap) -> Figure:
         axes.grid(visible=False)
         names = list(STATUS_COLOURS)
         of_status = shown.label == "status"
-        told = [index for index, name in enumerate(names) if of_status or name in WITHOUT]
-        present = [index for index in told if (shown.status == index).any()]
+        drawn = [index for index, name in enumerate(names) if of_status or name in WITHOUT]
+        present = [index for index in drawn if (shown.status == index).any()]
         cells = np.zeros((*shown.status.shape, 4), dtype=np.uint8)  # RGBA
         for index in present:
             cells[shown.status == index] = to_rgba_array(STATUS_COLOURS[names[index]])[0] * 255

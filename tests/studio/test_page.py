@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from needed import skip_or_fail
+from studio_page import grip_places
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
@@ -97,7 +98,7 @@ def test_what_is_no_origin_is_not_the_own_page(origin: str) -> None:
 def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str, part: int) -> None:
     """Around that joint; nothing else of the posture changes."""
     before = fresh.session.view.problem
-    places = fresh.stage.grip_places(end, part, np.linspace(0.0, 0.2, 5))
+    places = grip_places(fresh, end, part, np.linspace(0.0, 0.2, 5))
     for step, place in enumerate(places):
         fresh.stage.turn(end, part, complex(place), begins=step == 0)
     after = fresh.session.view.problem
@@ -110,7 +111,7 @@ def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str,
 
 def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
     before = fresh.session.view.problem.goal.orientation
-    places = fresh.stage.grip_places("goal", 0, np.linspace(0.0, 2 * np.pi, 25))
+    places = grip_places(fresh, "goal", 0, np.linspace(0.0, 2 * np.pi, 25))
     for step, place in enumerate(places):
         fresh.stage.turn("goal", 0, complex(place), begins=step == 0)
     turned = fresh.session.view.problem.goal.orientation - before
@@ -118,7 +119,7 @@ def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
 
 
 def test_a_joint_stops_at_the_end_of_its_range(fresh: Studio) -> None:
-    for step, place in enumerate(fresh.stage.grip_places("goal", 1, np.linspace(0.0, 12.0, 120))):
+    for step, place in enumerate(grip_places(fresh, "goal", 1, np.linspace(0.0, 12.0, 120))):
         fresh.stage.turn("goal", 1, complex(place), begins=step == 0)
     problem = fresh.session.view.problem
     assert problem.final.positions[0] in problem.position_limits[0]

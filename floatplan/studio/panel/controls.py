@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.problem.parts import JointState
 from floatplan.studio.panel import cards
 from floatplan.studio.panel.dials import Choices, Dial, Dials
 from floatplan.studio.panel.tabs import LimitsTab, ObstaclesTab
@@ -117,14 +116,13 @@ class Controls:
 
     def _posture(self, end: str) -> None:
         problem = self._session.view.problem
-        turn, hint = state_at(problem, end).orientation, "360° more is one somersault more."
+        turn, hint = edits.end_state(problem, end).orientation, "360° more is one somersault more."
+
+        def orientation(each: fp.Problem) -> float:
+            return edits.end_state(each, end).orientation
+
         path = (f"{end}.orientation",)
-        self.dials.add(
-            Dial(
-                "base, °", path, lambda each: state_at(each, end).orientation, turn - TURNS, turn + TURNS, DEGREE, hint
-            ),
-            problem,
-        )
+        self.dials.add(Dial("base, °", path, orientation, turn - TURNS, turn + TURNS, DEGREE, hint), problem)
         for index, joint in enumerate(problem.robot.joints):
             low, high = problem.position_limits[index].tolist()
             self.dials.add(_joint_dial(end, index, joint, low, high), problem)
@@ -220,14 +218,9 @@ class Controls:
         return math.nan if flown is None else flown.plan.angular_momentum
 
 
-def state_at(problem: fp.Problem, end: str) -> JointState:
-    """The state at "start" or "goal"."""
-    return problem.initial if end == "start" else problem.final
-
-
 def _joint_dial(end: str, index: int, joint: str, low: float, high: float) -> Dial:
     path = (f"{end}.positions.{joint}",)
-    return Dial(f"{joint}, °", path, lambda each: float(state_at(each, end).positions[index]), low, high, DEGREE)
+    return Dial(f"{joint}, °", path, lambda each: float(edits.end_state(each, end).positions[index]), low, high, DEGREE)
 
 
 def _momentum_word(problem: fp.Problem) -> str:

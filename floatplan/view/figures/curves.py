@@ -33,7 +33,7 @@ NARROW = {"thinner": 6 / 7, "start": 2.4, "goal": 3.4, "rim": 0.8}  # of small p
 Marks = dict[str, Any]  # a legend's entries: name -> handle
 
 
-def sampled(plan: Plan, beside: Plan | None = None) -> SampledPlan:
+def sample(plan: Plan, beside: Plan | None = None) -> SampledPlan:
     """Sample a plan at the instants of the curves, as :meth:`SampledPlan.of`."""
     return SampledPlan.of(plan, np.linspace(0, plan.duration, SAMPLES), beside)
 
@@ -49,32 +49,34 @@ def plan_names(plan: Plan, compare: Plan) -> tuple[str, str]:
     return "this plan", "other plan"
 
 
-def chart_figure(chart: Chart, flown: SampledPlan, other: SampledPlan | None = None) -> Figure:
-    """Draw a chart, with a second plan's curves dashed; what would flatten the curves is told in words or left out."""
-    if chart.of_each and is_crowded(flown.plan):
-        return _small_multiples(chart, flown, other)
+def chart_figure(chart: Chart, sampled: SampledPlan, other: SampledPlan | None = None) -> Figure:
+    """Draw a chart, with a second plan's curves dashed; what would flatten the curves is left out."""
+    if chart.of_each and is_crowded(sampled.plan):
+        return _small_multiples(chart, sampled, other)
     rows = len(chart.panels)
     figure = new_figure(COLUMN, HEIGHT + SECOND_HEIGHT * (rows - 1))
     ratios = [HEIGHT - 0.5] + [SECOND_HEIGHT] * (rows - 1)
     grid = figure.subplots(rows, 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": ratios})[:, 0]
-    grid[-1].set(xlim=(0, flown.plan.duration), xlabel="time (s)")
+    grid[-1].set(xlim=(0, sampled.plan.duration), xlabel="time (s)")
     marks: Marks = {}
     for axes, panel in zip(grid, chart.panels, strict=True):
-        marks |= draw_panel(axes, chart, panel, flown, other)
+        marks |= draw_panel(axes, chart, panel, sampled, other)
     shown = chart.curves
     if chart.name == "clearance":
         top = grid[0].get_ylim()[1]
-        shown = [curve for curve in shown if any(each.columns[curve.key].min() <= top for each in _both(flown, other))]
+        shown = [
+            curve for curve in shown if any(each.columns[curve.key].min() <= top for each in _both(sampled, other))
+        ]
     entries = [(Line2D([], [], color=curve.colour, **_stroke(curve)), curve.name) for curve in shown]
     figure.align_ylabels()
-    legend_above(figure, [*entries, *((mark, name) for name, mark in marks.items()), *_plan_marks(flown, other)])
+    legend_above(figure, [*entries, *((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)])
     return figure
 
 
-def draw_panel(axes: Axes, chart: Chart, panel: Panel, flown: SampledPlan, other: SampledPlan | None = None) -> Marks:
+def draw_panel(axes: Axes, chart: Chart, panel: Panel, sampled: SampledPlan, other: SampledPlan | None = None) -> Marks:
     """Draw the curves of a panel onto axes with all that belongs to them; return the legend's entries for that."""
     peak = 0.0
-    for each in _both(flown, other):
+    for each in _both(sampled, other):
         style = DASHED if each is other else {}
         for curve in panel.curves:
             if curve.key in each.columns:
@@ -84,7 +86,7 @@ def draw_panel(axes: Axes, chart: Chart, panel: Panel, flown: SampledPlan, other
                 peak = max(peak, float(np.abs(values).max()))
     axes.set_ylabel(f"{panel.label} ({chart.unit})")
     if chart.name == "clearance":
-        return _frame_clearance(axes, panel, flown, other)
+        return _frame_clearance(axes, panel, sampled, other)
     ends = chart.name == "configuration"
     if ends:
         axes.yaxis.set_major_locator(_angle_ticks(axes))
@@ -94,33 +96,33 @@ def draw_panel(axes: Axes, chart: Chart, panel: Panel, flown: SampledPlan, other
     of_one = len(near) == 1 == len(panel.curves) and np.ptp(near[0][1]) == 0
     marks: Marks = {}
     for curve, limit in near:
-        marks |= _draw_limit(axes, flown, limit, INK if of_one else curve.colour, WIDE)
+        marks |= _draw_limit(axes, sampled, limit, INK if of_one else curve.colour, WIDE)
     for curve in panel.curves:
-        marks |= _draw_proved(axes, curve, WIDE) | _draw_ends(axes, chart, curve, flown.plan, WIDE)
+        marks |= _draw_proved(axes, curve, WIDE) | _draw_ends(axes, chart, curve, sampled.plan, WIDE)
     return marks if chart.interval is None else _draw_interval(axes, *chart.interval, peak)
 
 
-def _both(flown: SampledPlan, other: SampledPlan | None) -> list[SampledPlan]:
+def _both(sampled: SampledPlan, other: SampledPlan | None) -> list[SampledPlan]:
     """What to draw, the lowest layer first."""
-    return [flown] if other is None else [other, flown]
+    return [sampled] if other is None else [other, sampled]
 
 
 def _stroke(curve: Curve) -> dict[str, Any]:
     return {"linestyle": ":"} if curve.dotted else {}
 
 
-def _plan_marks(flown: SampledPlan, other: SampledPlan | None) -> list[tuple[Any, str]]:
+def _plan_marks(sampled: SampledPlan, other: SampledPlan | None) -> list[tuple[Any, str]]:
     """Entries of a legend that tell two plans apart."""
     if other is None:
         return []
-    names = plan_names(flown.plan, other.plan)
+    names = plan_names(sampled.plan, other.plan)
     return [(Line2D([], [], color=INK), names[0]), (Line2D([], [], color=faded(INK, OTHER), **DASHED), names[1])]
 
 
-def _draw_limit(axes: Axes, flown: SampledPlan, limit: Any, colour: Any, size: dict[str, float]) -> Marks:
+def _draw_limit(axes: Axes, sampled: SampledPlan, limit: Any, colour: Any, size: dict[str, float]) -> Marks:
     style = _thinner(LIMIT, size)
     for sign in (1, -1):
-        axes.plot(flown.times, sign * np.broadcast_to(limit, flown.times.shape), color=colour, zorder=1.5, **style)
+        axes.plot(sampled.times, sign * np.broadcast_to(limit, sampled.times.shape), color=colour, zorder=1.5, **style)
     return {"limit": Line2D([], [], color=INK, **style)}
 
 
@@ -151,23 +153,23 @@ def _thinner(style: dict[str, Any], size: dict[str, float]) -> dict[str, Any]:
 
 def _draw_interval(axes: Axes, low: float, high: float, peak: float) -> Marks:
     """The interval (9) of h, where it does not flatten the curves."""
-    told = "h of monotonic joints"
+    name = "h of monotonic joints"
     if not max(abs(low), abs(high)) <= NEAR * peak:
-        return {f"{told}: {low:.3g} to {high:.3g}": Line2D([], [], linestyle="none")}
+        return {f"{name}: {low:.3g} to {high:.3g}": Line2D([], [], linestyle="none")}
     axes.axhspan(low, high, color=faded(INK, 0.08), linewidth=0, zorder=0.4)
     for end in (low, high):
         axes.axhline(end, color=INK, zorder=1.5, **LIMIT)
-    return {told: Line2D([], [], color=INK, **LIMIT)}
+    return {name: Line2D([], [], color=INK, **LIMIT)}
 
 
-def _frame_clearance(axes: Axes, panel: Panel, flown: SampledPlan, other: SampledPlan | None) -> Marks:
+def _frame_clearance(axes: Axes, panel: Panel, sampled: SampledPlan, other: SampledPlan | None) -> Marks:
     """Cut off what is far away; draw margins, and the least distances that are proved."""
-    values = np.array([each.columns[curve.key] for each in _both(flown, other) for curve in panel.curves])
-    top = clearance_ceiling(flown.plan, values.max(where=np.isfinite(values), initial=0.0))
+    values = np.array([each.columns[curve.key] for each in _both(sampled, other) for curve in panel.curves])
+    top = clearance_ceiling(sampled.plan, values.max(where=np.isfinite(values), initial=0.0))
     bottom = min(1.1 * values.min(), -0.06 * top)
     axes.set(ylim=(bottom, top))
     axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
-    for margin in {obstacle.margin for obstacle in flown.plan.problem.obstacles}:
+    for margin in {obstacle.margin for obstacle in sampled.plan.problem.obstacles}:
         axes.axhline(margin, color=ALARM, zorder=1.5, **LIMIT)
     marks: Marks = {"margin": Line2D([], [], color=ALARM, **LIMIT)}
     for curve in panel.curves:
@@ -184,44 +186,44 @@ def _angle_ticks(axes: Axes) -> MultipleLocator | MaxNLocator:
     return MultipleLocator(steps[0]) if steps else MaxNLocator(6)
 
 
-def _small_multiples(chart: Chart, flown: SampledPlan, other: SampledPlan | None) -> Figure:
+def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | None) -> Figure:
     """A small picture for each curve; a limit that is too far to be drawn is a number beside the name."""
     rows = -(-len(chart.curves) // ACROSS)
     figure = new_figure(COLUMN, ROW_HEIGHT * rows + FRAME_HEIGHT)
     grid = figure.subplots(rows, ACROSS, sharex=True, squeeze=False)
     marks: Marks = {}
     for axes, curve in zip(grid.T.ravel(), chart.curves, strict=False):
-        marks |= _draw_small(axes, chart, curve, flown, other)
+        marks |= _draw_small(axes, chart, curve, sampled, other)
     for axes in grid.T.ravel()[len(chart.curves) :]:
         axes.set_axis_off()
     for column in grid.T:
         last = [axes for axes in column if axes.axison][-1]
         last.tick_params(labelbottom=True)
-        last.set(xlim=(0, flown.plan.duration))
+        last.set(xlim=(0, sampled.plan.duration))
         last.xaxis.set_major_locator(MaxNLocator(4))
     figure.supylabel(chart.unit, fontsize=7)
     figure.supxlabel("time (s)", fontsize=7)
-    entries = [*((mark, name) for name, mark in marks.items()), *_plan_marks(flown, other)]
+    entries = [*((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)]
     if entries:
         legend_above(figure, entries)
     return figure
 
 
-def _draw_small(axes: Axes, chart: Chart, curve: Curve, flown: SampledPlan, other: SampledPlan | None) -> Marks:
+def _draw_small(axes: Axes, chart: Chart, curve: Curve, sampled: SampledPlan, other: SampledPlan | None) -> Marks:
     name = curve.name if len(curve.name) <= LONGEST_NAME else f"{curve.name[: LONGEST_NAME - 1]}…"
     axes.set_title(name, fontsize=SMALL + 0.6, loc="left", pad=2, color=INK)
     if other is not None and curve.key in other.columns:
         values = chart.factor * other.columns[curve.key]
         axes.plot(other.times, values, color=faded(curve.colour, OTHER), **{**DASHED, "linewidth": 0.9})
-    values = chart.factor * flown.columns[curve.key]
-    axes.plot(flown.times, values, color=curve.colour, linewidth=1.1)
+    values = chart.factor * sampled.columns[curve.key]
+    axes.plot(sampled.times, values, color=curve.colour, linewidth=1.1)
     near, far = Panel("", [curve]).limits(float(np.abs(values).max()))
     marks: Marks = {}
     for _, limit in near:
-        marks |= _draw_limit(axes, flown, limit, INK, NARROW)
+        marks |= _draw_limit(axes, sampled, limit, INK, NARROW)
     if np.isfinite(far):
         axes.set_title(f"limit {far:.3g}", fontsize=SMALL, loc="right", pad=2, color=GREY)
-    marks |= _draw_proved(axes, curve, NARROW) | _draw_ends(axes, chart, curve, flown.plan, NARROW)
+    marks |= _draw_proved(axes, curve, NARROW) | _draw_ends(axes, chart, curve, sampled.plan, NARROW)
     if curve.ends is None:
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     axes.yaxis.set_major_locator(MaxNLocator(3))

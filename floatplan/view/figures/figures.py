@@ -11,7 +11,7 @@ from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.view.charts import charts
-from floatplan.view.figures.curves import chart_figure, sampled
+from floatplan.view.figures.curves import chart_figure, sample
 from floatplan.view.figures.kinogram import kinogram
 from floatplan.view.figures.snapshots import comparison, snapshots
 from floatplan.view.style import METADATA, rendered, styled
@@ -76,10 +76,10 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         joints = ", ".join(compare.robot.joints)
         reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
-    flown, other = sampled(plan), None if compare is None else sampled(compare, plan)
+    sampled, other = sample(plan), None if compare is None else sample(compare, plan)
     yield "snapshots", snapshots(plan)
     yield "kinogram", kinogram(plan)
-    for chart in charts(flown):
-        yield chart.name, chart_figure(chart, flown, other)
+    for chart in charts(sampled):
+        yield chart.name, chart_figure(chart, sampled, other)
     if compare is not None:
         yield "comparison", comparison(plan, compare)

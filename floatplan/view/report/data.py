@@ -28,13 +28,13 @@ DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1
 BOX_PAD = 0.02  # [-] room around what is drawn
 
 
-def motion_data(flown: SampledPlan) -> dict[str, Any]:
+def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
-    plan = flown.plan
+    plan = sampled.plan
     placed = postures(plan, snapshot_times(plan))
     return {
         "duration": plan.duration,
-        "columns": {name: rounded(values) for name, values in flown.columns.items()},
+        "columns": {name: rounded(values) for name, values in sampled.columns.items()},
         "robot": robot_data(plan),
         "frames": frame_data(plan),
         "trail": TRAILS[0],
@@ -52,7 +52,7 @@ def sample_grid(duration: float) -> Array:
     return np.linspace(0.0, duration, count)
 
 
-def chart_data(chart: Chart, flown: SampledPlan) -> dict[str, Any]:
+def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     """Return a chart as the page reads it.
 
     It has a title, a unit, a factor from SI to it, ``series`` (name, colour, key of its column, part) and ``lines``
@@ -61,7 +61,7 @@ def chart_data(chart: Chart, flown: SampledPlan) -> dict[str, Any]:
     """
     lines, beyond = [], ""
     for panel in chart.panels:
-        peak = max(float(np.abs(flown.columns[curve.key]).max()) for curve in panel.curves)
+        peak = max(float(np.abs(sampled.columns[curve.key]).max()) for curve in panel.curves)
         near, far = panel.limits(peak)
         for curve, limit in near:
             values = limit[0] if np.ptp(limit) == 0 else limit
@@ -85,9 +85,9 @@ def chart_data(chart: Chart, flown: SampledPlan) -> dict[str, Any]:
     if all(curve.ends is not None for curve in chart.curves):
         data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
     if chart.name == "clearance":
-        margins = sorted({obstacle.margin for obstacle in flown.plan.problem.obstacles})
-        values = np.array([flown.columns[curve.key] for curve in chart.curves])
-        top = clearance_ceiling(flown.plan, values.max(where=np.isfinite(values), initial=0.0))
+        margins = sorted({obstacle.margin for obstacle in sampled.plan.problem.obstacles})
+        values = np.array([sampled.columns[curve.key] for curve in chart.curves])
+        top = clearance_ceiling(sampled.plan, values.max(where=np.isfinite(values), initial=0.0))
         data["lines"] = [_line("margin", ALARM, margin) for margin in margins]
         data["range"] = [min(1.1 * values.min(initial=0.0), -0.04 * top), top]
     return data

@@ -59,7 +59,7 @@ def write_flights_page(
     """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
     parts: list[str] = []
     if flights is not None:
-        parts.append(f"<p>{html.escape(told(flights))}</p>")
+        parts.append(f"<p>{html.escape(summary(flights))}</p>")
         parts.append(_table(("", "with corrections", "without"), landing_rows(flights)))
         parts.append(_picture(closed_loop_png(plan, flights), "planned and flown motion, corrections, landings"))
     if authority is not None:
@@ -71,8 +71,8 @@ def write_flights_page(
     return write_atomically(path, f"{head}<body><h1>{title}</h1>{''.join(parts)}</body></html>\n")
 
 
-def told(flights: ClosedLoop) -> str:
-    """Say in a line what was flown."""
+def summary(flights: ClosedLoop) -> str:
+    """Say in a line how many flights there were, and how they were simulated."""
     many = "1 flight" if flights.flights == 1 else f"{flights.flights} flights"
     if flights.flights < flights.asked:
         many += f" of {flights.asked} (--budget gives more time)"
@@ -157,9 +157,9 @@ def authority_png(found: Authority) -> bytes:
 
 
 def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
-    """Draw the planned and flown motion over each other, what the corrections foresaw, and a histogram of landings."""
+    """Draw the planned and flown motion over each other, what the corrections predicted, and a histogram of landings."""
     figure = new_figure(COLUMN, HEIGHT)
-    orientation, joints, foreseen, landings = figure.subplots(4, 1)
+    orientation, joints, predicted, landings = figure.subplots(4, 1)
     with_, without = OKABE_ITO[0], OKABE_ITO[1]
     for paths, colour in ((flights.uncorrected_paths, without), (flights.paths, with_)):
         for path in paths:
@@ -173,12 +173,12 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
             joints.plot(path.times, np.degrees(column), color=hue, alpha=FAINT, linewidth=0.6)
     for column in state.positions.T:
         joints.plot(times, np.degrees(column), color=INK, linestyle="--", linewidth=0.8)
-    _corrections(foreseen, flights)
+    _corrections(predicted, flights)
     _histogram(landings, flights, (with_, without))
     orientation.set(ylabel="orientation (°)")
     joints.set(ylabel="joints (°)")
-    foreseen.set(ylabel="predicted miss (°)", xlabel="time (s)")
-    for axes in (orientation, joints, foreseen):
+    predicted.set(ylabel="predicted miss (°)", xlabel="time (s)")
+    for axes in (orientation, joints, predicted):
         axes.set_xlim(0.0, plan.duration)
     entries = [
         (Line2D([], [], color=INK, linestyle="--"), "planned"),

@@ -86,7 +86,7 @@ def notebook_frame(plan: Plan) -> str:
 
 def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds."""
-    flown = SampledPlan.of(plan, sample_grid(plan.duration))
+    sampled = SampledPlan.of(plan, sample_grid(plan.duration))
     word, tone = verdict(plan)
     problem = plan.problem
     data: dict[str, Any] = plain(
@@ -94,8 +94,8 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},
             "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
-            "motion": motion_data(flown),
-            "charts": [chart_data(chart, flown) for chart in charts(flown)],
+            "motion": motion_data(sampled),
+            "charts": [chart_data(chart, sampled) for chart in charts(sampled)],
             "sections": sections(plan),
             "problem": _problem_file(plan, path),
             "own_problem": problem.file_text is not None,

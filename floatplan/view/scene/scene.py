@@ -78,17 +78,17 @@ def scene(plan: Plan) -> str:
 @contextlib.contextmanager
 def _server(viser: ModuleType) -> Iterator[Any]:
     """A local server that prints nothing: viser records what is sent to it."""
-    with _silence():
+    with silence():
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
         yield server
     finally:
-        with _silence():
+        with silence():
             server.stop()
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Print nothing; one thread at a time, or the last would not give back what the first took."""
     with _STDOUT_LOCK, contextlib.redirect_stdout(io.StringIO()):
         yield
