@@ -25,9 +25,9 @@ from floatplan.files import plain
 from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_to_dict
-from floatplan.view.report.data import frame_data, robot_data, rounded
+from floatplan.view.report.data import frame_data, obstacle_data, robot_data, rounded
 from floatplan.view.report.report import asset, page
-from floatplan.view.style import ALARM, OBSTACLES, PALE, SEQUENCE, TRAILS, new_figure, styled
+from floatplan.view.style import ALARM, PALE, SEQUENCE, TRAILS, new_figure, styled
 
 STYLES = ("report.css", "map.css")
 SCRIPTS = ("theme.js", "motion.js", "stage.js", "player.js", "flight.js", "heatmap.js", "map.js")
@@ -172,7 +172,7 @@ def flight_data(plan: Plan) -> dict[str, Any]:
         },
         "frames": frame_data(plan),
         "trail": TRAILS[0],
-        "obstacles": OBSTACLES,
+        "obstacles": obstacle_data(plan),
         "ranges": rounded(problem.position_limits),
         "problem": problem_to_dict(problem),
     }

@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from PIL import Image
 
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.plans.verdicts import Finding
 from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
+from floatplan.view.figures.figures import figures
 from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
 from floatplan.view.scene.bodies import turned
@@ -147,6 +149,17 @@ def test_limits_that_joints_share_are_one_line_and_far_ones_none(handstand: fp.P
     assert [line["name"] for line in torques["lines"]] == ["limit"] * 2
     motor = lines(motor={"q1": fp.Motor(5.0, 0.2)})[2]
     assert len(motor[0]["value"]) == len(sample_grid(handstand.duration))
+
+
+def test_it_draws_the_curves_of_the_figures(handstand: fp.Plan) -> None:
+    """The same names in the same colours, chart by chart."""
+    drawn = [figure for name, figure in figures(handstand).items() if name not in ("snapshots", "kinogram")]
+    for chart, figure in zip(report_data(handstand)["charts"], drawn, strict=True):
+        texts = [text.get_text() for text in figure.legends[0].get_texts()]
+        handles = [line.get_color() for line in figure.legends[0].get_lines()]
+        shown = [(name, to_hex(colour)) for name, colour in zip(texts, handles, strict=True)]
+        series = [(each["name"], each["colour"].lower()) for each in chart["series"]]
+        assert shown[: len(series)] == series
 
 
 def test_the_same_plan_gives_the_same_page(handstand: fp.Plan, page: str, tmp_path: Path) -> None:

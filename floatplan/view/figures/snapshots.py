@@ -87,18 +87,11 @@ def draw_posture(
     outlines = [outline + offset for outline in placed.outlines(index)]
     colours = palette(int(placed.part.max()) + 1)
     fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
-    shapes, faces, widths = [], [], []
-    for ring, width in rings:
-        shapes += outlines
-        faces += [faded(ring, 1.0)] * len(outlines)
-        widths += [width] * len(outlines)
-    shapes += outlines
-    faces += fills
-    widths += [0.0] * len(outlines)
+    drawn = [(outline, faded(ring, 1.0), width) for ring, width in rings for outline in outlines]
+    drawn += [(outline, fill, 0.0) for outline, fill in zip(outlines, fills, strict=True)]
     for place, fill, size in _marks(placed, index):
-        shapes.append(stadium(place + shift, place + shift, size))
-        faces.append(faded(fill, max(strength, 0.5)))
-        widths.append(0.0)
+        drawn.append((stadium(place + shift, place + shift, size), faded(fill, max(strength, 0.5)), 0.0))
+    shapes, faces, widths = zip(*drawn, strict=True)
     axes.add_collection(
         PolyCollection(shapes, facecolors=faces, edgecolors=faces, linewidths=widths, joinstyle="round", zorder=zorder),
         autolim=False,

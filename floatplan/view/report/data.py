@@ -15,7 +15,6 @@ from matplotlib.colors import to_hex
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.files import plain
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Obstacle
 from floatplan.view.charts import NEAR, Chart, Curve, SampledPlan, clearance_ceiling
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import posture_at, postures
@@ -38,7 +37,7 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
         "robot": robot_data(plan),
         "frames": frame_data(plan),
         "trail": TRAILS[0],
-        "obstacles": [_obstacle(obstacle, index) for index, obstacle in enumerate(plan.problem.obstacles)],
+        "obstacles": obstacle_data(plan),
         "ghosts": rounded(placed.times),
         "goal": _goal(plan),
         "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
@@ -163,16 +162,19 @@ def frame_data(plan: Plan) -> list[dict[str, Any]]:
     ]
 
 
-def _obstacle(obstacle: Obstacle, index: int) -> dict[str, Any]:
-    """Outlines of an obstacle and its margin where it is given, how it moves, and when it exists."""
-    return {
-        "kind": obstacle.kind,
-        "colour": OBSTACLES[index % len(OBSTACLES)],
-        "outline": rounded(obstacle_outline(obstacle, 0.0, 0.0)),
-        "margin": rounded(obstacle_outline(obstacle, 0.0, obstacle.margin)) if obstacle.margin > 0 else None,
-        "velocity": list(obstacle.velocity),
-        "window": None if obstacle.window is None else list(obstacle.window),
-    }
+def obstacle_data(plan: Plan) -> list[dict[str, Any]]:
+    """Return outlines of obstacles and margins where they are given, how they move, and when they exist."""
+    return [
+        {
+            "bounded": obstacle.bounded,
+            "colour": OBSTACLES[index % len(OBSTACLES)],
+            "outline": rounded(obstacle_outline(obstacle, 0.0, 0.0)),
+            "margin": rounded(obstacle_outline(obstacle, 0.0, obstacle.margin)) if obstacle.margin > 0 else None,
+            "velocity": list(obstacle.velocity),
+            "window": None if obstacle.window is None else list(obstacle.window),
+        }
+        for index, obstacle in enumerate(plan.problem.obstacles)
+    ]
 
 
 def _goal(plan: Plan) -> dict[str, Any]:

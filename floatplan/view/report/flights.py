@@ -157,7 +157,7 @@ def authority_png(found: Authority) -> bytes:
 
 
 def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
-    """Draw the planned and flown motion over each other, what the corrections predicted, and a histogram of landings."""
+    """Draw the planned and flown motion over each other, what corrections predicted, and a histogram of landings."""
     figure = new_figure(COLUMN, HEIGHT)
     orientation, joints, predicted, landings = figure.subplots(4, 1)
     with_, without = OKABE_ITO[0], OKABE_ITO[1]

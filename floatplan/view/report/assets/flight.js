@@ -46,14 +46,13 @@ class Flight {
       const [a, b, c] = states.slice(2 * index, 2 * index + 3).map((state) => state.rate);
       columns.orientation.push(columns.orientation[index] + (duration / INTERVALS) * (a + 4 * b + c) / 6);
     }
-    const colours = this.data.obstacles;
     const shown = {
       duration,
       columns,
       robot: this.data.robot,
       frames: this.data.frames,
       trail: this.data.trail,
-      obstacles: (problem.obstacles || []).map((one, index) => shownObstacle(one, colours[index % colours.length])),
+      obstacles: (problem.obstacles || []).map((one, index) => rowObstacle(this.data.obstacles[index], one)),
       ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
       ground: [],
     };
@@ -143,8 +142,7 @@ class Flight {
     }
     if (shown.ground.length && box[1] < shown.ground[0][0] - 0.15 * (box[3] - box[1])) shown.ground.pop();
     for (const obstacle of shown.obstacles) {
-      if (obstacle.kind === "half-plane") continue;
-      for (const [x, y] of obstacle.outline) add(x, y, 0);
+      if (obstacle.bounded) for (const [x, y] of obstacle.outline) add(x, y, 0);
     }
     const room = 0.04 * Math.max(box[2] - box[0], box[3] - box[1]);
     return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
@@ -165,8 +163,10 @@ const CAPSULES = {
   },
 };
 
-/* An obstacle of the problem as the stage shows it. */
-function shownObstacle(obstacle, colour) {
+/* An obstacle of the base problem with a row's numbers; of a kind that is not known here, its outline stays. */
+function rowObstacle(base, obstacle) {
+  const changed = { ...base, velocity: obstacle.velocity || [0, 0], window: obstacle.window || null };
+  if (!CAPSULES[obstacle.kind]) return changed;
   const [start, end, radius] = CAPSULES[obstacle.kind](obstacle);
   const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
   const outline = (size) =>
@@ -176,12 +176,5 @@ function shownObstacle(obstacle, colour) {
         return [x + size * Math.cos(angle), y + size * Math.sin(angle)];
       }),
     );
-  return {
-    kind: obstacle.kind,
-    colour,
-    outline: outline(radius),
-    margin: obstacle.margin > 0 ? outline(radius + obstacle.margin) : null,
-    velocity: obstacle.velocity || [0, 0],
-    window: obstacle.window || null,
-  };
+  return { ...changed, outline: outline(radius), margin: obstacle.margin > 0 ? outline(radius + obstacle.margin) : null };
 }

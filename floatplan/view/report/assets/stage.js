@@ -116,7 +116,7 @@ class Stage {
   drawObstacle(pen, obstacle, time, strength) {
     const shift = obstacle.velocity.map((speed) => speed * time);
     pen.globalAlpha = strength;
-    pen.fillStyle = obstacle.kind === "half-plane" ? tone("wall") : tone("stone");
+    pen.fillStyle = tone(obstacle.bounded ? "stone" : "wall");
     pen.strokeStyle = shade(obstacle.colour);
     pen.lineWidth = 1.5;
     this.trace(pen, obstacle.outline, shift);
