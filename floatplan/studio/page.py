@@ -16,7 +16,7 @@ import floatplan as fp
 from floatplan.optional import import_optional
 from floatplan.studio.panel.controls import Controls
 from floatplan.studio.player import Player
-from floatplan.studio.session.hands import Hands
+from floatplan.studio.session.actions import Actions
 from floatplan.studio.session.session import Session
 from floatplan.studio.stage import Stage
 from floatplan.view.scene.scene import silence
@@ -24,7 +24,7 @@ from floatplan.view.scene.scene import silence
 HOST = "127.0.0.1"  # of this machine alone
 THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
 PATIENCE = 60.0  # [s] for the first answer
-AGAIN = 0.3  # [s] until what a hand was on is drawn again
+AGAIN = 0.3  # [s] until what the user held is drawn again
 CLOCK = 0.1  # [s] between two changes of the time that is told
 
 
@@ -59,13 +59,13 @@ class Studio:
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
         gui.set_panel_label(self.session.view.problem.name)
         gui.main_panel.dock_right()
-        self.hands = Hands("hands")
-        self.stage = Stage(self.server, self.session, self.hands, first)
+        self.actions = Actions("actions")
+        self.stage = Stage(self.server, self.session, self.actions, first)
         self.player = Player(self.server, self._tick)
-        self.controls = Controls(self.server, self.session, self.hands, self.stage, self.player, folder)
+        self.controls = Controls(self.server, self.session, self.actions, self.stage, self.player, folder)
         self._ticked = 0.0
         self._again = threading.Timer(AGAIN, self._repaint)
-        self.painter = Hands("painter")
+        self.painter = Actions("painter")
         self.session.listen(self._repaint)
         self._repaint()
 
@@ -77,14 +77,14 @@ class Studio:
     @property
     def errors(self) -> list[BaseException]:
         """What went wrong in the program, and did not end it."""
-        return [*self.hands.errors, *self.painter.errors, *self.player.errors]
+        return [*self.actions.errors, *self.painter.errors, *self.player.errors]
 
     def close(self) -> None:
         """End the page and the planning."""
         self.session.close()
         self.player.close()
         self.painter.close()
-        self.hands.close()
+        self.actions.close()
         with silence(), suppress(Exception):
             self.server.stop()
 

@@ -13,8 +13,8 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.player import Show
+from floatplan.studio.session.actions import Actions, on
 from floatplan.studio.session.edits import end_state, moved, put_obstacle
-from floatplan.studio.session.hands import Hands, on
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.flown import Flown
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
@@ -41,7 +41,7 @@ def end_poses(problem: fp.Problem, end: str) -> Poses:
 
 @dataclass
 class Grabbed:
-    """What a hand holds: where it began, and what it was then."""
+    """What is dragged: where it began, and what it was then."""
 
     pivot: complex
     last: complex
@@ -50,10 +50,10 @@ class Grabbed:
 
 
 class Stage:
-    """Everything in the scene; :meth:`draw` follows the session's view, hands change the session."""
+    """Everything in the scene; :meth:`draw` follows the session's view, what the user does changes the session."""
 
-    def __init__(self, server: Any, session: Session, hands: Hands, first: Flown) -> None:
-        self._server, self._session, self._hands = server, session, hands
+    def __init__(self, server: Any, session: Session, actions: Actions, first: Flown) -> None:
+        self._server, self._session, self._actions = server, session, actions
         problem, plan = session.view.problem, first.plan
         self._robot, self._plane = problem.robot, problem.robot.plane
         self._size = robot_size(plan)
@@ -140,7 +140,7 @@ class Stage:
         def drag(event: Any) -> None:
             place, begins = self._place(event), event.phase == "start"
             if place is not None:
-                self._hands.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
+                self._actions.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
 
         on(node.on_drag("left"), drag)
 
@@ -207,7 +207,7 @@ class Stage:
         def drag(event: Any) -> None:
             place, begins = self._place(event), event.phase == "start"
             if place is not None:
-                self._hands.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
+                self._actions.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
 
         on(node.on_drag("left"), drag)
         return node

@@ -17,7 +17,7 @@ from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio.page import Studio, is_own_page, opened
 from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
-from floatplan.studio.session.hands import Hands
+from floatplan.studio.session.actions import Actions
 from floatplan.view.scene.bodies import Bodies, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
@@ -197,20 +197,20 @@ def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
 
 
 def test_of_many_moves_the_newest_is_made_and_errors_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    hands, seen = Hands("test"), []
+    actions, seen = Actions("test"), []
     try:
         gate = [True]
-        hands.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
+        actions.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
         for step in range(100):
-            hands.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
-        hands.do("wrong", lambda: 1 / 0)
-        hands.do("after", lambda: seen.append(-1))
+            actions.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
+        actions.do("wrong", lambda: 1 / 0)
+        actions.do("after", lambda: seen.append(-1))
         gate[0] = False
-        assert hands.wait(PATIENCE)
+        assert actions.wait(PATIENCE)
     finally:
-        hands.close()
+        actions.close()
     assert seen == [99, -1]
-    assert [type(error) for error in hands.errors] == [ZeroDivisionError]
+    assert [type(error) for error in actions.errors] == [ZeroDivisionError]
     assert "test: wrong" in caplog.text
 
 

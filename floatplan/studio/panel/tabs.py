@@ -13,6 +13,7 @@ import floatplan as fp
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.panel.cards import limits_card, put
 from floatplan.studio.panel.dials import Choices, Dial, Dials
+from floatplan.studio.session.actions import Actions, on
 from floatplan.studio.session.edits import (
     ANCHORS,
     BY_HAND,
@@ -25,7 +26,6 @@ from floatplan.studio.session.edits import (
     with_obstacle,
     without_obstacle,
 )
-from floatplan.studio.session.hands import Hands, on
 from floatplan.studio.session.session import Session, View
 from floatplan.tables import LIMIT_TABLE
 
@@ -96,9 +96,9 @@ class ObstaclesTab:
     """A folder of sliders for each obstacle; ``free_place`` is where a new one goes, and the robot's size, m."""
 
     def __init__(
-        self, gui: Any, tab: Any, session: Session, hands: Hands, dials: Dials, free_place: tuple[complex, float]
+        self, gui: Any, tab: Any, session: Session, actions: Actions, dials: Dials, free_place: tuple[complex, float]
     ) -> None:
-        self._gui, self._tab, self._session, self._hands, self._dials = gui, tab, session, hands, dials
+        self._gui, self._tab, self._session, self._actions, self._dials = gui, tab, session, actions, dials
         self._kinds: list[str] = []
         self._folders: list[Any] = []
         self._sliders: list[Any] = []
@@ -128,7 +128,7 @@ class ObstaclesTab:
         return folder
 
     def _edit(self, edit: Edit, event: Any) -> None:
-        self._hands.do(f"obstacles {id(event)}", lambda: self._session.edit(edit))
+        self._actions.do(f"obstacles {id(event)}", lambda: self._session.edit(edit))
 
 
 def obstacle_dials(index: int, obstacle: Obstacle) -> list[Dial]:

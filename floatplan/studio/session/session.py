@@ -18,7 +18,7 @@ from floatplan.studio.work.tasks import Failure, words_of
 State = TypeVar("State")
 Verdict: TypeAlias = Literal["waiting", "planned", "proved", "undecided", "refuted", "not found", "failed"]
 MOST = 200  # [-] states of a history
-ONE_GESTURE = 1.0  # [s] between changes by one hand that count as one
+ONE_GESTURE = 1.0  # [s] between changes of one gesture that count as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ class Session:
         with self._lock:
             try:
                 problem = edit(self._view.problem)
-            except Exception as error:  # of whatever a hand can reach: it is said, and nothing changes
+            except Exception as error:  # of whatever a user can reach: it is said, and nothing changes
                 self._show(refusal=words_of(error))
                 return False
             if problem is self._view.problem:
