@@ -99,8 +99,8 @@ class Panel:
 
         The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
         """
-        limits = np.array([np.broadcast_to(_limit_of(curve), _samples(self.curves)) for curve in self.curves])
-        curves = list(self.curves)
+        known = [np.atleast_1d(np.inf if curve.limit is None else curve.limit) for curve in self.curves]
+        curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
         least = limits.min(axis=1)
@@ -108,14 +108,6 @@ class Panel:
         drawn = np.isfinite(least) & (least <= NEAR * peak)
         near = [pair for pair, wanted in zip(zip(curves, limits, strict=True), drawn, strict=True) if wanted]
         return near, float(far.min(initial=np.inf))
-
-
-def _limit_of(curve: Curve) -> Array | float:
-    return np.inf if curve.limit is None else curve.limit
-
-
-def _samples(curves: Sequence[Curve]) -> int:
-    return max(np.size(_limit_of(curve)) for curve in curves)
 
 
 @dataclass(frozen=True, eq=False)

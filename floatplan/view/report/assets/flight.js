@@ -56,11 +56,11 @@ class Flight {
       ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
       ground: [],
     };
-    this.addPath(shown, problem);
     const motion = new Motion(shown);
+    this.addPath(motion, problem);
     const end = [columns.com_x[INTERVALS], columns.com_y[INTERVALS]];
     shown.goal = { orientation: problem.goal.orientation, positions: problem.goal.positions, com: end };
-    shown.box = this.box(motion, problem, shown);
+    shown.box = this.box(motion, problem);
     return motion;
   }
 
@@ -100,28 +100,28 @@ class Flight {
   }
 
   /* The centre of mass: from where the takeoff frame leaves to the height at which the landing frame arrives. */
-  addPath(shown, problem) {
-    const motion = new Motion({ ...shown, columns: { ...shown.columns, com_x: [0], com_y: [0] } });
+  addPath(motion, problem) {
+    const { columns, duration } = motion;
     const [takeoff, landing = takeoff] = this.data.frames;
     const at = (index) => {
-      const positions = motion.data.robot.joints.map((_, joint) => shown.columns[`positions.${joint}`][index]);
-      return motion.pose(shown.columns.orientation[index], positions, [0, 0]);
+      const positions = motion.data.robot.joints.map((_, joint) => columns[`positions.${joint}`][index]);
+      return motion.pose(columns.orientation[index], positions, [0, 0]);
     };
     const flight = problem.flight;
-    const duration = shown.duration;
     const [left, low] = motion.place(at(0), takeoff.weights);
     const [x, y] = [flight.takeoff.position[0] - left, flight.takeoff.position[1] - low];
     const end = (flight.landing.height || 0) - motion.place(at(INTERVALS), landing.weights)[1];
     const climb = (end - y) / duration + (flight.gravity * duration) / 2;
     for (let index = 0; index <= INTERVALS; index++) {
       const t = (duration * index) / INTERVALS;
-      shown.columns.com_x.push(x + flight.horizontal_velocity * t);
-      shown.columns.com_y.push(y + climb * t - (flight.gravity * t * t) / 2);
+      columns.com_x.push(x + flight.horizontal_velocity * t);
+      columns.com_y.push(y + climb * t - (flight.gravity * t * t) / 2);
     }
   }
 
   /* Left, low, right, high of all that is drawn; the ground is found on the way. */
-  box(motion, problem, shown) {
+  box(motion, problem) {
+    const shown = motion.data;
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     const add = (x, y, radius) => {
       box[0] = Math.min(box[0], x - radius);
