@@ -39,7 +39,7 @@ class SampledPlan:
         of_base = inertia[:, 0] * state.orientation_rate
         columns = {
             "orientation": state.orientation,
-            "orientation_rate": state.orientation_rate,
+            **{row.base: getattr(state, row.base) for row in JOINT_LIMITS if row.base},
             "com_x": state.com_position[:, 0],
             "com_y": state.com_position[:, 1],
             "momentum_base": of_base,
@@ -47,7 +47,7 @@ class SampledPlan:
             "angular_momentum": state.angular_momentum,
         }
         columns |= {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
-        for name in ("positions", "velocities", "accelerations"):
+        for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
             columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
         torques = dict(zip(plan.robot.motors, state.motor_torques.T, strict=True))
         motors = enumerate(beside.robot.motors)

@@ -23,11 +23,11 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from floatplan.arrays import Array, IntArray
 from floatplan.files import plain
 from floatplan.motion.planar.momentum import centroidal_coupling
-from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_to_dict
-from floatplan.view.report.data import frame_data, obstacle_data, robot_data, rounded
+from floatplan.problem.problem import Problem
+from floatplan.view.report.data import pairs, rounded, scene_data
 from floatplan.view.report.report import asset, page
-from floatplan.view.style import ALARM, PALE, SEQUENCE, TRAILS, new_figure, styled
+from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, styled
 
 STYLES = ("report.css", "map.css")
 SCRIPTS = ("theme.js", "motion.js", "stage.js", "player.js", "flight.js", "heatmap.js", "map.js")
@@ -160,19 +160,13 @@ def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> byt
     return page("map.html", title, STYLES, [*map(asset, SCRIPTS)], plain(data), numbers.in_base64())
 
 
-def flight_data(plan: Plan) -> dict[str, Any]:
-    """What the page needs to fly any row: the robot's links and inertia, and the problem whose numbers vary."""
-    tree, problem = plan.robot.tree, plan.problem
-    coupling = centroidal_coupling(tree)
+def flight_data(problem: Problem) -> dict[str, Any]:
+    """Return what the page needs to fly any row: links and inertia, and the problem whose numbers vary."""
+    scene, tree = scene_data(problem), problem.robot.tree
+    inertia = {"coupling": pairs(centroidal_coupling(tree)), "inertia": rounded(tree.inertia)}
     return {
-        "robot": {
-            **robot_data(plan),
-            "coupling": [[[entry.real, entry.imag] for entry in row] for row in coupling.tolist()],
-            "inertia": rounded(tree.inertia),
-        },
-        "frames": frame_data(plan),
-        "trail": TRAILS[0],
-        "obstacles": obstacle_data(plan),
+        **scene,
+        "robot": {**scene["robot"], **inertia},
         "ranges": rounded(problem.position_limits),
         "problem": problem_to_dict(problem),
     }

@@ -19,6 +19,7 @@ from PIL import Image
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.plans.verdicts import Finding
+from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
 from floatplan.view.figures.figures import figures
 from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
@@ -160,6 +161,16 @@ def test_it_draws_the_curves_of_the_figures(handstand: fp.Plan) -> None:
         shown = [(name, to_hex(colour)) for name, colour in zip(texts, handles, strict=True)]
         series = [(each["name"], each["colour"].lower()) for each in chart["series"]]
         assert shown[: len(series)] == series
+
+
+def test_a_limit_of_another_quantity_is_drawn(handstand: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = LimitRow("velocity", "torques", "N m", "Generalised", "joints", always=True)
+    monkeypatch.setattr("floatplan.view.charts.JOINT_LIMITS", (*JOINT_LIMITS, row))
+    data = report_data(handstand)
+    chart = next(each for each in data["charts"] if each["title"] == "Generalised")
+    columns = [data["motion"]["columns"][series["key"]] for series in chart["series"]]
+    np.testing.assert_allclose(columns, handstand.at(sample_grid(handstand.duration)).torques.T, rtol=1e-9, atol=1e-9)
+    assert "generalised" in figures(handstand)
 
 
 def test_the_same_plan_gives_the_same_page(handstand: fp.Plan, page: str, tmp_path: Path) -> None:

@@ -6,18 +6,20 @@ a few numbers per instant move any robot. Columns are in SI units and radians.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.files import plain
 from floatplan.plans.plan import Plan
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
 from floatplan.view.charts import NEAR, Chart, Curve, SampledPlan, clearance_ceiling
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import posture_at, postures
+from floatplan.view.postures import drawn_part, drawn_radius, postures
 from floatplan.view.style import ALARM, INK, OBSTACLES, TRAILS, palette
 from floatplan.view.surroundings import ground_lines, obstacle_outline
 
@@ -34,10 +36,7 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
-        "robot": robot_data(plan),
-        "frames": frame_data(plan),
-        "trail": TRAILS[0],
-        "obstacles": obstacle_data(plan),
+        **scene_data(plan.problem),
         "ghosts": rounded(placed.times),
         "goal": _goal(plan),
         "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
@@ -105,76 +104,68 @@ def _line(name: str, colour: Any, value: Array | float, part: int | None = None)
     return {"name": name, "colour": to_hex(colour), "value": rounded(value), "part": part}
 
 
-def robot_data(plan: Plan) -> dict[str, Any]:
-    """Return bodies, links and colours: what the page needs to place and to paint the robot."""
-    robot = plan.robot
-    placed = posture_at(plan, plan.problem.initial, 0.0)
-    bodies = np.array([shape.body for shape in robot.shapes], dtype=np.int64)
-    start, end = (np.array([getattr(shape, side) for shape in robot.shapes]) for side in ("start", "end"))
-    moved = np.arange(1, len(robot.tree.mass))
-    links = zip(
-        placed.part.tolist(),
-        placed.radius.tolist(),
-        _weights(plan, bodies, start),
-        _weights(plan, bodies, end),
-        strict=True,
-    )
+def scene_data(problem: Problem) -> dict[str, Any]:
+    """Return what a page needs to place and to paint robot and obstacles, whatever the motion.
+
+    ``robot``; ``frames`` that leave a trail, and how they are marked; the colour of the centre of mass's ``trail``;
+    ``obstacles``: outlines of these and their margins where they are given, how they move, and when they exist.
+    """
+    robot = problem.robot
+    roles = {problem.takeoff.frame: "takes off"}
+    roles[problem.landing.frame] = "takes off and lands" if problem.landing.frame in roles else "lands"
+    frames = [(name, role, robot.frames[name]) for name, role in roles.items()]
+    return {
+        "robot": _robot(problem),
+        "frames": [
+            {"name": name, "role": role, "colour": colour, "weights": _weights(robot, [frame.body], [frame.local])[0]}
+            for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
+        ],
+        "trail": TRAILS[0],
+        "obstacles": [
+            {
+                "bounded": obstacle.bounded,
+                "colour": OBSTACLES[index % len(OBSTACLES)],
+                "outline": rounded(obstacle_outline(obstacle, 0.0, 0.0)),
+                "margin": rounded(obstacle_outline(obstacle, 0.0, obstacle.margin)) if obstacle.margin > 0 else None,
+                "velocity": list(obstacle.velocity),
+                "window": None if obstacle.window is None else list(obstacle.window),
+            }
+            for index, obstacle in enumerate(problem.obstacles)
+        ],
+    }
+
+
+def _robot(problem: Problem) -> dict[str, Any]:
+    robot = problem.robot
+    bodies, moved = [shape.body for shape in robot.shapes], range(1, len(robot.tree.mass))
+    starts = _weights(robot, bodies, [shape.start for shape in robot.shapes])
+    ends = _weights(robot, bodies, [shape.end for shape in robot.shapes])
+    links = zip(drawn_part(robot).tolist(), drawn_radius(problem).tolist(), starts, ends, strict=True)
     return {
         "joints": list(robot.joints),
         "turn": robot.tree.turn,
         "turns": rounded(robot.tree.turns),
         "offsets": rounded(robot.tree.offsets),
-        "links": [{"part": part, "radius": radius, "start": a, "end": b} for part, radius, a, b in links],
-        "pivots": _weights(plan, moved, np.zeros(len(moved), dtype=np.complex128)),
+        "links": [{"part": part, "radius": radius, "start": start, "end": end} for part, radius, start, end in links],
+        "pivots": _weights(robot, moved, [0j] * len(moved)),
         "colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)],
     }
+
+
+def _weights(robot: Robot, bodies: Sequence[int], local: Sequence[complex]) -> Any:
+    """Weights of points of bodies, each a list of (real, imaginary) per body."""
+    return pairs(robot.tree.point_weights(np.array(bodies, dtype=np.int64), np.array(local, dtype=np.complex128)))
+
+
+def pairs(values: ComplexArray) -> Any:
+    """Return complex numbers as lists of (real, imaginary)."""
+    return rounded(np.stack((values.real, values.imag), axis=-1))
 
 
 def rounded(values: Any) -> Any:
     """Return numbers, or lists of them, of so many digits; None for what is not finite."""
     array = np.asarray(values, dtype=np.float64)
     return plain(float(f"{array:.{DIGITS}g}")) if array.ndim == 0 else [rounded(each) for each in array]
-
-
-def _weights(plan: Plan, bodies: IntArray, local: ComplexArray) -> list[Any]:
-    """Weights of points, each a list of (real, imaginary) per body."""
-    return [_pairs(row) for row in plan.robot.tree.point_weights(bodies, local)]
-
-
-def _pairs(values: Iterable[complex]) -> list[list[float]]:
-    return [[float(f"{value.real:.{DIGITS}g}"), float(f"{value.imag:.{DIGITS}g}")] for value in values]
-
-
-def frame_data(plan: Plan) -> list[dict[str, Any]]:
-    """Return the frames that leave a trail, and how they are marked; one that takes off and lands is one."""
-    problem = plan.problem
-    roles = {problem.takeoff.frame: "takes off"}
-    roles[problem.landing.frame] = "takes off and lands" if problem.landing.frame in roles else "lands"
-    frames = [(name, role, plan.robot.frames[name]) for name, role in roles.items()]
-    return [
-        {
-            "name": name,
-            "role": role,
-            "colour": colour,
-            "weights": _weights(plan, np.array([frame.body]), np.array([frame.local]))[0],
-        }
-        for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
-    ]
-
-
-def obstacle_data(plan: Plan) -> list[dict[str, Any]]:
-    """Return outlines of obstacles and margins where they are given, how they move, and when they exist."""
-    return [
-        {
-            "bounded": obstacle.bounded,
-            "colour": OBSTACLES[index % len(OBSTACLES)],
-            "outline": rounded(obstacle_outline(obstacle, 0.0, 0.0)),
-            "margin": rounded(obstacle_outline(obstacle, 0.0, obstacle.margin)) if obstacle.margin > 0 else None,
-            "velocity": list(obstacle.velocity),
-            "window": None if obstacle.window is None else list(obstacle.window),
-        }
-        for index, obstacle in enumerate(plan.problem.obstacles)
-    ]
 
 
 def _goal(plan: Plan) -> dict[str, Any]:
