@@ -46,23 +46,7 @@ class Format:
 
 
 def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-    """Write a plan in another format, whole or not at all.
-
-    Parameters
-    ----------
-    plan : Plan
-    form : str
-        A name in :data:`FORMATS`.
-    path : path, optional
-        The file; left out, the format's own name in the working directory.
-    rate : float, optional
-        Instants per second, Hz; left out, what suits the format.
-
-    Raises
-    ------
-    InputError
-        The format is unknown, or the rate is wrong.
-    """
+    """Write a plan in a format of :data:`FORMATS`, whole or not at all; otherwise as ``plan.export``."""
     known = format_of(form)
     return known.write(plan, Path(known.file if path is None else path), known.rate if rate is None else rate)
 

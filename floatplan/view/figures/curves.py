@@ -87,8 +87,7 @@ def draw_panel(axes: Axes, chart: Chart, panel: Panel, sampled: SampledPlan, oth
     axes.set_ylabel(f"{panel.label} ({chart.unit})")
     if chart.name == "clearance":
         return _frame_clearance(axes, panel, sampled, other)
-    ends = chart.name == "configuration"
-    if ends:
+    if chart.name == "configuration":
         axes.yaxis.set_major_locator(_angle_ticks(axes))
     else:
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
