@@ -19,9 +19,8 @@ from PIL import Image
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
-from floatplan.view.figures.curves.joints import draw_configuration
-from floatplan.view.figures.curves.sampled import SampledPlan, plan_names
-from floatplan.view.figures.curves.torques import draw_torques
+from floatplan.view.charts import charts
+from floatplan.view.figures.curves import draw_panel, plan_names, sample
 from floatplan.view.figures.figures import figures
 from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
 from floatplan.view.postures import postures
@@ -93,9 +92,10 @@ def flight(plan: fp.Plan, other: fp.Plan | None = None) -> Figure:
     draw_scene(figure.add_subplot(grid[:, 0]), plan)
     angles = figure.add_subplot(grid[0, 1])
     torques = figure.add_subplot(grid[1, 1], sharex=angles)
-    flown, beside = SampledPlan.of(plan), None if other is None else SampledPlan.of(other)
-    draw_configuration(angles, flown, beside)
-    draw_torques(torques, flown, beside)
+    sampled, beside = sample(plan), None if other is None else sample(other, plan)
+    drawn = {chart.name: chart for chart in charts(sampled)}
+    for axes, name in ((angles, "configuration"), (torques, "torques")):
+        draw_panel(axes, drawn[name], drawn[name].panels[0], sampled, beside)
     angles.tick_params(labelbottom=False)
     torques.set(xlim=(0, plan.duration), xlabel="time (s)")
     names = ("orientation", *plan.robot.joints)

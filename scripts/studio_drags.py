@@ -3,8 +3,8 @@
 
     python scripts/studio_drags.py problems/gallery/go2.toml --seconds 600 --seed 1
 
-The page is served, without a browser; hands do what sliders, grips and buttons do. First come gentle drags, whose time
-from the drag to the drawn plan is told, then wild ones. Exit code 1 where the program went wrong, or memory grew.
+The page is served, without a browser; it is called as sliders, grips and buttons do. First come gentle drags, whose
+time from the drag to the drawn plan is told, then wild ones. Exit code 1 where the program went wrong, or memory grew.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.studio.page import Studio, opened
-from floatplan.studio.panel.obstacles_tab import NEW
+from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
 from floatplan.studio.session.saving import Part, Saving
 from floatplan.studio.work.around import COLUMNS, ROWS
@@ -39,7 +39,7 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 
 class Drags:
-    """Random hands on a studio."""
+    """What a user does at random."""
 
     def __init__(self, studio: Studio, seed: int, folder: str) -> None:
         self.studio, self.session, self.stage = studio, studio.session, studio.stage
@@ -64,8 +64,8 @@ class Drags:
         self.session.wait(lambda view: view.is_current, PATIENCE)
         self.studio.painter.wait(PATIENCE)
         spent, begin = processor_seconds(self.studio), time.perf_counter()
-        self.studio.hands.do(path, lambda: self.session.set(path, value))
-        self.studio.hands.wait(PATIENCE)
+        self.studio.actions.do(path, lambda: self.session.set(path, value))
+        self.studio.actions.wait(PATIENCE)
         self.session.wait(lambda view: view.is_current, PATIENCE)
         self.studio.painter.wait(PATIENCE)
         flown = self.session.view.flown
@@ -89,7 +89,7 @@ class Drags:
         ]
         weights = np.array([weight for weight, _ in acts])
         act = acts[int(self.rng.choice(len(acts), p=weights / weights.sum()))][1]
-        self.studio.hands.do(f"act {self.rng.integers(3)}", act)
+        self.studio.actions.do(f"act {self.rng.integers(3)}", act)
 
     def turn(self) -> None:
         """Turn a part of a posture, by any angle and from anywhere."""
@@ -205,7 +205,7 @@ def main() -> int:
             verdict = studio.session.view.verdict
             told[verdict] = told.get(verdict, 0) + 1
             memory.append((time.monotonic() - begin, *megabytes(studio)))
-        studio.hands.wait(PATIENCE)
+        studio.actions.wait(PATIENCE)
         errors = [repr(error) for error in studio.errors]
         recovers = drags.session.edit(lambda _: problem) and drags.session.wait(
             lambda view: view.is_current and view.verdict == "proved", PATIENCE

@@ -224,8 +224,7 @@ def bounds(
     sets = reachable_sets(problem)
     facts = momentum_facts(problem, sets)
     if picture is not None:
-        from floatplan.view.figures.reachable_picture import save_reachable
-        from floatplan.view.figures.shapes_picture import check_picture
+        from floatplan.view.figures.robot_pictures import check_picture, save_reachable
 
         save_reachable(sets, check_picture(picture, "--picture"))
     if json_output:
@@ -245,7 +244,7 @@ def _tell(words: str) -> None:
 def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     """Return a plan of the problem without its obstacles, for the pictures, if it is found at once and hits them."""
     from floatplan.planning.planner import plan as search
-    from floatplan.view.figures.comparison import worst_passage
+    from floatplan.view.figures.snapshots import worst_passage
 
     if not answer.problem.obstacles:
         return None

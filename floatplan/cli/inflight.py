@@ -61,17 +61,17 @@ def fly_many(
 
 
 def _write(plan: Plan, path: Path, flown: ClosedLoop | None, found: Authority | None) -> Path:
-    from floatplan.view.report.flights_page import write_flights_page
+    from floatplan.view.report.flights import write_flights_page
 
     return write_flights_page(plan, path, flown, found)
 
 
 def _summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
-    from floatplan.view.report.flights_page import authority_rows, landing_rows, told
+    from floatplan.view.report.flights import authority_rows, landing_rows, summary
 
     parts: list[RenderableType] = []
     if flown is not None:
-        parts.append(Text(told(flown), "bold"))
+        parts.append(Text(summary(flown), "bold"))
         parts.append(_table(("", "with corrections", "without"), landing_rows(flown)))
     if found is not None:
         parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(found)))

@@ -53,7 +53,7 @@ def info(
     robot = named_robot(source, RobotChoices(plane, coupled, locked, reference, degrees))
     facts = robot_facts(robot)
     if shapes is not None and shapes != LISTED:
-        from floatplan.view.figures.shapes_picture import check_picture, save_shapes
+        from floatplan.view.figures.robot_pictures import check_picture, save_shapes
 
         save_shapes(robot, check_picture(Path(shapes)))
     if json_output:

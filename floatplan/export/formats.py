@@ -13,9 +13,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.export.full_table import write_full_csv, write_parquet
 from floatplan.export.ros_bag import write_mcap
-from floatplan.export.table import sample_times, write_table
+from floatplan.export.table import sample_times, write_full_csv, write_parquet, write_table
 from floatplan.files import write_atomically
 from floatplan.motion.planar.free_flyer import free_flyer
 from floatplan.plans.plan import Plan
@@ -47,23 +46,7 @@ class Format:
 
 
 def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
-    """Write a plan in another format, whole or not at all.
-
-    Parameters
-    ----------
-    plan : Plan
-    form : str
-        A name in :data:`FORMATS`.
-    path : path, optional
-        The file; left out, the format's own name in the working directory.
-    rate : float, optional
-        Instants per second, Hz; left out, what suits the format.
-
-    Raises
-    ------
-    InputError
-        The format is unknown, or the rate is wrong.
-    """
+    """Write a plan in a format of :data:`FORMATS`, whole or not at all; otherwise as ``plan.export``."""
     known = format_of(form)
     return known.write(plan, Path(known.file if path is None else path), known.rate if rate is None else rate)
 

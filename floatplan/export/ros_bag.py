@@ -36,6 +36,11 @@ STAMPED = (
     "geometry_msgs/TransformStamped",
     "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform",
 )
+TRANSFORMS = (
+    "tf2_msgs/msg/TFMessage",
+    "geometry_msgs/TransformStamped[] transforms",
+    (STAMPED, HEADER, TIME, TRANSFORM, VECTOR, QUATERNION),
+)
 JOINT_STATE = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
 LATCHED = """- history: 1
   depth: 1
@@ -50,18 +55,8 @@ LATCHED = """- history: 1
 
 TOPICS = {  # topic -> type, definition, types that it uses, whether its last message is kept for later listeners
     "/robot_description": ("std_msgs/msg/String", "string data", (), True),
-    "/tf_static": (
-        "tf2_msgs/msg/TFMessage",
-        "geometry_msgs/TransformStamped[] transforms",
-        (STAMPED, HEADER, TIME, TRANSFORM, VECTOR, QUATERNION),
-        True,
-    ),
-    "/tf": (
-        "tf2_msgs/msg/TFMessage",
-        "geometry_msgs/TransformStamped[] transforms",
-        (STAMPED, HEADER, TIME, TRANSFORM, VECTOR, QUATERNION),
-        False,
-    ),
+    "/tf_static": (*TRANSFORMS, True),
+    "/tf": (*TRANSFORMS, False),
     "/joint_states": ("sensor_msgs/msg/JointState", JOINT_STATE, (HEADER, TIME), False),
 }
 

@@ -15,7 +15,7 @@ from floatplan.studies.rows import STATUSES
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from floatplan.view.figures.heatmap import HeatMap
+    from floatplan.view.map import HeatMap
 
 MOST_BINS = 160  # along an axis of a study that is not a grid
 ROWS_IN_A_BIN = 2.5
@@ -44,7 +44,7 @@ def cells_of(edges: Array, values: Array) -> IntArray:
 
 def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     """Return the map of column z over keys x and y: each cell shows its best row."""
-    from floatplan.view.figures.heatmap import HeatMap, MapAxis
+    from floatplan.view.map import HeatMap, MapAxis
 
     for key in (x, y):
         if key not in asked.paths:
@@ -98,6 +98,6 @@ def _label(key: str, units: dict[str, str]) -> str:
 
 def draw(shown: HeatMap) -> Figure:
     """Draw a map as a figure."""
-    from floatplan.view.figures.heatmap import heatmap
+    from floatplan.view.map import heatmap
 
     return heatmap(shown)

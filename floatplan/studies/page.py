@@ -11,14 +11,11 @@ import numpy.typing as npt
 
 from floatplan.arrays import IntArray
 from floatplan.files import write_atomically
-from floatplan.motion.planar.ballistics import ballistics
-from floatplan.plans.plan import Plan
 from floatplan.studies.file import StudyFile, coloured, versions
 from floatplan.studies.maps import draw, drawn_map, edges_of, units_of, words
 from floatplan.studies.rows import STATUSES
-from floatplan.view.figures.figures import rendered
-from floatplan.view.map.page import PackedNumbers, colours, flight_data, map_page
-from floatplan.view.style import styled
+from floatplan.view.map import PackedNumbers, colours, flight_data, map_page
+from floatplan.view.style import rendered, styled
 
 DPI_OF_MAPS = 200  # [1/in]
 MOST_PAGE_ROWS = 200_000  # of a page
@@ -64,7 +61,7 @@ def page_data(asked: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
         "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
         "colours": colours(),
-        "flight": flight_data(_base_plan(asked)),
+        "flight": flight_data(asked.base),
     }
 
 
@@ -109,22 +106,3 @@ def _unfolded(lists: Any) -> tuple[IntArray, Any]:
     """Lengths of the lists in an array, none where there is no list, and what they hold, one after the other."""
     offsets = lists.offsets.to_numpy()
     return np.diff(offsets), lists.values[offsets[0] : offsets[-1]]
-
-
-def _base_plan(asked: StudyFile) -> Plan:
-    """A plan of the base problem that stands still: how the robot is drawn does not depend on its motion."""
-    base = asked.base
-    low, high = base.position_limits.T
-    return Plan(
-        problem=base,
-        centre=(low + high) / 2,
-        amplitude=(high - low) / 2,
-        coefficients=np.zeros((len(low), 2)),
-        angular_momentum=0.0,
-        ballistics=ballistics(base),
-        angular_momentum_bounds=(0.0, 0.0),
-        status="infeasible",
-        ok=False,
-        explanation="",
-        solver={},
-    )

@@ -1,26 +1,30 @@
-"""The page as a whole: a local server, the scene, the panel, and a thread that draws what changes."""
+"""The page as a whole: a local server, the scene, the panel, and a thread that draws what changes.
+
+Only the studio's own page may connect, and no other that a browser on this machine shows.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import threading
-from collections.abc import Iterator
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from http import HTTPStatus
 from typing import Any
+from urllib.parse import urlsplit
 
 import floatplan as fp
 from floatplan.optional import import_optional
 from floatplan.studio.panel.controls import Controls
-from floatplan.studio.scene.player import Player
-from floatplan.studio.scene.stage import Stage
-from floatplan.studio.session.hands import Hands
+from floatplan.studio.player import Player
+from floatplan.studio.session.actions import Actions
 from floatplan.studio.session.session import Session
-from floatplan.studio.visitors import own_page_alone
+from floatplan.studio.stage import Stage
+from floatplan.view.scene.scene import silence
 
 HOST = "127.0.0.1"  # of this machine alone
+THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
 PATIENCE = 60.0  # [s] for the first answer
-AGAIN = 0.3  # [s] until what a hand was on is drawn again
+AGAIN = 0.3  # [s] until what the user held is drawn again
 CLOCK = 0.1  # [s] between two changes of the time that is told
 
 
@@ -49,19 +53,19 @@ class Studio:
         first = self.session.view.flown
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
-        with redirect_stdout(io.StringIO()), own_page_alone():
+        with silence(), own_page_alone():
             self.server = viser.ViserServer(host=HOST, port=port, label="floatplan studio", verbose=False)
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
         gui.set_panel_label(self.session.view.problem.name)
         gui.main_panel.dock_right()
-        self.hands = Hands("hands")
-        self.stage = Stage(self.server, self.session, self.hands, first)
+        self.actions = Actions("actions")
+        self.stage = Stage(self.server, self.session, self.actions, first)
         self.player = Player(self.server, self._tick)
-        self.controls = Controls(self.server, self.session, self.hands, self.stage, self.player, folder)
+        self.controls = Controls(self.server, self.session, self.actions, self.stage, self.player, folder)
         self._ticked = 0.0
         self._again = threading.Timer(AGAIN, self._repaint)
-        self.painter = Hands("painter")
+        self.painter = Actions("painter")
         self.session.listen(self._repaint)
         self._repaint()
 
@@ -73,15 +77,15 @@ class Studio:
     @property
     def errors(self) -> list[BaseException]:
         """What went wrong in the program, and did not end it."""
-        return [*self.hands.errors, *self.painter.errors, *self.player.errors]
+        return [*self.actions.errors, *self.painter.errors, *self.player.errors]
 
     def close(self) -> None:
         """End the page and the planning."""
         self.session.close()
         self.player.close()
         self.painter.close()
-        self.hands.close()
-        with redirect_stdout(io.StringIO()), contextlib.suppress(Exception):
+        self.actions.close()
+        with silence(), suppress(Exception):
             self.server.stop()
 
     def _repaint(self) -> None:
@@ -104,7 +108,7 @@ class Studio:
             self.controls.at(instant)
 
 
-@contextlib.contextmanager
+@contextmanager
 def opened(problem: fp.Problem, **options: Any) -> Iterator[Studio]:
     """A studio that is closed in the end."""
     studio = Studio(problem, **options)
@@ -112,3 +116,61 @@ def opened(problem: fp.Problem, **options: Any) -> Iterator[Studio]:
         yield studio
     finally:
         studio.close()
+
+
+def is_own_page(origin: str | None, host: str | None) -> bool:
+    """Whether a page comes from the address that it asks, and that address is of this machine.
+
+    Parameters
+    ----------
+    origin, host : str or None
+        The headers of those names. A page elsewhere has another origin; one whose name was made to lead here has
+        another host.
+    """
+    try:
+        page = urlsplit(origin or "")
+        return page.hostname in THIS_MACHINE and page.netloc == host
+    except ValueError:
+        return False
+
+
+@contextmanager
+def own_page_alone() -> Iterator[None]:
+    """Let a viser server that is started meanwhile refuse the websockets of other pages.
+
+    viser does not ask where a page comes from, and any web page can open a websocket to this machine. It hands over a
+    function that answers requests, ``process_request``, when it calls ``websockets.asyncio.server.serve``: the question
+    is asked before it.
+
+    Raises
+    ------
+    InputError
+        viser starts its server in another way.
+    """
+    from websockets.asyncio import server
+
+    serve, calls = server.serve, []
+
+    def guarded(*arguments: Any, **options: Any) -> Any:
+        calls.append(options)
+        return serve(*arguments, **{**options, "process_request": guard(options.get("process_request"))})
+
+    server.serve = guarded  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        server.serve = serve  # type: ignore[misc]
+    if not calls:
+        raise fp.InputError("this version of viser starts its server in a way that is not known", element="studio")
+
+
+def guard(process_request: Callable[[Any, Any], Any] | None) -> Callable[[Any, Any], Any]:
+    """Answer requests as before, but forbid websockets of other pages."""
+
+    def process(connection: Any, request: Any) -> Any:
+        headers = request.headers
+        if "Upgrade" in headers and not is_own_page(headers.get("Origin"), headers.get("Host")):
+            return connection.respond(HTTPStatus.FORBIDDEN, "Only the studio's own page may connect.\n")
+        return None if process_request is None else process_request(connection, request)
+
+    return process

@@ -10,6 +10,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import JointState
+from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Frame, Robot
 
 ARC = 12  # [-] corners of a half circle
@@ -67,6 +68,29 @@ def postures(plan: Plan, times: Array) -> Postures:
     return _placed(plan, times, com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0])
 
 
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """The bodies of the robot at K instants.
+
+    Attributes
+    ----------
+    places : (K, m) complex, m; of the bodies' origins
+    angles : (K, m) rad; about the plane's normal
+    """
+
+    places: ComplexArray
+    angles: Array
+
+
+def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexArray) -> Poses:
+    """Poses of the bodies from orientation (K,), positions (K, n) and centre of mass (K,)."""
+    tree = robot.tree
+    bodies = len(tree.mass)
+    origins = tree.point_weights(np.arange(bodies), np.zeros(bodies, dtype=np.complex128))
+    angles = tree.absolute_angles(orientation, positions)
+    return Poses(places=com[:, None] + tree.rotations(angles) @ origins.T, angles=angles)
+
+
 def com_path(plan: Plan, times: Array) -> ComplexArray:
     """Places (K,) of the centre of mass at times (K,), m."""
     places = plan.ballistics.positions(times)
@@ -100,8 +124,8 @@ def _placed(plan: Plan, times: Array, com: ComplexArray, orientation: Array, pos
         com=com,
         start=segments.start,
         end=segments.end,
-        radius=_drawn_radius(plan),
-        part=_moved_by(robot)[[shape.body for shape in robot.shapes]],
+        radius=drawn_radius(problem),
+        part=drawn_part(robot),
         takeoff=place(problem.takeoff_frame),
         landing=place(problem.landing_frame),
     )
@@ -123,30 +147,30 @@ def _corner(placed: Postures, extreme: np.ufunc, side: float) -> ComplexArray:
     return np.asarray(corner, dtype=np.complex128)
 
 
-def _drawn_radius(plan: Plan) -> Array:
-    """Radii (S,) of the capsules as drawn, m.
+def drawn_radius(problem: Problem) -> Array:
+    """Return the radii (S,) of the capsules as drawn, m.
 
     Where there is none: a fraction of the links' usual length or of the robot's reach; less where that would fill the
     margin of an obstacle that the link keeps clear of.
     """
-    robot, shapes = plan.robot, plan.robot.shapes
+    robot, shapes = problem.robot, problem.robot.shapes
     radius = np.array([shape.radius for shape in shapes])
     lengths = np.array([abs(shape.end - shape.start) for shape in shapes])
     usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
     ends, bodies = np.array([shape.end for shape in shapes]), np.array([shape.body for shape in shapes])
     reach = float(np.abs(robot.tree.point_weights(bodies, ends)).sum(axis=1).max())
     drawn = max(LINK_RADIUS * usual, REACH_RADIUS * reach)
-    margins = [obstacle.margin for obstacle in plan.problem.obstacles if obstacle.margin > 0]
+    margins = [obstacle.margin for obstacle in problem.obstacles if obstacle.margin > 0]
     if margins:
         drawn = max(min(drawn, MARGIN_RADIUS * min(margins)), LEAST_RADIUS * drawn)
     return np.where(radius > 0, radius, drawn)
 
 
-def _moved_by(robot: Robot) -> IntArray:
-    """Which joint moves each body (m,) against its parent: i + 1 for joint i, 0 for the base."""
+def drawn_part(robot: Robot) -> IntArray:
+    """Return which joint moves the body of each capsule (S,) against its parent: i + 1 for joint i, 0 for the base."""
     tree = robot.tree
     part = np.zeros(len(tree.parent), dtype=np.int64)
     for body in range(1, len(part)):
         turn = np.abs(tree.turns[body] - tree.turns[tree.parent[body]])
         part[body] = 1 + int(turn.argmax()) if turn.any() else part[tree.parent[body]]
-    return part
+    return part[[shape.body for shape in robot.shapes]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import threading
 from collections.abc import Iterator, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 
@@ -27,6 +29,7 @@ PALE = "#c9c9c9"
 ALARM = "#b00020"
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of curves, one per obstacle
+TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
 SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
 BASE_GREY = "#555555"  # of the base beside it
 SEQUENCE_END = 0.9  # [-] its last tenth is too light for white paper
@@ -72,6 +75,12 @@ RC: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
 }
+COMPRESSION = 4  # [-] level of PNG files: higher ones take much longer
+METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": "floatplan"},
+    "svg": {"Creator": "floatplan", "Date": None},
+    "pdf": {"Creator": "floatplan", "CreationDate": None},
+}
 _MATPLOTLIB_LOCK = threading.RLock()  # matplotlib's settings are one set for all threads
 SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made of several
 
@@ -95,6 +104,18 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
+    """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+    stream = io.BytesIO()
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
+    figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
+    return stream.getvalue()
+
+
 def palette(count: int) -> list[Array]:
     """Return colours (3,) for the base and the joints: hues while they last, then grey and steps of one sequence."""
     if count <= len(OKABE_ITO):
@@ -105,9 +126,13 @@ def palette(count: int) -> list[Array]:
 
 def rgb(colour: Any) -> Array:
     """Red, green and blue (3,), from 0 to 1."""
-    from matplotlib.colors import to_rgb
-
     return np.array(to_rgb(colour))
+
+
+def rgb_bytes(colour: Any) -> tuple[int, int, int]:
+    """Red, green and blue, from 0 to 255."""
+    red, green, blue = (int(255 * part) for part in to_rgb(colour))
+    return red, green, blue
 
 
 def faded(colour: Any, strength: float) -> Array:

@@ -20,7 +20,7 @@ from floatplan.cli.results import write_figures, write_page, write_results
 from floatplan.errors import InputError, printable
 from floatplan.export.formats import FORMATS
 from floatplan.files import read_regular, write_atomically
-from floatplan.view.scene.moving_robot import visual_model
+from floatplan.view.scene.meshes import visual_model
 
 
 @pytest.fixture(scope="module")

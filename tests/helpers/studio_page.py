@@ -11,7 +11,8 @@ import numpy as np
 from browser import Browser
 
 from floatplan.studio.page import Studio
-from floatplan.studio.scene.bodies import in_space
+from floatplan.studio.stage import end_poses
+from floatplan.view.scene.bodies import in_space
 
 PATIENCE = 60.0  # s for what takes a fraction of one
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"
@@ -57,6 +58,15 @@ OF_VISER = (
     "GroupMarkerNotSet",
     "Unable to preventDefault",
 )
+
+
+def grip_places(studio: Studio, end: str, part: int, angles: Any) -> Any:
+    """Where a hand that turns a part of the posture at an end by angles (K,), rad, has its grip, m."""
+    problem = studio.session.view.problem
+    poses, grip = end_poses(problem, end), studio.stage.grips[end][part]
+    place = poses.places[0, grip.body] + problem.robot.tree.rotations(poses.angles)[0, grip.body] * grip.end
+    pivot, _ = studio.stage.pivot(problem, end, part)
+    return pivot + (place - pivot) * np.exp(1j * angles)
 
 
 class Page:
@@ -150,9 +160,9 @@ class Page:
         """Drag the grip of a part of a posture around its joint, by an angle, rad."""
         from selenium.webdriver.common.action_chains import ActionChains
 
-        stage, robot = self.studio.stage, self.studio.session.view.problem.robot
+        robot = self.studio.session.view.problem.robot
         self.wait(lambda: self.studio.server.get_clients())
-        places = stage.grip_places(end, part, np.linspace(0.0, turn, 6))
+        places = grip_places(self.studio, end, part, np.linspace(0.0, turn, 6))
         points = [self._pixel(each) for each in in_space(robot.plane, places)]
         canvas = self.browser.driver.find_elements("css selector", "canvas")[0]
         corner = canvas.rect

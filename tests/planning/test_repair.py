@@ -16,19 +16,11 @@ from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved, shortfalls, tightened
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.verdicts import Finding
-from floatplan.tables import LIMIT_TABLE
-from floatplan.view.figures.curves.clearance import clearance
-from floatplan.view.figures.curves.joints import limited
-from floatplan.view.figures.curves.sampled import SampledPlan
-from floatplan.view.figures.curves.torques import torques
+from floatplan.view.figures.figures import figures
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "problems" / "new_configuration.toml"
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
-
-
-def rates(flown):
-    return limited(flown, LIMIT_TABLE["velocity"])
 
 
 @pytest.fixture(scope="module")
@@ -223,17 +215,16 @@ class TestCommands:
 
 
 class TestFigures:
-    @pytest.mark.parametrize(("draw", "words"), [(torques, "proved peak"), (rates, "proved peak")])
-    def test_proved_peaks_are_drawn(self, plan_b, draw, words):
-        figure = draw(SampledPlan.of(plan_b))
-        assert words in [text.get_text() for text in figure.legends[0].get_texts()]
-        name = {torques: "torque_peak", rates: "velocity_peak"}[draw]
+    @pytest.mark.parametrize(("name", "peak"), [("torques", "torque_peak"), ("rates", "velocity_peak")])
+    def test_proved_peaks_are_drawn(self, plan_b, name, peak):
+        figure = figures(plan_b)[name]
+        assert "proved peak" in [text.get_text() for text in figure.legends[0].get_texts()]
         levels = {abs(line.get_ydata()[0]) for line in figure.axes[0].lines}
-        assert set(getattr(plan_b.certificate, name)) <= levels
-        bare = draw(SampledPlan.of(replace(plan_b)))
-        assert words not in [text.get_text() for text in bare.legends[0].get_texts()]
+        assert set(getattr(plan_b.certificate, peak)) <= levels
+        bare = figures(replace(plan_b))[name]
+        assert "proved peak" not in [text.get_text() for text in bare.legends[0].get_texts()]
 
     def test_the_proved_minimum_is_drawn(self, plan_b):
-        figure = clearance(SampledPlan.of(plan_b))
+        figure = figures(plan_b)["clearance"]
         assert "proved minimum" in [text.get_text() for text in figure.legends[0].get_texts()]
         assert plan_b.certificate.clearance_min in {line.get_ydata()[0] for line in figure.axes[0].lines}

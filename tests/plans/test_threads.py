@@ -20,7 +20,7 @@ from generated_problems import random_problem
 import floatplan as fp
 from floatplan.certificate import certificate
 from floatplan.view.figures.figures import save_figures
-from floatplan.view.scene.scene import _silence, write_scene
+from floatplan.view.scene.scene import silence, write_scene
 from floatplan.view.style import styled
 
 THREADS = 8
@@ -151,7 +151,7 @@ class Room:
             self.met = True
 
 
-@pytest.mark.parametrize("alone", [styled, _silence])
+@pytest.mark.parametrize("alone", [styled, silence])
 def test_what_only_one_thread_may_change(alone):
     """Settings of matplotlib, and standard output."""
     room = Room()

@@ -23,7 +23,7 @@ from floatplan.simulation.forward import mujoco_accelerations, pinocchio_acceler
 from floatplan.simulation.mujoco_model import mujoco_model
 from floatplan.simulation.perturbation import Perturbation, parse_perturbation
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.view.figures.inflight_pictures import closed_loop_picture
+from floatplan.view.report.flights import closed_loop_picture
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"

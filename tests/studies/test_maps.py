@@ -15,7 +15,8 @@ from floatplan import InputError
 from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
-from floatplan.view.figures.heatmap import STATUS_COLOURS, STATUS_NAMES, heatmap
+from floatplan.view.map import STATUS_COLOURS, STATUS_NAMES, heatmap
+from floatplan.view.surroundings import obstacle_outline
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """
@@ -195,3 +196,21 @@ class TestPage:
     def test_keys_move_from_cell_to_cell(self, browser, study):
         browser.open(study.folder / "map.html")
         assert [browser.run(PRESS, key) for key in ("ArrowUp", "ArrowRight", "ArrowUp", "ArrowLeft")] == [0, 4, 5, 1]
+
+    def test_obstacles_are_drawn_with_a_row_s_numbers(self, browser, tmp_path):
+        """As Python outlines them; one of a kind that the page cannot vary stays as it is in the base problem."""
+        text = (ROOT / "problems" / "obstacle.toml").read_text().replace("../urdf", str(ROOT / "urdf"))
+        text += '[[obstacles]]\nkind = "half-plane"\npoint = [0.0, -9.0]\nnormal = [0.1, 1.0]\n'
+        text += '[[obstacles]]\nkind = "capsule"\nstart = [2.4, 8.0]\nend = [2.9, 8.2]\nradius = 0.04\nmargin = 0.05\n'
+        (tmp_path / "base.toml").write_text(text)
+        vary = '[vary]\n"obstacles.0.radius" = [0.1, 0.15]\n"flight.duration" = [1.3, 1.4]\n'
+        (tmp_path / "asked.toml").write_text(f'problem = "base.toml"\n{vary}')
+        study = fp.study(tmp_path / "asked.toml", folder=tmp_path / "out", jobs=1)
+        browser.open(study.folder / "map.html")
+        browser.run("delete CAPSULES.capsule; floatplan.choose(3); floatplan.player.pause()")
+        obstacles = browser.run("return floatplan.stage.motion.data.obstacles")
+        circle, ground, bar = (np.array(each["outline"]) for each in obstacles)
+        np.testing.assert_allclose(np.linalg.norm(circle - [1.485, 3.342], axis=1), 0.15)
+        normal = np.array([0.1, 1.0]) / np.hypot(0.1, 1.0)
+        assert ((ground - [0.0, -9.0]) @ normal).max() == pytest.approx(0.0, abs=1e-9)
+        np.testing.assert_allclose(bar, obstacle_outline(study.plan(3).problem.obstacles[2], 0.0, 0.0), atol=1e-9)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from floatplan.studio.session.history import MOST, ONE_GESTURE, History
+from floatplan.studio.session.session import MOST, ONE_GESTURE, History
 
 
 class Clock:

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 from needed import skip_or_fail
+from studio_page import grip_places
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
-from floatplan.studio.page import Studio, opened
-from floatplan.studio.panel.obstacles_tab import NEW
-from floatplan.studio.scene.bodies import Bodies, in_plane, in_space
+from floatplan.studio.page import Studio, is_own_page, opened
+from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
-from floatplan.studio.session.hands import Hands
-from floatplan.studio.visitors import is_own_page
+from floatplan.studio.session.actions import Actions
+from floatplan.view.scene.bodies import Bodies, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
@@ -112,7 +112,7 @@ def test_what_is_no_origin_is_not_the_own_page(origin: str) -> None:
 def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str, part: int) -> None:
     """Around that joint; nothing else of the posture changes."""
     before = fresh.session.view.problem
-    places = fresh.stage.grip_places(end, part, np.linspace(0.0, 0.2, 5))
+    places = grip_places(fresh, end, part, np.linspace(0.0, 0.2, 5))
     for step, place in enumerate(places):
         fresh.stage.turn(end, part, complex(place), begins=step == 0)
     after = fresh.session.view.problem
@@ -125,7 +125,7 @@ def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str,
 
 def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
     before = fresh.session.view.problem.goal.orientation
-    places = fresh.stage.grip_places("goal", 0, np.linspace(0.0, 2 * np.pi, 25))
+    places = grip_places(fresh, "goal", 0, np.linspace(0.0, 2 * np.pi, 25))
     for step, place in enumerate(places):
         fresh.stage.turn("goal", 0, complex(place), begins=step == 0)
     turned = fresh.session.view.problem.goal.orientation - before
@@ -133,7 +133,7 @@ def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
 
 
 def test_a_joint_stops_at_the_end_of_its_range(fresh: Studio) -> None:
-    for step, place in enumerate(fresh.stage.grip_places("goal", 1, np.linspace(0.0, 12.0, 120))):
+    for step, place in enumerate(grip_places(fresh, "goal", 1, np.linspace(0.0, 12.0, 120))):
         fresh.stage.turn("goal", 1, complex(place), begins=step == 0)
     problem = fresh.session.view.problem
     assert problem.final.positions[0] in problem.position_limits[0]
@@ -243,20 +243,20 @@ def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
 
 
 def test_of_many_moves_the_newest_is_made_and_errors_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    hands, seen = Hands("test"), []
+    actions, seen = Actions("test"), []
     try:
         gate = [True]
-        hands.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
+        actions.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
         for step in range(100):
-            hands.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
-        hands.do("wrong", lambda: 1 / 0)
-        hands.do("after", lambda: seen.append(-1))
+            actions.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
+        actions.do("wrong", lambda: 1 / 0)
+        actions.do("after", lambda: seen.append(-1))
         gate[0] = False
-        assert hands.wait(PATIENCE)
+        assert actions.wait(PATIENCE)
     finally:
-        hands.close()
+        actions.close()
     assert seen == [99, -1]
-    assert [type(error) for error in hands.errors] == [ZeroDivisionError]
+    assert [type(error) for error in actions.errors] == [ZeroDivisionError]
     assert "test: wrong" in caplog.text
 
 
@@ -282,8 +282,9 @@ def test_meshes_are_where_the_urdf_has_them() -> None:
     import trimesh
     from scipy.spatial import cKDTree
 
-    from floatplan.studio.scene.bodies import DETAIL, body_poses
-    from floatplan.view.scene.moving_robot import joint_angles, visual_model
+    from floatplan.view.postures import body_poses
+    from floatplan.view.scene.bodies import DETAIL
+    from floatplan.view.scene.meshes import joint_angles, visual_model
 
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")

@@ -23,10 +23,11 @@ from floatplan.studio.panel import cards
 from floatplan.studio.session.saving import NAMES, Part, Saving
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.around import COLUMNS, ROWS, Map
-from floatplan.studio.work.flown import body_poses, flown
+from floatplan.studio.work.flown import flown
 from floatplan.studio.work.planning import LAST
 from floatplan.studio.work.tasks import Cells, Failure, Quick, words_of
 from floatplan.studio.work.worker import StoppedError, Worker, packed, unpacked
+from floatplan.view.postures import body_poses
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one

@@ -17,11 +17,10 @@ from PIL import Image
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.problem.parts import Obstacle
-from floatplan.view.figures.comparison import worst_passage
-from floatplan.view.figures.curves.sampled import SAMPLES
+from floatplan.view.figures.curves import SAMPLES
 from floatplan.view.figures.figures import figures, save_figures
 from floatplan.view.figures.kinogram import COLUMNS, kinogram, kinogram_times
-from floatplan.view.figures.snapshots import snapshot_times
+from floatplan.view.figures.snapshots import snapshot_times, worst_passage
 from floatplan.view.postures import postures, stadium
 from floatplan.view.style import COLUMN, OKABE_ITO, palette, styled
 from floatplan.view.surroundings import ground_lines, obstacle_outline

@@ -13,16 +13,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from PIL import Image
 
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.plans.verdicts import Finding
+from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
-from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, hex_colour, rounded, sample_grid
+from floatplan.view.figures.figures import figures
+from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
-from floatplan.view.scene.scene import scene
-from floatplan.view.scene.solids import obstacle_slab, prism, quaternion
+from floatplan.view.scene.bodies import turned
+from floatplan.view.scene.scene import obstacle_slab, prism, scene
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 
@@ -100,7 +103,6 @@ def test_samples_hold_the_middle_of_the_flight(handstand: fp.Plan) -> None:
 def test_numbers_are_rounded_and_gaps_are_null() -> None:
     assert rounded([1 / 3, np.nan, np.inf]) == [0.33333333333, None, None]
     assert rounded([[1.0], [2.0]]) == [[1.0], [2.0]]
-    assert hex_colour(np.array([0.0, 0.5, 1.0])) == "#0080ff"
 
 
 def test_it_says_what_was_asked_found_and_proved(planned: Callable[[str], fp.Plan]) -> None:
@@ -148,6 +150,27 @@ def test_limits_that_joints_share_are_one_line_and_far_ones_none(handstand: fp.P
     assert [line["name"] for line in torques["lines"]] == ["limit"] * 2
     motor = lines(motor={"q1": fp.Motor(5.0, 0.2)})[2]
     assert len(motor[0]["value"]) == len(sample_grid(handstand.duration))
+
+
+def test_it_draws_the_curves_of_the_figures(handstand: fp.Plan) -> None:
+    """The same names in the same colours, chart by chart."""
+    drawn = [figure for name, figure in figures(handstand).items() if name not in ("snapshots", "kinogram")]
+    for chart, figure in zip(report_data(handstand)["charts"], drawn, strict=True):
+        texts = [text.get_text() for text in figure.legends[0].get_texts()]
+        handles = [line.get_color() for line in figure.legends[0].get_lines()]
+        shown = [(name, to_hex(colour)) for name, colour in zip(texts, handles, strict=True)]
+        series = [(each["name"], each["colour"].lower()) for each in chart["series"]]
+        assert shown[: len(series)] == series
+
+
+def test_a_limit_of_another_quantity_is_drawn(handstand: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = LimitRow("velocity", "torques", "N m", "Generalised", "joints", always=True)
+    monkeypatch.setattr("floatplan.view.charts.JOINT_LIMITS", (*JOINT_LIMITS, row))
+    data = report_data(handstand)
+    chart = next(each for each in data["charts"] if each["title"] == "Generalised")
+    columns = [data["motion"]["columns"][series["key"]] for series in chart["series"]]
+    np.testing.assert_allclose(columns, handstand.at(sample_grid(handstand.duration)).torques.T, rtol=1e-9, atol=1e-9)
+    assert "generalised" in figures(handstand)
 
 
 def test_the_same_plan_gives_the_same_page(handstand: fp.Plan, page: str, tmp_path: Path) -> None:
@@ -202,7 +225,8 @@ def test_slabs_are_closed_and_turns_are_turns(handstand: fp.Plan) -> None:
     _, counts = np.unique(edges, axis=0, return_counts=True)
     assert set(counts) == {4}  # each edge has two faces, each face two sides
     assert np.ptp(vertices @ handstand.robot.plane.normal) == pytest.approx(0.5)
-    np.testing.assert_allclose(quaternion(np.array([0.0, 0.0, 1.0]), np.pi), [0, 0, 0, 1], atol=1e-15)
+    half = turned(handstand.robot.plane, np.array([np.pi]))
+    np.testing.assert_allclose(half, [[0, *handstand.robot.plane.normal]], atol=1e-15)
 
 
 def test_ground_and_walls_reach_beside_the_whole_flight(handstand: fp.Plan) -> None:

@@ -9,18 +9,15 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.problem.parts import JointState
 from floatplan.studio.panel import cards
-from floatplan.studio.panel.choices import Choices
-from floatplan.studio.panel.dials import Dial, Dials
-from floatplan.studio.panel.limits_tab import LimitsTab
-from floatplan.studio.panel.obstacles_tab import ObstaclesTab
-from floatplan.studio.scene.player import Player
-from floatplan.studio.scene.stage import Stage
+from floatplan.studio.panel.dials import Choices, Dial, Dials
+from floatplan.studio.panel.tabs import LimitsTab, ObstaclesTab
+from floatplan.studio.player import Player
 from floatplan.studio.session import edits
-from floatplan.studio.session.hands import Hands, by_hand, on
+from floatplan.studio.session.actions import Actions, by_user, on
 from floatplan.studio.session.saving import Part, Saving
 from floatplan.studio.session.session import Session, View
+from floatplan.studio.stage import Stage
 from floatplan.studio.work.around import COLUMNS, ROWS
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -35,13 +32,15 @@ SAVED: dict[str, Part] = {"Save problem": "problem", "Save plan": "plan", "Save 
 
 
 class Controls:
-    """The panel; :meth:`draw` follows the session's view, hands change the session."""
+    """The panel; :meth:`draw` follows the session's view, what the user does changes the session."""
 
-    def __init__(self, server: Any, session: Session, hands: Hands, stage: Stage, player: Player, folder: str) -> None:
-        self._gui, self._session, self._hands, self._stage, self._player = server.gui, session, hands, stage, player
+    def __init__(
+        self, server: Any, session: Session, actions: Actions, stage: Stage, player: Player, folder: str
+    ) -> None:
+        self._gui, self._session, self._actions, self._stage, self._player = server.gui, session, actions, stage, player
         self._saving = Saving()
-        self.dials = Dials(self._gui, session, hands)
-        self._choices = Choices(self._gui, session, hands)
+        self.dials = Dials(self._gui, session, actions)
+        self._choices = Choices(self._gui, session, actions)
         self._told: View | None = None
         self._begun = 0  # number of the newest question whose search was not told at once
         self._status = self._gui.add_html(cards.status_card(session.view))
@@ -57,7 +56,7 @@ class Controls:
         with tabs.add_tab("Limits"):
             self._limits = LimitsTab(self._gui, session, self.dials, self._choices)
         with tabs.add_tab("Obstacles") as tab:
-            self._obstacles = ObstaclesTab(self._gui, tab, session, hands, self.dials, stage.free_place())
+            self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.dials, stage.free_place())
         with tabs.add_tab("Map"):
             self._map()
         with tabs.add_tab("Compare"):
@@ -68,7 +67,7 @@ class Controls:
     def draw(self, view: View) -> bool:
         """Say and show what has changed; return whether it has to be drawn again soon.
 
-        So it is where a hand is on a slider, or a search may take long enough to be told.
+        So it is where the user holds a slider, or a search may take long enough to be told.
         """
         begun = not cards.is_news(self._told, view) and view.number != self._begun
         if begun:
@@ -102,7 +101,7 @@ class Controls:
         }
 
         def act(name: str, event: Any) -> None:
-            self._hands.do(f"{name} {id(event)}", actions[name])
+            self._actions.do(f"{name} {id(event)}", actions[name])
 
         buttons = self._gui.add_button_group("", tuple(actions))
         on(buttons.on_click, lambda event: act(event.target.value, event))
@@ -115,7 +114,7 @@ class Controls:
         self.time = self._gui.add_slider(
             "time, s", min=0.0, max=duration, step=0.001, initial_value=0.0, hint="Moving it stops the flight."
         )
-        by_hand(self.time.on_update, lambda _: self._seek(float(self.time.value)))
+        by_user(self.time.on_update, lambda _: self._seek(float(self.time.value)))
 
     def _seek(self, instant: float) -> None:
         longest = float(self.time.max)
@@ -127,14 +126,13 @@ class Controls:
 
     def _posture(self, end: str) -> None:
         problem = self._session.view.problem
-        turn, hint = state_at(problem, end).orientation, "360° more is one somersault more."
+        turn, hint = edits.end_state(problem, end).orientation, "360° more is one somersault more."
+
+        def orientation(each: fp.Problem) -> float:
+            return edits.end_state(each, end).orientation
+
         path = (f"{end}.orientation",)
-        self.dials.add(
-            Dial(
-                "base, °", path, lambda each: state_at(each, end).orientation, turn - TURNS, turn + TURNS, DEGREE, hint
-            ),
-            problem,
-        )
+        self.dials.add(Dial("base, °", path, orientation, turn - TURNS, turn + TURNS, DEGREE, hint), problem)
         for index, joint in enumerate(problem.robot.joints):
             low, high = problem.position_limits[index].tolist()
             self.dials.add(_joint_dial(end, index, joint, low, high), problem)
@@ -181,9 +179,9 @@ class Controls:
         self._choices.add_tick("keep above the ground", lambda each: each.ground, edits.ground)
 
     def _map(self) -> None:
-        session, hands = self._session, self._hands
+        session, actions = self._session, self._actions
         wanted = self._map_wanted = self._gui.add_checkbox("plan around this point", initial_value=True)
-        on(wanted.on_update, lambda _: hands.do("map", lambda: session.draw_map(wanted.value)))
+        on(wanted.on_update, lambda _: actions.do("map", lambda: session.draw_map(wanted.value)))
         self._points = {}
         for row, column in np.ndindex(ROWS, COLUMNS):
             button = self._gui.add_button("")
@@ -192,14 +190,14 @@ class Controls:
         self._map_html = self._gui.add_html("")
 
     def _jump(self, row: int, column: int, _: Any) -> None:
-        self._hands.do("jump", lambda: self._session.jump(row, column))
+        self._actions.do("jump", lambda: self._session.jump(row, column))
 
     def _compare(self) -> None:
-        session, hands = self._session, self._hands
+        session, actions = self._session, self._actions
         keep = self._gui.add_button("Keep this plan")
-        on(keep.on_click, lambda _: hands.do("keep", lambda: session.keep(True)))
+        on(keep.on_click, lambda _: actions.do("keep", lambda: session.keep(True)))
         release = self._gui.add_button("Let it go", color="gray")
-        on(release.on_click, lambda _: hands.do("keep", lambda: session.keep(False)))
+        on(release.on_click, lambda _: actions.do("keep", lambda: session.keep(False)))
         self._comparison = self._gui.add_html("")
         speed = self._gui.add_dropdown("flown at", tuple(SPEEDS), initial_value="half speed")
         on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
@@ -211,7 +209,7 @@ class Controls:
             self._saved.content = cards.saved_card([self._saving.save(self._session.view, part, place.value)])
 
         def ask(part: Part, _: Any) -> None:
-            self._hands.do(f"save {part}", lambda: save(part))
+            self._actions.do(f"save {part}", lambda: save(part))
 
         for label, part in SAVED.items():
             button = self._gui.add_button(label)
@@ -230,14 +228,9 @@ class Controls:
         return math.nan if flown is None else flown.plan.angular_momentum
 
 
-def state_at(problem: fp.Problem, end: str) -> JointState:
-    """The state at "start" or "goal"."""
-    return problem.initial if end == "start" else problem.final
-
-
 def _joint_dial(end: str, index: int, joint: str, low: float, high: float) -> Dial:
     path = (f"{end}.positions.{joint}",)
-    return Dial(f"{joint}, °", path, lambda each: float(state_at(each, end).positions[index]), low, high, DEGREE)
+    return Dial(f"{joint}, °", path, lambda each: float(edits.end_state(each, end).positions[index]), low, high, DEGREE)
 
 
 def _momentum_word(problem: fp.Problem) -> str:

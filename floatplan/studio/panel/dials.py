@@ -1,4 +1,7 @@
-"""Sliders of numbers of the problem, by their paths; and what keeps them from fighting with the hand on them."""
+"""Sliders of numbers of the problem, by their paths, and choices of words and ticks.
+
+A slider does not fight with the user who holds it.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.studio.session.edits import numbers
-from floatplan.studio.session.hands import Hands, by_hand
+from floatplan.studio.session.actions import Actions, by_user
+from floatplan.studio.session.edits import Edit, numbers
 from floatplan.studio.session.session import Session
 
-HANDS_OFF = 0.7  # [s] after a hand's last touch, before a slider follows the session
+RELEASED = 0.7  # [s] after the user's last touch, before a slider follows the session
 STEPS = 400  # [-] of a slider
 FINER = 2  # [-] decimals that are shown beyond those of a step
 
@@ -44,7 +47,7 @@ class Dial:
 
 @dataclass(eq=False)
 class Shown:
-    """A slider, what it shows and with how many decimals, and when a hand was last on it, s."""
+    """A slider, what it shows and with how many decimals, and when the user last touched it, s."""
 
     slider: Any
     dial: Dial
@@ -53,10 +56,10 @@ class Shown:
 
 
 class Dials:
-    """Sliders; each follows the session unless a hand is on it."""
+    """Sliders; each follows the session unless the user holds it."""
 
-    def __init__(self, gui: Any, session: Session, hands: Hands) -> None:
-        self._gui, self._session, self._hands = gui, session, hands
+    def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
+        self._gui, self._session, self._actions = gui, session, actions
         self.shown: list[Shown] = []
 
     def add(self, dial: Dial, problem: fp.Problem) -> Any:
@@ -75,9 +78,9 @@ class Dials:
 
         def turn(_: Any) -> None:
             shown.touched = time.monotonic()
-            self._hands.do(dial.paths[0], lambda: self._turn(slider, dial))
+            self._actions.do(dial.paths[0], lambda: self._turn(slider, dial))
 
-        by_hand(slider.on_update, turn)
+        by_user(slider.on_update, turn)
         self.shown.append(shown)
         return slider
 
@@ -86,10 +89,10 @@ class Dials:
         self.shown = [shown for shown in self.shown if all(shown.slider is not slider for slider in sliders)]
 
     def follow(self, problem: fp.Problem) -> bool:
-        """Show the problem's numbers; return whether a hand is still on some slider."""
+        """Show the problem's numbers; return whether the user still holds one."""
         now, busy = time.monotonic(), False
         for shown in self.shown:
-            if now - shown.touched < HANDS_OFF:
+            if now - shown.touched < RELEASED:
                 busy = True
                 continue
             slider = shown.slider
@@ -115,3 +118,44 @@ def _step(width: float) -> float:
     """A round step, about so fine that a slider has :data:`STEPS`."""
     power = 10.0 ** np.floor(np.log10(max(width, 1e-9) / STEPS))
     return float(power * next(each for each in (1, 2, 5, 10) if each * power >= width / STEPS))
+
+
+class Choices:
+    """Dropdowns and ticks; each follows the session."""
+
+    def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
+        self._gui, self._session, self._actions = gui, session, actions
+        self._shown: list[tuple[Any, Callable[[fp.Problem], Any]]] = []
+
+    def add(
+        self,
+        label: str,
+        words: Sequence[str],
+        get: Callable[[fp.Problem], str],
+        edit: Callable[[Any], Edit],
+        hint: str | None = None,
+    ) -> None:
+        """Add a choice of words: how to read it from a problem, and the edit that makes it."""
+        present = get(self._session.view.problem)
+        offered = tuple(dict.fromkeys((*words, present)))
+        self._follow(self._gui.add_dropdown(label, offered, initial_value=present, hint=hint), get, edit)
+
+    def add_tick(self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[Any], Edit]) -> None:
+        """Add a tick."""
+        self._follow(self._gui.add_checkbox(label, get(self._session.view.problem)), get, edit)
+
+    def follow(self, problem: fp.Problem) -> None:
+        """Show the problem's choices."""
+        for choice, get in self._shown:
+            wanted = get(problem)
+            if choice.value != wanted:
+                choice.value = wanted
+
+    def _follow(self, choice: Any, get: Callable[[fp.Problem], Any], edit: Callable[[Any], Edit]) -> None:
+        self._shown.append((choice, get))
+
+        def choose() -> None:
+            if not self._session.edit(edit(choice.value)):
+                choice.value = get(self._session.view.problem)
+
+        by_user(choice.on_update, lambda _: self._actions.do(f"choice {id(choice)}", choose))

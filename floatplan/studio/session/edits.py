@@ -9,13 +9,18 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 import floatplan as fp
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.parts import JointState, Obstacle
 
 Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
 LimitKey: TypeAlias = Literal["velocity", "torque"]
 
 BY_HAND = "by hand"
 AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
+
+
+def end_state(problem: fp.Problem, end: str) -> JointState:
+    """Return the state at "start" or "goal"."""
+    return problem.initial if end == "start" else problem.final
 
 
 def numbers(values: Mapping[str, float]) -> Edit:

@@ -8,27 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import ComplexArray
 from floatplan.plans.measures import PlanWarning, Utilisation
-from floatplan.view.postures import postures
+from floatplan.view.postures import Poses, body_poses, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
 TRAIL = 81  # [-] points of a path
-
-
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """The bodies of the robot at K instants.
-
-    Attributes
-    ----------
-    places : (K, m) complex, m; of the bodies' origins
-    angles : (K, m) rad; about the plane's normal
-    """
-
-    places: ComplexArray
-    angles: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +83,6 @@ def flown(plan: fp.Plan, settled: bool, asked: float) -> Flown:
         clearance=plan.peaks.clearance,
         seconds=time.perf_counter() - asked,
     )
-
-
-def body_poses(robot: fp.Robot, orientation: Array, positions: Array, com: ComplexArray) -> Poses:
-    """Poses of the bodies from orientation (K,), positions (K, n) and centre of mass (K,)."""
-    tree = robot.tree
-    bodies = len(tree.mass)
-    origins = tree.point_weights(np.arange(bodies), np.zeros(bodies, dtype=np.complex128))
-    angles = tree.absolute_angles(orientation, positions)
-    return Poses(places=com[:, None] + tree.rotations(angles) @ origins.T, angles=angles)
 
 
 def largest_use(rows: tuple[Utilisation, ...]) -> float | None:

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.figures.comparison import comparison
-from floatplan.view.figures.curves.clearance import clearance
-from floatplan.view.figures.curves.joints import configuration, drawn_limits, limited
-from floatplan.view.figures.curves.momentum import inertia, momentum
-from floatplan.view.figures.curves.sampled import SampledPlan
-from floatplan.view.figures.curves.torques import torques
+from floatplan.view.charts import charts
+from floatplan.view.figures.curves import chart_figure, sample
 from floatplan.view.figures.kinogram import kinogram
-from floatplan.view.figures.snapshots import snapshots
-from floatplan.view.style import DPI, styled
-
-COMPRESSION = 4  # [-] level of PNG files: higher ones take much longer
-METADATA: dict[str, dict[str, Any]] = {
-    "png": {"Software": "floatplan"},
-    "svg": {"Creator": "floatplan", "Date": None},
-    "pdf": {"Creator": "floatplan", "CreationDate": None},
-}
+from floatplan.view.figures.snapshots import comparison, snapshots
+from floatplan.view.style import METADATA, rendered, styled
 
 
 def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
@@ -89,28 +76,10 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         joints = ", ".join(compare.robot.joints)
         reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
-    flown, other = SampledPlan.of(plan), None if compare is None else SampledPlan.of(compare)
+    sampled, other = sample(plan), None if compare is None else sample(compare, plan)
     yield "snapshots", snapshots(plan)
     yield "kinogram", kinogram(plan)
-    yield "configuration", configuration(flown, other)
-    for row in drawn_limits(plan):
-        yield row.title.lower(), limited(flown, row, other)
-    yield "torques", torques(flown, other)
-    yield "momentum", momentum(flown, other)
-    yield "inertia", inertia(flown, other)
-    if plan.problem.obstacles:
-        yield "clearance", clearance(flown, other)
+    for chart in charts(sampled):
+        yield chart.name, chart_figure(chart, sampled, other)
     if compare is not None:
         yield "comparison", comparison(plan, compare)
-
-
-def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
-    """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
-        figure.set_layout_engine(None)
-    stream = io.BytesIO()
-    options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
-    figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
-    return stream.getvalue()

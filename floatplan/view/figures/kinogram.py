@@ -70,12 +70,9 @@ def kinogram_times(plan: Plan) -> Array:
 def _grid(placed: Postures, goal: Postures) -> Grid:
     """Set the postures so near one another that none touches its neighbours."""
     low, high = placed.low - placed.com, placed.high - placed.com
-    low[-1] = complex(
-        min(low[-1].real, (goal.low - goal.com)[0].real), min(low[-1].imag, (goal.low - goal.com)[0].imag)
-    )
-    high[-1] = complex(
-        max(high[-1].real, (goal.high - goal.com)[0].real), max(high[-1].imag, (goal.high - goal.com)[0].imag)
-    )
+    least, most = (goal.low - goal.com)[0], (goal.high - goal.com)[0]
+    low[-1] = complex(min(low[-1].real, least.real), min(low[-1].imag, least.imag))
+    high[-1] = complex(max(high[-1].real, most.real), max(high[-1].imag, most.imag))
     left, right = -low.real.reshape(-1, COLUMNS), high.real.reshape(-1, COLUMNS)
     widest = max(float((right[:, :-1] + left[:, 1:]).max()), 2 * float(left[:, 0].max()), 2 * float(right[:, -1].max()))
     scale = widest * COLUMNS / (COLUMN - GAP * COLUMNS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,20 @@ from matplotlib.ticker import MultipleLocator
 
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
+from floatplan.problem.parts import Obstacle
+from floatplan.view.figures.curves import plan_names
 from floatplan.view.postures import Postures, com_path, posture_at, postures, robot_size, stadium
 from floatplan.view.style import COLUMN, GREY, INK, faded, legend_above, new_figure, palette, round_below
-from floatplan.view.surroundings import draw_ground, draw_obstacle, obstacle_corners, obstacle_times
+from floatplan.view.surroundings import draw_ground, draw_obstacle, obstacle_corners, obstacle_outline, obstacle_times
 
 STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
 FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] snapshots along the path
 PALEST = 0.30  # [-] strength of the first snapshot's colours
 MARK = 0.95  # [-] size of the dots on the frames that take off and land, in radii of the link
+TOUCH = 1e-3  # [m] standing on the ground is not running into it
+PASSAGE_SAMPLES = 513  # [-] instants among which the deepest penetration is sought
+BACKGROUND = 0.3  # [-] strength of the snapshots behind the two robots compared
+CLOSE_UP = 0.12  # [-] room around two robots compared and the obstacle, in sizes of their box
 FLATTEST, TALLEST = 0.45, 1.35  # [-] height of a picture over its width
 
 
@@ -80,18 +87,11 @@ def draw_posture(
     outlines = [outline + offset for outline in placed.outlines(index)]
     colours = palette(int(placed.part.max()) + 1)
     fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
-    shapes, faces, widths = [], [], []
-    for ring, width in rings:
-        shapes += outlines
-        faces += [faded(ring, 1.0)] * len(outlines)
-        widths += [width] * len(outlines)
-    shapes += outlines
-    faces += fills
-    widths += [0.0] * len(outlines)
+    drawn = [(outline, faded(ring, 1.0), width) for ring, width in rings for outline in outlines]
+    drawn += [(outline, fill, 0.0) for outline, fill in zip(outlines, fills, strict=True)]
     for place, fill, size in _marks(placed, index):
-        shapes.append(stadium(place + shift, place + shift, size))
-        faces.append(faded(fill, max(strength, 0.5)))
-        widths.append(0.0)
+        drawn.append((stadium(place + shift, place + shift, size), faded(fill, max(strength, 0.5)), 0.0))
+    shapes, faces, widths = zip(*drawn, strict=True)
     axes.add_collection(
         PolyCollection(shapes, facecolors=faces, edgecolors=faces, linewidths=widths, joinstyle="round", zorder=zorder),
         autolim=False,
@@ -176,3 +176,49 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
         entries.append((Line2D([], [], markerfacecolor=INK, **dot), problem.landing.frame))
     entries.append((Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal"))
     legend_above(figure, entries)
+
+
+def comparison(plan: Plan, compare: Plan) -> Figure:
+    """Draw a plan and, in black, the other plan's robot where that is deepest in an obstacle or its margin.
+
+    Both robots are drawn at that instant, this plan's in full colour over its own faint snapshots, and the picture
+    holds them and the obstacle. Where the other plan meets none it is the middle of the flight.
+    """
+    time, obstacle = worst_passage(plan, compare)
+    placed = postures(plan, snapshot_times(plan))
+    own = postures(plan, np.array([time]))
+    other = replace(postures(compare, np.array([time])), radius=own.radius)
+    figure, axes = spatial_figure(*_close_up(own, other, obstacle, time))
+    draw_surroundings(axes, plan, placed, time)
+    draw_flight(axes, plan, placed, strengths=[BACKGROUND] * len(placed.times))
+    draw_path(axes, compare, other)
+    draw_posture(axes, other, 0, strength=1.0, zorder=70, rings=(("white", 1.6),), colour=INK)
+    draw_posture(axes, own, 0, strength=1.0, zorder=71, rings=(("white", 1.6),))
+    names = plan_names(plan, compare)
+    colours = tuple(Patch(facecolor=colour) for colour in palette(int(own.part.max()) + 1))
+    entries = [(colours, f"{names[0]}, at {time:.2f} s"), (Patch(facecolor=INK), f"{names[1]}")]
+    legend_above(figure, entries)
+    return figure
+
+
+def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
+    """Return when the other plan is deepest in an obstacle of this one or its margin, s, and which; or mid-flight."""
+    duration = min(plan.duration, compare.duration)
+    times = np.linspace(0, duration, PASSAGE_SAMPLES)
+    worst: tuple[float, float, Obstacle | None] = (-TOUCH, duration / 2, None)
+    for obstacle in plan.problem.obstacles:
+        left = compare.clearances(times, [obstacle]) - obstacle.margin
+        if left.min() < worst[0]:
+            worst = float(left.min()), float(times[left.argmin()]), obstacle
+    return worst[1:]
+
+
+def _close_up(own: Postures, other: Postures, obstacle: Obstacle | None, time: float) -> tuple[complex, complex]:
+    """Corners of a box around two robots and what they pass, m."""
+    corners = np.concatenate((own.low, own.high, other.low, other.high))
+    points = np.stack((corners.real, corners.imag), axis=1)
+    if obstacle is not None and obstacle.bounded:
+        points = np.concatenate((points, obstacle_outline(obstacle, time, obstacle.margin)))
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = CLOSE_UP * float(np.max(high - low))
+    return complex(low[0] - room, low[1] - room), complex(high[0] + room, high[1] + room)

@@ -12,7 +12,7 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
-from floatplan.view.report.charts import charts
-from floatplan.view.report.data import columns, motion_data, sample_grid
+from floatplan.view.charts import SampledPlan, charts
+from floatplan.view.report.data import chart_data, motion_data, sample_grid
 from floatplan.view.report.sections import sections, verdict
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
@@ -43,15 +43,33 @@ def report(plan: Plan, path: str | Path | None = None) -> str:
     """
     licence, plots = map(asset, PLOTS)
     scripts = [f"/*\n{licence}\n*/\n{plots}", *map(asset, SCRIPTS)]
-    word, _ = verdict(plan)
+    title = f"{plan.problem.name}: {verdict(plan)[0]}"
+    return page("report.html", title, STYLES, scripts, report_data(plan, path)).decode()
+
+
+def page(
+    body: str, title: str, styles: Sequence[str], scripts: Sequence[str], data: Mapping[str, Any], numbers: bytes = b""
+) -> bytes:
+    """Return a page, as HTML.
+
+    Parameters
+    ----------
+    body : file of the template of what is on the page
+    title : of the page
+    styles : files
+    scripts : their texts
+    data : what JSON holds
+    numbers : what stands in the body's place for numbers, which is not searched
+    """
+    template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     parts = {
-        "title": html.escape(f"{plan.problem.name}: {word}"),
+        "title": html.escape(title),
         "policy": policy(scripts),
-        "style": "\n".join(asset(name) for name in STYLES),
-        "data": escaped_json(report_data(plan, path)),
+        "style": "\n".join(map(asset, styles)),
+        "data": escaped_json(data),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
     }
-    return filled(asset("report.html"), parts)
+    return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
 
 
 def write_report(plan: Plan, path: str | Path) -> Path:
@@ -68,7 +86,7 @@ def notebook_frame(plan: Plan) -> str:
 
 def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds."""
-    sampled = columns(plan, sample_grid(plan.duration))
+    sampled = SampledPlan.of(plan, sample_grid(plan.duration))
     word, tone = verdict(plan)
     problem = plan.problem
     data: dict[str, Any] = plain(
@@ -76,8 +94,8 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},
             "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
-            "motion": motion_data(plan),
-            "charts": charts(plan, sampled),
+            "motion": motion_data(sampled),
+            "charts": [chart_data(chart, sampled) for chart in charts(sampled)],
             "sections": sections(plan),
             "problem": _problem_file(plan, path),
             "own_problem": problem.file_text is not None,
@@ -97,7 +115,7 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
-def policy(scripts: list[str]) -> str:
+def policy(scripts: Sequence[str]) -> str:
     """Return the security policy of a page with no other scripts than these, and no address of any kind."""
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)

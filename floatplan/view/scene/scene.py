@@ -9,33 +9,31 @@ from __future__ import annotations
 import contextlib
 import io
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.files import write_atomically
-from floatplan.motion.flight_state import FlightState
 from floatplan.optional import import_optional
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.parts import HalfPlane, Obstacle
+from floatplan.robot.parts import Plane
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import postures
-from floatplan.view.scene.moving_robot import Mover, capsule_robot, mesh_robot, visual_model
-from floatplan.view.scene.solids import obstacle_slab, point_in_space
-from floatplan.view.style import GREY, rgb
-from floatplan.view.surroundings import ground_lines
+from floatplan.view.postures import body_poses, com_path, postures, robot_size
+from floatplan.view.scene.bodies import FINE_SECTIONS, Bodies, in_space
+from floatplan.view.style import TRAILS, rgb_bytes
+from floatplan.view.surroundings import ground_lines, obstacle_outline
 
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
-TRAILS = (GREY, "#8b5e00", "#6a3d9a")  # of the centre of mass, and of the frames that take off and land
+SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
+WIDTH = 0.4  # [-] width of other obstacles, in sizes of the robot
 STONE, SAND = (150, 150, 150), (226, 222, 212)
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
-
-Update: TypeAlias = Callable[[int], None]
 
 
 def write_scene(plan: Plan, path: str | Path) -> Path:
@@ -53,14 +51,25 @@ def scene(plan: Plan) -> str:
     """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
-    state = plan.at(np.linspace(0.0, plan.duration, frames))
+    times = np.linspace(0.0, plan.duration, frames)
+    poses = body_poses(plan.robot, plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times))
+    placed = postures(plan, snapshot_times(plan))
+    low, high = picture_box(plan, placed)
     with _server(viser) as server:
-        updates = [_add_robot(server, plan, state), *_add_obstacles(server, plan, state.times)]
-        _add_surroundings(server, plan)
+        bodies = Bodies(server, "/robot", plan.robot)
+        if not bodies.add_meshes():
+            bodies.add_capsules(placed, sections=FINE_SECTIONS)
+        obstacles = plan.problem.obstacles
+        slabs = [obstacle_slab(plan, obstacle, low, high) for obstacle in obstacles]
+        nodes = [add_obstacle(server, index, *each) for index, each in enumerate(zip(obstacles, slabs, strict=True))]
+        look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
+        add_grounds(server, plan.robot.plane, low, high, ground_lines(placed))
+        _add_trails(server, plan)
         serializer = server.get_scene_serializer()
         for index in range(frames):
-            for update in updates:
-                update(index)
+            bodies.put(poses, index)
+            for node, obstacle in zip(nodes, obstacles, strict=True):
+                move_obstacle(node, plan.robot.plane, obstacle, float(times[index]))
             if index < frames - 1:  # the page's clock is the flight's: from takeoff to landing
                 serializer.insert_sleep(plan.duration / (frames - 1))
         return str(serializer.as_html())
@@ -69,70 +78,57 @@ def scene(plan: Plan) -> str:
 @contextlib.contextmanager
 def _server(viser: ModuleType) -> Iterator[Any]:
     """A local server that prints nothing: viser records what is sent to it."""
-    with _silence():
+    with silence():
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
         yield server
     finally:
-        with _silence():
+        with silence():
             server.stop()
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Print nothing; one thread at a time, or the last would not give back what the first took."""
     with _STDOUT_LOCK, contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
-def _add_robot(server: Any, plan: Plan, state: FlightState) -> Update:
-    model = visual_model(plan.robot)
-    move: Mover = capsule_robot(server, plan) if model is None else mesh_robot(server, plan, model)
-    move(state, 0)
-    return lambda index: move(state, index)
-
-
-def _add_obstacles(server: Any, plan: Plan, times: Array) -> list[Update]:
-    """Obstacles as slabs across the plane; return the updates of those that move, come or go."""
-    updates = []
-    low, high = picture_box(plan, postures(plan, snapshot_times(plan)))
-    for number, obstacle in enumerate(plan.problem.obstacles):
-        vertices, faces = obstacle_slab(plan, obstacle, low, high)
-        name, flat = f"/obstacles/{number}", not obstacle.bounded
-        material: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
-        node = server.scene.add_mesh_simple(name, vertices, faces, cast_shadow=not flat, **material)
-        if obstacle.window is not None or any(obstacle.velocity):
-            updates.append(_obstacle_update(node, plan, obstacle, times))
-    return updates
-
-
-def _obstacle_update(node: Any, plan: Plan, obstacle: Obstacle, times: Array) -> Update:
-    low, high = obstacle.window or (-np.inf, np.inf)
-    velocity = point_in_space(plan.robot.plane, complex(*obstacle.velocity))
-
-    def update(index: int) -> None:
-        node.position = velocity * times[index]
-        node.visible = bool(low <= times[index] <= high)
-
-    return update
-
-
-def _add_surroundings(server: Any, plan: Plan) -> None:
-    """Light, ground, trails, and a camera that sees the whole flight from the side and a little from above."""
-    plane = plan.robot.plane
-    low, high = picture_box(plan, postures(plan, snapshot_times(plan)))
-    size, middle = abs(high - low), point_in_space(plane, (low + high) / 2)
-    aside = np.cross(plane.horizontal, plane.vertical)
+def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, above: float) -> None:
+    """Light the scene, and look at a box, m, from beside the plane and from above, in sizes of the box."""
+    size, middle = abs(high - low), in_space(plane, (low + high) / 2)
+    across = np.cross(plane.horizontal, plane.vertical)
     server.scene.set_up_direction(tuple(plane.vertical))
     server.scene.configure_environment_map(None)
     server.scene.add_light_ambient("/lights/ambient", intensity=1.6)
-    server.initial_camera.position = tuple(middle + size * (0.72 * aside + 0.12 * plane.vertical))
+    server.initial_camera.position = tuple(middle + size * (aside * across + above * plane.vertical))
     server.initial_camera.look_at = tuple(middle)
-    for index, (level, *_) in enumerate(ground_lines(postures(plan, snapshot_times(plan)))):
-        place = point_in_space(plane, complex((low.real + high.real) / 2, level))
-        letters = "xyz"[int(np.argmax(np.abs(plane.horizontal)))] + "xyz"[int(np.argmax(np.abs(aside)))]
+
+
+def add_grounds(
+    server: Any, plane: Plane, low: complex, high: complex, lines: list[tuple[float, complex, complex]]
+) -> None:
+    """Add the ground of :func:`ground_lines` as grids around a box, m."""
+    size, across = abs(high - low), np.cross(plane.horizontal, plane.vertical)
+    letters = "".join("xyz"[int(np.argmax(np.abs(axis)))] for axis in (plane.horizontal, across))
+    for index, (level, *_) in enumerate(lines):
+        place = in_space(plane, complex((low.real + high.real) / 2, level))
         server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
-    _add_trails(server, plan)
+
+
+def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: tuple[Array, IntArray]) -> Any:
+    """Add an obstacle as the solid of :func:`obstacle_slab`; return its node."""
+    flat = not obstacle.bounded
+    look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
+    return server.scene.add_mesh_simple(f"/obstacles/{index}", *slab, cast_shadow=not flat, **look)
+
+
+def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -> None:
+    """Put an obstacle that moves, comes or goes where it is at an instant of the flight, s."""
+    if obstacle.window is not None or any(obstacle.velocity):
+        low, high = obstacle.window or (-np.inf, np.inf)
+        node.position = in_space(plane, complex(*obstacle.velocity) * instant)
+        node.visible = bool(low <= instant <= high)
 
 
 def _add_trails(server: Any, plan: Plan) -> None:
@@ -140,8 +136,37 @@ def _add_trails(server: Any, plan: Plan) -> None:
     names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
     paths = placed.com, placed.takeoff, placed.landing
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
-        points = np.array([point_in_space(plan.robot.plane, complex(place)) for place in path])
-        pairs = np.stack((points[:-1], points[1:]), axis=1)
-        colours = tuple(int(255 * part) for part in rgb(colour))
+        points = in_space(plan.robot.plane, path)
+        pairs, colours = np.stack((points[:-1], points[1:]), axis=1), rgb_bytes(colour)
         server.scene.add_line_segments(f"/trails/{index}", pairs, colours, thickness=2.0, thickness_units="screen")
         server.scene.add_label(f"/trails/{index}/name", name, position=points[0])
+
+
+def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> tuple[Array, IntArray]:
+    """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
+
+    A half-plane reaches beside all of the box from ``low`` to ``high``.
+    """
+    size = robot_size(plan)
+    if not isinstance(obstacle, HalfPlane):
+        outline = obstacle_outline(obstacle, 0.0, 0.0)
+        return prism(plan.robot.plane, outline[:, 0] + 1j * outline[:, 1], WIDTH * size)
+    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
+    point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal
+    beside = ((low + high) / 2 - point) / (1j * normal)
+    ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
+    return prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size)
+
+
+def prism(plane: Plane, corners: ComplexArray, width: float) -> tuple[Array, IntArray]:
+    """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
+    count = len(corners)
+    aside = 0.5 * width * plane.normal
+    points = in_space(plane, corners)
+    here = np.arange(count)
+    on = (here + 1) % count
+    sides = [np.stack((here, on, here + count), axis=1), np.stack((on, on + count, here + count), axis=1)]
+    fan = np.stack((np.zeros(count - 2, dtype=np.int64), here[1:-1], here[2:]), axis=1)
+    faces = np.concatenate((*sides, fan[:, ::-1], fan + count))
+    both = np.concatenate((faces, faces[:, ::-1]))  # whichever way round the polygon goes, it is seen from outside
+    return np.concatenate((points - aside, points + aside)), both

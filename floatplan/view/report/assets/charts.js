@@ -168,10 +168,3 @@ function shown(value) {
   const places = size >= 100 ? 1 : size >= 10 ? 2 : 3;
   return value.toFixed(places).replace(/^-(0\.0*)$/, "$1").replace("-", "−");
 }
-
-function make(tag, name = "", text = "") {
-  const element = document.createElement(tag);
-  if (name) element.className = name;
-  if (text) element.textContent = text;
-  return element;
-}

@@ -1,29 +1,24 @@
 "use strict";
-/* Puts the page together. Whatever comes from a file is written as text, never as markup. */
+/* Puts the report together. */
 
-function fillHeader({ name, verdict, question, version }) {
-  document.getElementById("name").textContent = name;
-  document.getElementById("question").textContent = question;
-  document.getElementById("version").textContent = version ? ` ${version}` : "";
+function fillBadge({ word, tone }) {
   const badge = document.getElementById("verdict");
-  badge.textContent = verdict.word;
-  badge.classList.add(verdict.tone);
+  badge.textContent = word;
+  badge.classList.add(tone);
 }
 
-function fillKey(data, stage) {
+function fillKey(data) {
   const list = document.getElementById("key");
   const names = ["base", ...data.motion.robot.joints];
   names.forEach((name, index) => {
-    const entry = addKey(list, "bar", data.motion.robot.colours[index], name);
+    const entry = addColour(list, "bar", data.motion.robot.colours[index], name);
     entry.dataset.part = index;
     entry.tabIndex = 0;
     entry.setAttribute("role", "button");
     entry.setAttribute("aria-pressed", "false");
   });
-  data.motion.frames.forEach(({ name, role }, index) => {
-    addKey(list, "ring", stage.trails[index].colour, `${name} (${role})`);
-  });
-  addKey(list, "dot", "#222222", "centre of mass");
+  for (const { name, role, colour } of data.motion.frames) addColour(list, "ring", colour, `${name} (${role})`);
+  addColour(list, "dot", "#222222", "centre of mass");
 }
 
 /* Parts of the robot are looked at by pointing at their names, and chosen by a click or the return key. */
@@ -46,12 +41,10 @@ function offerParts(list, show) {
   }
 }
 
-function addKey(list, shape, colour, text) {
-  const entry = list.appendChild(make("li"));
-  const mark = entry.appendChild(make("i", `swatch ${shape}`));
-  paint(() => (mark.style[shape === "ring" ? "borderColor" : "background"] = shade(colour)));
-  entry.appendChild(make("span", "", text));
-  return entry;
+function addColour(list, shape, colour, words) {
+  const swatch = addKey(list, shape, words);
+  paint(() => (swatch.style[shape === "ring" ? "borderColor" : "background"] = shade(colour)));
+  return swatch.parentElement;
 }
 
 function fillFacts(data, onSeek) {
@@ -113,7 +106,8 @@ function fillTable(part, titles, rows, onSeek) {
     player.seek(time);
   };
   fillHeader(data);
-  fillKey(data, stage);
+  fillBadge(data.verdict);
+  fillKey(data);
   fillFacts(data, seek);
   const holder = document.getElementById("charts");
   const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
@@ -125,9 +119,5 @@ function fillTable(part, titles, rows, onSeek) {
     stage.choose(part);
     for (const chart of charts) chart.choose(part);
   });
-  for (const what of ["ghosts", "trails", "margins", "goal"]) {
-    const box = document.getElementById(what);
-    box.addEventListener("change", () => stage.show(what, box.checked));
-  }
   window.floatplan = { motion, stage, player, charts };
 })();

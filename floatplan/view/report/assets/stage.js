@@ -2,7 +2,6 @@
 /* The picture of the flight: a backdrop that stays, and over it what moves. World: metres, up is up. */
 
 const GHOST_STRENGTH = [0.2, 0.42];
-const TRAILS = { com: "#8a8a8a", frames: ["#8b5e00", "#6a3d9a"] };
 
 class Stage {
   constructor(motion, holder) {
@@ -10,6 +9,10 @@ class Stage {
     this.backdrop = holder.querySelector("#backdrop");
     this.front = holder.querySelector("#robot");
     this.shown = { ghosts: true, trails: true, margins: true, goal: true };
+    for (const what of Object.keys(this.shown)) {
+      const box = document.getElementById(what);
+      box.addEventListener("change", () => this.show(what, box.checked));
+    }
     this.part = null;
     this.take(motion);
     new ResizeObserver(() => this.resize()).observe(holder);
@@ -19,12 +22,8 @@ class Stage {
   /* Another motion, from its beginning. */
   take(motion) {
     this.motion = motion;
-    this.trails = motion.data.frames.map((frame, index) => ({
-      name: frame.name,
-      colour: TRAILS.frames[index],
-      points: motion.path(frame.weights),
-    }));
-    this.trails.push({ name: "CM", colour: TRAILS.com, points: motion.path(null) });
+    this.trails = motion.data.frames.map(({ colour, weights }) => ({ colour, points: motion.path(weights) }));
+    this.trails.push({ colour: motion.data.trail, points: motion.path(null) });
     this.still = motion.data.obstacles.filter((one) => !moves(one));
     this.moving = motion.data.obstacles.filter(moves);
     this.colours = motion.data.robot.colours;
@@ -39,16 +38,11 @@ class Stage {
 
   resize() {
     const { clientWidth: width, clientHeight: height } = this.holder;
-    const ratio = window.devicePixelRatio || 1;
-    for (const canvas of [this.backdrop, this.front]) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-    }
+    for (const canvas of [this.backdrop, this.front]) fit(canvas, width, height);
     const [left, low, right, high] = this.motion.data.box;
     this.scale = Math.min(width / (right - left), height / (high - low));
     this.origin = [width / 2 - (this.scale * (left + right)) / 2, height / 2 + (this.scale * (low + high)) / 2];
     this.size = [width, height];
-    this.ratio = ratio;
     this.drawBackdrop();
     this.draw(this.time);
   }
@@ -63,17 +57,8 @@ class Stage {
     return [this.origin[0] + this.scale * x, this.origin[1] - this.scale * y];
   }
 
-  clear(canvas) {
-    const pen = canvas.getContext("2d");
-    pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    pen.clearRect(0, 0, ...this.size);
-    pen.lineCap = "round";
-    pen.lineJoin = "round";
-    return pen;
-  }
-
   drawBackdrop() {
-    const pen = this.clear(this.backdrop);
+    const pen = cleared(this.backdrop);
     this.drawGrid(pen);
     for (const [level, low, high] of this.motion.data.ground) this.drawGround(pen, level, low, high);
     for (const obstacle of this.still) this.drawObstacle(pen, obstacle, 0, 1);
@@ -112,7 +97,6 @@ class Stage {
     pen.lineTo(x + length * this.scale, y);
     pen.lineTo(x + length * this.scale, y - 4);
     pen.stroke();
-    pen.font = "12px system-ui, sans-serif";
     pen.fillText(`${length} m`, x + length * this.scale + 6, y + 3);
   }
 
@@ -132,7 +116,7 @@ class Stage {
   drawObstacle(pen, obstacle, time, strength) {
     const shift = obstacle.velocity.map((speed) => speed * time);
     pen.globalAlpha = strength;
-    pen.fillStyle = obstacle.kind === "half-plane" ? tone("wall") : tone("stone");
+    pen.fillStyle = tone(obstacle.bounded ? "stone" : "wall");
     pen.strokeStyle = shade(obstacle.colour);
     pen.lineWidth = 1.5;
     this.trace(pen, obstacle.outline, shift);
@@ -218,7 +202,7 @@ class Stage {
   /* What moves, at a time. */
   draw(time) {
     this.time = time;
-    const pen = this.clear(this.front);
+    const pen = cleared(this.front);
     for (const obstacle of this.moving) {
       const [from, to] = obstacle.window || [-Infinity, Infinity];
       this.drawObstacle(pen, obstacle, time, time >= from && time <= to ? 1 : 0.15);
@@ -230,9 +214,9 @@ class Stage {
     for (const pivot of this.motion.data.robot.pivots) {
       this.dot(pen, this.motion.place(posture, pivot), Math.max(0.35 * thinnest, 1.5), tone("paper"), null);
     }
-    this.motion.data.frames.forEach((frame, index) => {
-      this.dot(pen, this.motion.place(posture, frame.weights), Math.max(0.8 * thinnest, 3.5), tone("paper"), shade(TRAILS.frames[index]));
-    });
+    for (const { weights, colour } of this.motion.data.frames) {
+      this.dot(pen, this.motion.place(posture, weights), Math.max(0.8 * thinnest, 3.5), tone("paper"), shade(colour));
+    }
     this.dot(pen, posture.com, 4, tone("ink"), tone("paper"));
   }
 

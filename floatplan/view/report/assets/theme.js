@@ -1,5 +1,7 @@
 "use strict";
-/* Light or dark, as the reader's system has it. What is painted with these colours is painted again when that changes. */
+/* What all pages are made with. Whatever comes from a file is written as text, never as markup.
+
+   Light or dark, as the reader's system has it: what is painted with these colours is painted again when that changes. */
 
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
 const TONES = {
@@ -46,3 +48,42 @@ function paint(action) {
 }
 
 DARK.addEventListener("change", () => painted.forEach((action) => action()));
+
+function make(tag, name = "", text = "") {
+  const element = document.createElement(tag);
+  if (name) element.className = name;
+  if (text) element.textContent = text;
+  return element;
+}
+
+function fillHeader({ name, question, version }) {
+  document.getElementById("name").textContent = name;
+  document.getElementById("question").textContent = question;
+  document.getElementById("version").textContent = version ? ` ${version}` : "";
+}
+
+/* A list's next entry: its swatch, in front of words. */
+function addKey(list, shape, words) {
+  const entry = list.appendChild(make("li"));
+  const swatch = entry.appendChild(make("i", `swatch ${shape}`));
+  entry.appendChild(make("span", "", words));
+  return swatch;
+}
+
+/* Give a canvas as many pixels as its place on the screen has. */
+function fit(canvas, width, height) {
+  const ratio = window.devicePixelRatio || 1;
+  canvas.width = Math.round(width * ratio);
+  canvas.height = Math.round(height * ratio);
+}
+
+/* The pen of an empty canvas, in pixels of the page. */
+function cleared(canvas) {
+  const pen = canvas.getContext("2d");
+  const ratio = window.devicePixelRatio || 1;
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, canvas.width / ratio, canvas.height / ratio);
+  pen.font = "12px system-ui, sans-serif";
+  pen.lineCap = pen.lineJoin = "round";
+  return pen;
+}

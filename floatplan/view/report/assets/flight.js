@@ -4,6 +4,7 @@
 const INTERVALS = 180;
 const SNAPSHOTS = 6;
 const ARC = 48;
+const FAR = 1e3; // m
 
 class Flight {
   constructor(data) {
@@ -49,24 +50,18 @@ class Flight {
       duration,
       columns,
       robot: this.data.robot,
-      frames: this.frames(),
-      obstacles: (problem.obstacles || []).map(outlined),
+      frames: this.data.frames,
+      trail: this.data.trail,
+      obstacles: (problem.obstacles || []).map((one, index) => rowObstacle(this.data.obstacles[index], one)),
       ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
       ground: [],
     };
-    this.addPath(shown, problem);
     const motion = new Motion(shown);
+    this.addPath(motion, problem);
     const end = [columns.com_x[INTERVALS], columns.com_y[INTERVALS]];
     shown.goal = { orientation: problem.goal.orientation, positions: problem.goal.positions, com: end };
-    shown.box = this.box(motion, problem, shown);
+    shown.box = this.box(motion, problem);
     return motion;
-  }
-
-  frames() {
-    const { takeoff, landing } = this.data.frames;
-    const one = takeoff.name === landing.name;
-    const frames = [{ ...takeoff, role: one ? "takes off and lands" : "takes off" }];
-    return one ? frames : [...frames, { ...landing, role: "lands" }];
   }
 
   /* Joint positions and the rate of the base at a fraction of the flight. */
@@ -105,28 +100,28 @@ class Flight {
   }
 
   /* The centre of mass: from where the takeoff frame leaves to the height at which the landing frame arrives. */
-  addPath(shown, problem) {
-    const motion = new Motion({ ...shown, columns: { ...shown.columns, com_x: [0], com_y: [0] } });
-    const { takeoff, landing } = this.data.frames;
+  addPath(motion, problem) {
+    const { columns, duration } = motion;
+    const [takeoff, landing = takeoff] = this.data.frames;
     const at = (index) => {
-      const positions = motion.data.robot.joints.map((_, joint) => shown.columns[`positions.${joint}`][index]);
-      return motion.pose(shown.columns.orientation[index], positions, [0, 0]);
+      const positions = motion.data.robot.joints.map((_, joint) => columns[`positions.${joint}`][index]);
+      return motion.pose(columns.orientation[index], positions, [0, 0]);
     };
     const flight = problem.flight;
-    const duration = shown.duration;
     const [left, low] = motion.place(at(0), takeoff.weights);
     const [x, y] = [flight.takeoff.position[0] - left, flight.takeoff.position[1] - low];
     const end = (flight.landing.height || 0) - motion.place(at(INTERVALS), landing.weights)[1];
     const climb = (end - y) / duration + (flight.gravity * duration) / 2;
     for (let index = 0; index <= INTERVALS; index++) {
       const t = (duration * index) / INTERVALS;
-      shown.columns.com_x.push(x + flight.horizontal_velocity * t);
-      shown.columns.com_y.push(y + climb * t - (flight.gravity * t * t) / 2);
+      columns.com_x.push(x + flight.horizontal_velocity * t);
+      columns.com_y.push(y + climb * t - (flight.gravity * t * t) / 2);
     }
   }
 
   /* Left, low, right, high of all that is drawn; the ground is found on the way. */
-  box(motion, problem, shown) {
+  box(motion, problem) {
+    const shown = motion.data;
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     const add = (x, y, radius) => {
       box[0] = Math.min(box[0], x - radius);
@@ -147,8 +142,7 @@ class Flight {
     }
     if (shown.ground.length && box[1] < shown.ground[0][0] - 0.15 * (box[3] - box[1])) shown.ground.pop();
     for (const obstacle of shown.obstacles) {
-      if (obstacle.kind === "half-plane") continue;
-      for (const [x, y] of obstacle.outline) add(x, y, 0);
+      if (obstacle.bounded) for (const [x, y] of obstacle.outline) add(x, y, 0);
     }
     const room = 0.04 * Math.max(box[2] - box[0], box[3] - box[1]);
     return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
@@ -159,37 +153,28 @@ function dot(row, values) {
   return row.reduce((sum, share, index) => sum + share * values[index], 0);
 }
 
-function outlined(obstacle, index) {
-  return {
-    kind: obstacle.kind,
-    colour: ["#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"][index % 6],
-    outline: outline(obstacle, 0),
-    margin: obstacle.margin > 0 ? outline(obstacle, obstacle.margin) : null,
-    velocity: obstacle.velocity || [0, 0],
-    window: obstacle.window || null,
-  };
-}
+/* The capsule, two ends and a radius, that an obstacle is; a half-plane's is so large that its side is the edge. */
+const CAPSULES = {
+  circle: ({ center, radius }) => [center, center, radius],
+  capsule: ({ start, end, radius }) => [start, end, radius],
+  "half-plane": ({ point, normal }) => {
+    const [nx, ny] = normal.map((part) => (FAR * part) / Math.hypot(...normal));
+    return [[point[0] - nx + ny, point[1] - ny - nx], [point[0] - nx - ny, point[1] - ny + nx], FAR];
+  },
+};
 
-function outline(obstacle, margin) {
-  if (obstacle.kind === "half-plane") {
-    const length = Math.hypot(...obstacle.normal);
-    const [nx, ny] = obstacle.normal.map((part) => part / length);
-    const [x, y] = [obstacle.point[0] + margin * nx, obstacle.point[1] + margin * ny];
-    const far = 1e3;
-    return [
-      [x + far * ny, y - far * nx],
-      [x - far * ny, y + far * nx],
-      [x - far * (nx + ny), y - far * (ny - nx)],
-      [x - far * (nx - ny), y - far * (ny + nx)],
-    ];
-  }
-  const [start, end] = obstacle.kind === "circle" ? [obstacle.center, obstacle.center] : [obstacle.start, obstacle.end];
+/* An obstacle of the base problem with a row's numbers; of a kind that is not known here, its outline stays. */
+function rowObstacle(base, obstacle) {
+  const changed = { ...base, velocity: obstacle.velocity || [0, 0], window: obstacle.window || null };
+  if (!CAPSULES[obstacle.kind]) return changed;
+  const [start, end, radius] = CAPSULES[obstacle.kind](obstacle);
   const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
-  const radius = obstacle.radius + margin;
-  return [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
-    Array.from({ length: ARC + 1 }, (_, index) => {
-      const angle = along + Math.PI * (from + index / ARC);
-      return [x + radius * Math.cos(angle), y + radius * Math.sin(angle)];
-    }),
-  );
+  const outline = (size) =>
+    [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
+      Array.from({ length: ARC + 1 }, (_, index) => {
+        const angle = along + Math.PI * (from + index / ARC);
+        return [x + size * Math.cos(angle), y + size * Math.sin(angle)];
+      }),
+    );
+  return { ...changed, outline: outline(radius), margin: obstacle.margin > 0 ? outline(radius + obstacle.margin) : null };
 }

@@ -1,5 +1,5 @@
 "use strict";
-/* Puts the page together. Whatever comes from a file is written as text, never as markup. */
+/* Puts the page of a map together. */
 
 class Rows {
   constructor(data, numbers) {
@@ -63,13 +63,6 @@ function isCalm() {
   return matchMedia("(prefers-reduced-motion: reduce)").matches;
 }
 
-function make(tag, name, text) {
-  const element = document.createElement(tag);
-  if (name) element.className = name;
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
-
 function fillSelect(select, options, chosen) {
   select.replaceChildren(...options.map(([value, text]) => {
     const option = make("option", "", text);
@@ -97,9 +90,7 @@ class Page {
 
   fill() {
     const { data, rows } = this;
-    document.getElementById("name").textContent = data.name;
-    document.getElementById("question").textContent = data.question;
-    document.getElementById("version").textContent = data.version ? ` ${data.version}` : "";
+    fillHeader(data);
     const keys = data.axes.map((axis) => [axis.key, rows.label(axis.key)]);
     const colours = Object.keys(data.columns);
     this.selects = ["across", "up", "colour"].map((id) => document.getElementById(id));
@@ -111,20 +102,14 @@ class Page {
     const counts = rows.statuses.map((_, index) => rows.status.reduce((sum, one) => sum + (one === index), 0));
     rows.statuses.forEach(({ colour, words }, index) => {
       if (!counts[index]) return;
-      const swatch = this.entry(key, colour, `${words} (${counts[index]})`);
+      const swatch = addKey(key, "bar", `${words} (${counts[index]})`);
+      swatch.style.background = colour;
       if (index < SOLVED) this.ofPlans.push(swatch);
     });
-    const empty = this.entry(key, "var(--paper)", "no row");
+    const empty = addKey(key, "bar", "no row");
     empty.style.border = "1px solid var(--line)";
     this.empty = empty.parentElement;
-  }
-
-  entry(key, colour, words) {
-    const entry = key.appendChild(make("li"));
-    const swatch = entry.appendChild(make("i", "swatch bar"));
-    swatch.style.background = colour;
-    entry.appendChild(make("span", "", words));
-    return swatch;
+    this.nothing = document.getElementById("stage").appendChild(make("p", "nothing", "Choose a point of the map."));
   }
 
   listen() {
@@ -228,12 +213,11 @@ class Page {
 
   fly(row) {
     const coefficients = this.flight && this.rows.coefficientsOf(row);
-    const nothing = document.getElementById("nothing");
-    nothing.hidden = Boolean(coefficients);
+    this.nothing.hidden = Boolean(coefficients);
     if (this.player) this.player.pause();
     document.getElementById("stage").classList.toggle("empty", !coefficients);
     if (!coefficients) {
-      nothing.textContent = "This row has no motion.";
+      this.nothing.textContent = "This row has no motion.";
       return;
     }
     const values = this.data.axes.map((axis) => [axis.key, this.rows.column(axis.key)[row] * axis.factor]);

@@ -9,13 +9,35 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from floatplan.arrays import Array
 from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
 from floatplan.simulation.flights import ClosedLoop, Landings
-from floatplan.view.figures.inflight_pictures import authority_png, closed_loop_png
+from floatplan.view.style import (
+    ALARM,
+    COLUMN,
+    INK,
+    OKABE_ITO,
+    PALE,
+    legend_above,
+    new_figure,
+    palette,
+    rendered,
+    styled,
+)
 
+HEIGHT = 5.6  # [in]
+FAINT = 0.45  # [-] opacity of single flights
+BINS = 24
+NARROWEST = 1e-3  # [deg] below which all errors are drawn as one
 STYLE = """body { font: 15px/1.45 system-ui, sans-serif; color: #222;
   max-width: 46em; margin: 2em auto; padding: 0 1em }
 table { border-collapse: collapse; margin: 1em 0 } td, th { padding: .25em 1em .25em 0; text-align: left }
@@ -37,7 +59,7 @@ def write_flights_page(
     """Write a page about flights of a plan, about what corrections can do, or both; it needs no network."""
     parts: list[str] = []
     if flights is not None:
-        parts.append(f"<p>{html.escape(told(flights))}</p>")
+        parts.append(f"<p>{html.escape(summary(flights))}</p>")
         parts.append(_table(("", "with corrections", "without"), landing_rows(flights)))
         parts.append(_picture(closed_loop_png(plan, flights), "planned and flown motion, corrections, landings"))
     if authority is not None:
@@ -49,8 +71,8 @@ def write_flights_page(
     return write_atomically(path, f"{head}<body><h1>{title}</h1>{''.join(parts)}</body></html>\n")
 
 
-def told(flights: ClosedLoop) -> str:
-    """Say in a line what was flown."""
+def summary(flights: ClosedLoop) -> str:
+    """Say in a line how many flights there were, and how they were simulated."""
     many = "1 flight" if flights.flights == 1 else f"{flights.flights} flights"
     if flights.flights < flights.asked:
         many += f" of {flights.asked} (--budget gives more time)"
@@ -120,3 +142,104 @@ def _cells(row: Row) -> str:
 
 def _picture(content: bytes, text: str) -> str:
     return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
+
+
+def closed_loop_png(plan: Plan, flights: ClosedLoop) -> bytes:
+    """Return :func:`closed_loop_picture` as a PNG."""
+    with styled():
+        return rendered(closed_loop_picture(plan, flights), "png")
+
+
+def authority_png(found: Authority) -> bytes:
+    """Return :func:`authority_picture` as a PNG."""
+    with styled():
+        return rendered(authority_picture(found), "png")
+
+
+def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
+    """Draw the planned and flown motion over each other, what corrections predicted, and a histogram of landings."""
+    figure = new_figure(COLUMN, HEIGHT)
+    orientation, joints, predicted, landings = figure.subplots(4, 1)
+    with_, without = OKABE_ITO[0], OKABE_ITO[1]
+    for paths, colour in ((flights.uncorrected_paths, without), (flights.paths, with_)):
+        for path in paths:
+            orientation.plot(path.times, np.degrees(path.orientation), color=colour, alpha=FAINT, linewidth=0.6)
+    times = np.linspace(0.0, plan.duration, 201)
+    state = plan.at(times)
+    orientation.plot(times, np.degrees(state.orientation), color=INK, linestyle="--", linewidth=1.0)
+    colours = palette(state.positions.shape[1] + 2)[2:]  # not those of the flights
+    for path in flights.paths:
+        for column, hue in zip(path.positions.T, colours, strict=True):
+            joints.plot(path.times, np.degrees(column), color=hue, alpha=FAINT, linewidth=0.6)
+    for column in state.positions.T:
+        joints.plot(times, np.degrees(column), color=INK, linestyle="--", linewidth=0.8)
+    _corrections(predicted, flights)
+    _histogram(landings, flights, (with_, without))
+    orientation.set(ylabel="orientation (°)")
+    joints.set(ylabel="joints (°)")
+    predicted.set(ylabel="predicted miss (°)", xlabel="time (s)")
+    for axes in (orientation, joints, predicted):
+        axes.set_xlim(0.0, plan.duration)
+    entries = [
+        (Line2D([], [], color=INK, linestyle="--"), "planned"),
+        (Line2D([], [], color=with_), "corrected"),
+        (Line2D([], [], color=without), "not corrected"),
+        (Line2D([], [], color=ALARM, marker=".", linestyle=""), "refused"),
+    ]
+    legend_above(figure, entries)
+    return figure
+
+
+def _corrections(axes: Axes, flights: ClosedLoop) -> None:
+    """What each correction leaves to be missed, and which were refused."""
+    for path in flights.paths:
+        when, miss, changed = path.corrections.T
+        size = np.maximum(np.abs(np.degrees(miss)), NARROWEST)
+        axes.plot(when, size, color=OKABE_ITO[0], alpha=FAINT, linewidth=0.5)
+        axes.plot(when[changed == 0], size[changed == 0], ".", color=ALARM, markersize=2)
+    axes.set_yscale("log")
+    _decades(axes.yaxis)
+
+
+def _histogram(axes: Axes, flights: ClosedLoop, colours: tuple[str, str]) -> None:
+    errors = [
+        np.maximum(np.abs(np.degrees(ends.orientation)), NARROWEST) for ends in (flights.corrected, flights.uncorrected)
+    ]
+    both = np.concatenate(errors)
+    edges = np.geomspace(both.min() * 0.9, both.max() * 1.1, BINS + 1)
+    for values, colour in zip(errors, colours, strict=True):
+        axes.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
+    axes.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
+    _decades(axes.xaxis)
+
+
+def _decades(axis: Axis) -> None:
+    """Label a logarithmic axis by plain numbers, a few of its decades."""
+    axis.set_major_locator(LogLocator(numticks=5))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def authority_picture(found: Authority) -> Figure:
+    """Draw the errors of momentum and of inertia that are corrected, over the time when corrections begin."""
+    figure = new_figure(COLUMN, 2.6)
+    axes = figure.add_subplot()
+    entries: list[tuple[object, str]] = []
+    for values, name, colour in (
+        (found.inertia, "inertia of all bodies but the base", PALE),
+        (found.momentum, "angular momentum", OKABE_ITO[0]),
+    ):
+        low, high = 100 * values.T
+        _band(axes, found.times, low, high, colour)
+        entries.append((Patch(facecolor=colour, alpha=0.5), name))
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.set(xlabel="corrections begin at (s)", ylabel="error that is corrected (%)")
+    axes.margins(x=0.0)
+    legend_above(figure, entries)
+    return figure
+
+
+def _band(axes: Axes, times: Array, low: Array, high: Array, colour: str) -> None:
+    axes.fill_between(times, low, high, color=colour, alpha=0.5, linewidth=0)
+    for ends in (low, high):
+        axes.plot(times, ends, color=INK, linewidth=0.6, marker=".", markersize=3)

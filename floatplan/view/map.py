@@ -1,20 +1,37 @@
-"""Heat maps: a number over two others, and where there is none, why."""
+"""Maps of a study: a number over two others, and where there is none, why; as a figure, and as a page.
+
+The page works without a network, and carries all rows of its study and the robot that flies them.
+"""
 
 from __future__ import annotations
 
+import base64
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+import matplotlib
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize, to_rgba_array
+from matplotlib.colors import LogNorm, Normalize, to_hex, to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
+from floatplan.files import plain
+from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.problem.file import problem_to_dict
+from floatplan.problem.problem import Problem
+from floatplan.view.report.data import pairs, rounded, scene_data
+from floatplan.view.report.report import asset, page
 from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, styled
 
+STYLES = ("report.css", "map.css")
+SCRIPTS = ("theme.js", "motion.js", "stage.js", "player.js", "flight.js", "heatmap.js", "map.js")
+COLOURS = 64  # [-] of the page's scale
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
 MANY_DECADES = 3000.0  # times the least colour: where the largest is more, powers of ten alone are told
@@ -70,8 +87,8 @@ def heatmap(shown: HeatMap) -> Figure:
         axes.grid(visible=False)
         names = list(STATUS_COLOURS)
         of_status = shown.label == "status"
-        told = [index for index, name in enumerate(names) if of_status or name in WITHOUT]
-        present = [index for index in told if (shown.status == index).any()]
+        drawn = [index for index, name in enumerate(names) if of_status or name in WITHOUT]
+        present = [index for index in drawn if (shown.status == index).any()]
         cells = np.zeros((*shown.status.shape, 4), dtype=np.uint8)  # RGBA
         for index in present:
             cells[shown.status == index] = to_rgba_array(STATUS_COLOURS[names[index]])[0] * 255
@@ -111,3 +128,56 @@ def _draw_bar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str) -> 
         bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
         bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         bar.ax.yaxis.set_minor_locator(NullLocator())
+
+
+class PackedNumbers:
+    """Arrays as the page reads them, one after the other in one block of bytes; what is given twice is in it once."""
+
+    def __init__(self) -> None:
+        self._places: dict[bytes, int] = {}
+        self._size = 0
+
+    def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
+        """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
+        array = np.ascontiguousarray(values, dtype=kind)
+        content = array.tobytes()
+        if content not in self._places:
+            self._size += -self._size % array.itemsize
+            self._places[content] = self._size
+            self._size += len(content)
+        return [self._places[content], array.size]
+
+    def in_base64(self) -> bytes:
+        """All of them."""
+        block = bytearray(self._size)
+        for content, first in self._places.items():
+            block[first : first + len(content)] = content
+        return base64.b64encode(block)
+
+
+def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
+    """Return the page, as HTML."""
+    return page("map.html", title, STYLES, [*map(asset, SCRIPTS)], plain(data), numbers.in_base64())
+
+
+def flight_data(problem: Problem) -> dict[str, Any]:
+    """Return what the page needs to fly any row: links and inertia, and the problem whose numbers vary."""
+    scene, tree = scene_data(problem), problem.robot.tree
+    inertia = {"coupling": pairs(centroidal_coupling(tree)), "inertia": rounded(tree.inertia)}
+    return {
+        **scene,
+        "robot": {**scene["robot"], **inertia},
+        "ranges": rounded(problem.position_limits),
+        "problem": problem_to_dict(problem),
+    }
+
+
+def colours() -> dict[str, Any]:
+    """Colours of the scale and of the statuses, with the words for these."""
+    scale: Array = matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, COLOURS))[:, :3]
+    return {
+        "scale": [to_hex(colour) for colour in scale],
+        "statuses": [
+            {"name": name, "colour": colour, "words": STATUS_NAMES[name]} for name, colour in STATUS_COLOURS.items()
+        ],
+    }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from dataclasses import dataclass
 from typing import Any
@@ -10,32 +9,39 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.problem.parts import JointState, Obstacle
-from floatplan.studio.scene.bodies import Bodies, Grip, Shapes, ghost_poses, in_plane, in_space
-from floatplan.studio.scene.detail import bends
-from floatplan.studio.scene.player import Show
-from floatplan.studio.session.edits import moved, put_obstacle
-from floatplan.studio.session.hands import Hands, on
+from floatplan.arrays import Array, IntArray
+from floatplan.motion.planar.ballistics import ballistics
+from floatplan.problem.parts import Obstacle
+from floatplan.studio.player import Show
+from floatplan.studio.session.actions import Actions, on
+from floatplan.studio.session.edits import end_state, moved, put_obstacle
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.flown import Flown
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import postures, robot_size
-from floatplan.view.scene.solids import obstacle_slab, point_in_space
+from floatplan.view.postures import Poses, body_poses, posture_at, postures, robot_size
+from floatplan.view.scene.bodies import Bodies, Grip, in_plane, in_space
+from floatplan.view.scene.meshes import bends
+from floatplan.view.scene.scene import add_grounds, add_obstacle, look, move_obstacle, obstacle_slab
+from floatplan.view.style import TRAILS, rgb_bytes
 from floatplan.view.surroundings import ground_lines
 
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
-STONE, SAND = (150, 150, 150), (226, 222, 212)
-PATHS = ((110, 110, 110), (139, 94, 0), (106, 61, 154))  # of the centre of mass, takeoff and landing frame
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
 BEND = 0.05  # [rad] of a path, after which it has another point
 GHOST = 0.28  # [-] opacity
-GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
+
+
+def end_poses(problem: fp.Problem, end: str) -> Poses:
+    """The bodies of the posture at "start" or "goal", its centre of mass where the flight has it then."""
+    state, time = end_state(problem, end), 0.0 if end == "start" else problem.flight.duration
+    path = ballistics(problem).positions(np.array([time]))
+    com = path[:, 0] + 1j * path[:, 1]
+    return body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
 
 
 @dataclass
 class Grabbed:
-    """What a hand holds: where it began, and what it was then."""
+    """What is dragged: where it began, and what it was then."""
 
     pivot: complex
     last: complex
@@ -44,31 +50,35 @@ class Grabbed:
 
 
 class Stage:
-    """Everything in the scene; :meth:`draw` follows the session's view, hands change the session."""
+    """Everything in the scene; :meth:`draw` follows the session's view, what the user does changes the session."""
 
-    def __init__(self, server: Any, session: Session, hands: Hands, first: Flown) -> None:
-        self._server, self._session, self._hands = server, session, hands
+    def __init__(self, server: Any, session: Session, actions: Actions, first: Flown) -> None:
+        self._server, self._session, self._actions = server, session, actions
         problem, plan = session.view.problem, first.plan
         self._robot, self._plane = problem.robot, problem.robot.plane
         self._size = robot_size(plan)
         placed = postures(plan, snapshot_times(plan))
         self._box = picture_box(plan, placed)
         self._plan = plan
-        self._shapes = Shapes.of(plan)
+        self._shapes = posture_at(plan, plan.problem.initial, 0.0)
         self._drawn: View | None = None
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
-        self._grounds(ground_lines(placed))
+        add_grounds(server, self._plane, *self._box, ground_lines(placed))
         self.flier = Bodies(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_capsules(self._shapes)
         self.kept = Bodies(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
-        self._grips: dict[str, dict[int, Grip]] = {}
+        self.grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
         self._paths = server.scene.add_line_segments(
-            "/paths", np.zeros((1, 2, 3), dtype=np.float32), PATHS[0], thickness=2.0, thickness_units="screen"
+            "/paths",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            rgb_bytes(TRAILS[0]),
+            thickness=2.0,
+            thickness_units="screen",
         )
         self._obstacles: list[Any] = []
         self._grabbed: dict[str, Grabbed] = {}
@@ -96,44 +106,26 @@ class Stage:
         with self._lock:
             obstacles = self._drawn.problem.obstacles if self._drawn else ()
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
-                if any(obstacle.velocity) or obstacle.window is not None:
-                    low, high = obstacle.window or (-math.inf, math.inf)
-                    node.position = point_in_space(self._plane, complex(*obstacle.velocity) * instant)
-                    node.visible = bool(low <= instant <= high)
+                move_obstacle(node, self._plane, obstacle, instant)
 
     def show_ghost(self, end: str, wanted: bool) -> None:
         """Show the posture at an end, or hide it."""
         self.ghosts[end].root.visible = wanted
 
     def _look(self) -> None:
-        low, high = self._box
-        scene, plane = self._server.scene, self._plane
-        size, middle = abs(high - low), point_in_space(plane, (low + high) / 2)
-        aside = np.cross(plane.horizontal, plane.vertical)
-        scene.set_up_direction(tuple(plane.vertical))
-        scene.configure_environment_map(None)
-        scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
-        scene.add_light_ambient("/lights/ambient", intensity=1.6)
-        self._server.initial_camera.position = tuple(middle + size * (0.85 * aside + 0.1 * plane.vertical))
-        self._server.initial_camera.look_at = tuple(middle)
+        look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
+        self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
 
         def narrow(client: Any) -> None:
             """On a phone the panel is the lower half: the flight is drawn in the upper one."""
             if client.camera.aspect < 1.0:
-                lower = middle - 0.52 * size * plane.vertical
-                client.camera.position = middle + size * (1.4 * aside + 0.1 * plane.vertical)
-                client.camera.look_at = lower
+                low, high = self._box
+                across, up = np.cross(self._plane.horizontal, self._plane.vertical), self._plane.vertical
+                size, middle = abs(high - low), in_space(self._plane, (low + high) / 2)
+                client.camera.position = middle + size * (1.4 * across + 0.1 * up)
+                client.camera.look_at = middle - 0.52 * size * up
 
         on(self._server.on_client_connect, narrow)
-
-    def _grounds(self, lines: list[tuple[float, complex, complex]]) -> None:
-        low, high = self._box
-        plane, size = self._plane, abs(high - low)
-        aside = np.cross(plane.horizontal, plane.vertical)
-        for index, (level, *_) in enumerate(lines):
-            place = point_in_space(plane, complex((low.real + high.real) / 2, level))
-            letters = "xyz"[int(np.argmax(np.abs(plane.horizontal)))] + "xyz"[int(np.argmax(np.abs(aside)))]
-            self._server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
         ghost = Bodies(self._server, f"/{end}", self._robot)
@@ -141,33 +133,22 @@ class Stage:
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
             self._make_grabbable(node, end, part)
-        self._grips[end] = grips
+        self.grips[end] = grips
         return ghost
-
-    def grip_places(self, end: str, part: int, angles: Array) -> ComplexArray:
-        """Where a hand that turns a part of the posture by angles (K,), rad, has its grip, m."""
-        problem = self._session.view.problem
-        state = problem.initial if end == "start" else problem.final
-        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
-        grip = self._grips[end][part]
-        place = complex(poses.places[0, grip.body] + self._robot.tree.rotations(poses.angles)[0, grip.body] * grip.end)
-        pivot, _ = self._pivot(problem, state, end, part)
-        return np.asarray(pivot + (place - pivot) * np.exp(1j * angles))
 
     def _make_grabbable(self, node: Any, end: str, part: int) -> None:
         def drag(event: Any) -> None:
             place, begins = self._place(event), event.phase == "start"
             if place is not None:
-                self._hands.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
+                self._actions.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
 
         on(node.on_drag("left"), drag)
 
     def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
         """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
         problem, key = self._session.view.problem, f"{end} {part}"
-        state = problem.initial if end == "start" else problem.final
         if begins or key not in self._grabbed:
-            pivot, value = self._pivot(problem, state, end, part)
+            pivot, value = self.pivot(problem, end, part)
             self._grabbed[key] = Grabbed(pivot, place, 0.0, value)
             return
         held = self._grabbed[key]
@@ -180,9 +161,8 @@ class Stage:
             self._session.set(f"{end}.orientation", held.value + turn)
             return
         joint = part - 1
-        body = self._body(part)
-        parent = int(self._robot.tree.parent[body])
-        share = float(self._robot.tree.turns[body, joint] - self._robot.tree.turns[parent, joint])
+        body, tree = self._body(part), self._robot.tree
+        share = float(tree.turns[body, joint] - tree.turns[tree.parent[body], joint])
         low, high = problem.position_limits[joint]
         value = float(np.clip(held.value + turn / share, low, high))
         self._session.set(f"{end}.positions.{self._robot.joints[joint]}", value)
@@ -192,14 +172,12 @@ class Stage:
         shapes = zip(self._robot.shapes, self._shapes.part.tolist(), strict=True)
         return min((shape.body for shape, of in shapes if of == part), default=0)
 
-    def _pivot(self, problem: fp.Problem, state: JointState, end: str, part: int) -> tuple[complex, float]:
-        """Where a part turns, and its angle, rad: the base about the centre of mass."""
-        poses = ghost_poses(problem, state, 0.0 if end == "start" else problem.flight.duration)
+    def pivot(self, problem: fp.Problem, end: str, part: int) -> tuple[complex, float]:
+        """Where a part of the posture at an end turns, and its angle, rad: the base about the centre of mass."""
+        poses, state, tree = end_poses(problem, end), end_state(problem, end), self._robot.tree
         if part:
             return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
-        tree = self._robot.tree
-        rotations = tree.rotations(poses.angles)[0]
-        com = (tree.mass @ (poses.places[0] + rotations * tree.center)) / tree.mass.sum()
+        com = (tree.mass @ (poses.places[0] + tree.rotations(poses.angles)[0] * tree.center)) / tree.mass.sum()
         return complex(com), float(state.orientation)
 
     def _place(self, event: Any) -> complex | None:
@@ -207,37 +185,29 @@ class Stage:
         return in_plane(self._plane, np.asarray(event.client.camera.position), np.asarray(event.end_position))
 
     def _draw_problem(self, problem: fp.Problem) -> None:
-        self.ghosts["start"].put(ghost_poses(problem, problem.initial, 0.0), 0)
-        self.ghosts["goal"].put(ghost_poses(problem, problem.final, problem.flight.duration), 0)
+        for end, ghost in self.ghosts.items():
+            ghost.put(end_poses(problem, end), 0)
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
         for index, obstacle in enumerate(problem.obstacles):
-            vertices, faces = obstacle_slab(self._plan, obstacle, *self._box)
+            slab = obstacle_slab(self._plan, obstacle, *self._box)
             if index < len(self._obstacles) and self._kind_drawn(index) == obstacle.kind:
-                self._obstacles[index].vertices = vertices.astype(np.float32)
+                self._obstacles[index].vertices = slab[0].astype(np.float32)
                 continue
-            node = self._add_obstacle(index, obstacle, vertices, faces)
+            node = self._add_obstacle(index, obstacle, slab)
             self._obstacles[index : index + 1] = [node]
 
     def _kind_drawn(self, index: int) -> str:
         before = self._drawn.problem.obstacles if self._drawn else ()
         return before[index].kind if index < len(before) else ""
 
-    def _add_obstacle(self, index: int, obstacle: Obstacle, vertices: Array, faces: IntArray) -> Any:
-        flat = not obstacle.bounded
-        node = self._server.scene.add_mesh_simple(
-            f"/obstacles/{index}",
-            vertices,
-            faces,
-            color=SAND if flat else STONE,
-            opacity=0.85,
-            flat_shading=True,
-        )
+    def _add_obstacle(self, index: int, obstacle: Obstacle, slab: tuple[Array, IntArray]) -> Any:
+        node = add_obstacle(self._server, index, obstacle, slab)
 
         def drag(event: Any) -> None:
             place, begins = self._place(event), event.phase == "start"
             if place is not None:
-                self._hands.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
+                self._actions.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
 
         on(node.on_drag("left"), drag)
         return node
@@ -255,10 +225,10 @@ class Stage:
 
     def _draw_paths(self, flown: Flown) -> None:
         pairs, colours = [], []
-        for places, colour in zip((flown.com, flown.takeoff, flown.landing), PATHS, strict=True):
+        for places, colour in zip((flown.com, flown.takeoff, flown.landing), TRAILS, strict=True):
             points = in_space(self._plane, places[bends(places, BEND)])
             pairs.append(np.stack((points[:-1], points[1:]), axis=1))
-            colours.append(np.broadcast_to(colour if flown.plan.ok else ASTRAY, pairs[-1].shape))
+            colours.append(np.broadcast_to(rgb_bytes(colour) if flown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 

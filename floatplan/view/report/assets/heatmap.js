@@ -77,24 +77,11 @@ class HeatMap {
   resize() {
     if (!this.x) return;
     const { clientWidth: width, clientHeight: height } = this.holder;
-    this.size = [width, height];
-    this.ratio = window.devicePixelRatio || 1;
-    for (const canvas of [this.cells, this.marks]) {
-      canvas.width = Math.round(width * this.ratio);
-      canvas.height = Math.round(height * this.ratio);
-    }
+    for (const canvas of [this.cells, this.marks]) fit(canvas, width, height);
     this.plot = [MARGIN.left, MARGIN.top, width - MARGIN.right, height - MARGIN.bottom];
     this.drawCells();
     this.drawMarks();
     this.drawBar();
-  }
-
-  pen(canvas) {
-    const pen = canvas.getContext("2d");
-    pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    pen.clearRect(0, 0, ...this.size);
-    pen.font = "12px system-ui, sans-serif";
-    return pen;
   }
 
   /* Screen from values, and back. */
@@ -116,8 +103,9 @@ class HeatMap {
   }
 
   drawCells() {
-    const pen = this.pen(this.cells);
-    const sharp = (place) => Math.round(place * this.ratio) / this.ratio;
+    const pen = cleared(this.cells);
+    const ratio = window.devicePixelRatio || 1;
+    const sharp = (place) => Math.round(place * ratio) / ratio;
     const across = Array.from(this.x.edges, (edge) => sharp(this.across(edge)));
     const up = Array.from(this.y.edges, (edge) => sharp(this.up(edge)));
     const colourOf = (column, line) => {
@@ -160,7 +148,7 @@ class HeatMap {
   }
 
   drawMarks() {
-    const pen = this.pen(this.marks);
+    const pen = cleared(this.marks);
     for (const [place, width] of [[this.hovered, 1.5], [this.selected === null ? null : this.placeOf(this.selected), 2.5]]) {
       if (place === null || place < 0) continue;
       const [x, y, w, h] = this.box(place);
@@ -174,13 +162,9 @@ class HeatMap {
   }
 
   drawBar() {
-    const { bar, ratio } = this;
-    const width = bar.clientWidth;
-    bar.width = Math.round(width * ratio);
-    bar.height = Math.round(50 * ratio);
-    const pen = bar.getContext("2d");
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.font = "12px system-ui, sans-serif";
+    const width = this.bar.clientWidth;
+    fit(this.bar, width, 50);
+    const pen = cleared(this.bar);
     if (!this.range) return;
     const [left, right] = [MARGIN.left, width - MARGIN.right];
     const { scale } = this.rows;

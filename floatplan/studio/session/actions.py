@@ -1,4 +1,4 @@
-"""What hands do, one thing at a time: of what comes faster than it can be done, the newest counts."""
+"""What a user does, one thing at a time: of what comes faster than it can be done, the newest counts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 LOG = logging.getLogger(__name__)
 
 
-class Hands:
+class Actions:
     """Actions by what they are about, done in a thread of their own in the order in which they were begun."""
 
     def __init__(self, name: str) -> None:
@@ -67,6 +67,6 @@ def on(register: Any, action: Callable[[Any], object]) -> None:
     register(call)
 
 
-def by_hand(register: Any, action: Callable[[Any], object]) -> None:
-    """The same, of events that a hand made; the program's own changes are none."""
+def by_user(register: Any, action: Callable[[Any], object]) -> None:
+    """The same, of events that the user made; the program's own changes are none."""
     on(register, lambda event: event.client is not None and action(event))

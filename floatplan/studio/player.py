@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from floatplan.studio.scene.bodies import Bodies
 from floatplan.studio.work.flown import Flown
+from floatplan.view.scene.bodies import Bodies
 
 LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses

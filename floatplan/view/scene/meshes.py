@@ -1,20 +1,106 @@
-"""How much of a robot is drawn: what can be seen, as a page without a graphics card reckons every triangle."""
+"""What a robot looks like in three dimensions, and how much of that is drawn.
+
+A page without a graphics card computes every triangle, so that what cannot be seen is left out.
+"""
 
 from __future__ import annotations
 
+import io
+import logging
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.errors import InputError
 from floatplan.optional import import_optional
-from floatplan.studio.work.flown import body_poses
+from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
+from floatplan.view.postures import body_poses
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
 SAME = 1e-3  # [-] of a radius: by how much a hidden capsule may stick out
+
+
+def visual_model(robot: Robot) -> Any:
+    """Return the robot's ``yourdfpy.URDF`` with its visual meshes, or None where it has none that can be found.
+
+    Raises
+    ------
+    InputError
+        A mesh cannot be read, is too large, or is an archive.
+    """
+    root = ElementTree.fromstring(robot.xml)
+    folder = Path() if robot.path is None else robot.path.parent
+    if not _drop_missing_visuals(root, folder):
+        return None
+    import yourdfpy
+
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
+    try:
+        with np.errstate(all="ignore"):
+            model = yourdfpy.URDF.load(
+                io.BytesIO(ElementTree.tostring(root)),
+                load_meshes=True,
+                build_scene_graph=True,
+                filename_handler=lambda fname: str(find_mesh(fname, folder)),
+            )
+            reach = max((float(np.abs(mesh.vertices).max()) for mesh in model.scene.geometry.values()), default=0.0)
+    except Exception as error:  # the readers of meshes raise exceptions of any kind
+        reason = f"a visual mesh cannot be read: {error}"
+        advice = "repair the mesh, or remove the <visual>"
+        raise InputError(reason, source=robot.path, element="visual", advice=advice) from None
+    if not reach <= LARGEST:
+        raise InputError(
+            f"a visual mesh has a corner {reach:.3g} m away, farther than any robot is large ({LARGEST:g} m)",
+            source=robot.path,
+            element="visual",
+            advice="repair the mesh, or remove the <visual>",
+        )
+    return model
+
+
+def _drop_missing_visuals(root: Any, folder: Path) -> bool:
+    """Take the visuals whose files are missing out of a URDF, and what couples joints; return whether any stay."""
+    for joint in root.iter("joint"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+    left = 0
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            path = None if mesh is None else find_mesh(mesh.get("filename", ""), folder)
+            if mesh is not None and path is None:
+                link.remove(visual)
+                continue
+            if path is not None:
+                check_mesh_file(path, f'link "{link.get("name")}": visual: mesh')
+            left += 1
+    return left > 0
+
+
+def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
+    """Return the position of every joint that moves, by name: planned, coupled and locked; rad or m."""
+    full = robot.reference + robot.selection @ positions
+    return dict(zip(list(robot.model.names)[BASE_COORDINATES + 1 :], full[BASE_COORDINATES:].tolist(), strict=True))
+
+
+def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) -> Any:
+    """Return the ``trimesh.Trimesh`` of a capsule between two points (3,), m; sections along and around its axis."""
+    import trimesh
+
+    length = float(np.linalg.norm(end - start))
+    mesh = trimesh.creation.capsule(height=length, radius=radius, count=list(sections))
+    mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    if length > 0:
+        mesh.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length))
+    mesh.apply_translation((start + end) / 2)
+    return mesh
 
 
 def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:
@@ -57,7 +143,7 @@ def fewer(vertices: Array, faces: IntArray, count: int) -> Mesh:
     """
     if len(faces) <= count:
         return vertices, faces
-    library = import_optional("fast_simplification", name="fast-simplification", element="studio", extra="view")
+    library = import_optional("fast_simplification", name="fast-simplification", element="meshes", extra="view")
     length = np.ptp(vertices, axis=0).max() / SPAN
     vertices, faces = library.simplify(vertices / length, faces, target_count=count)
     return length * vertices, faces
@@ -96,7 +182,7 @@ def plain_colour(mesh: Any) -> tuple[int, int, int] | None:
     return red, green, blue
 
 
-def seen_capsules(robot: fp.Robot, radius: Array) -> list[int]:
+def seen_capsules(robot: Robot, radius: Array) -> list[int]:
     """Capsules, by their index, that no other one hides whatever the posture: rotors in a trunk, one leg of a pair.
 
     Parameters
@@ -126,7 +212,7 @@ def _distance(places: Array, start: Array, end: Array) -> Array:
     return np.asarray(np.abs(offset - share * along))
 
 
-def _moving_alike(robot: fp.Robot) -> IntArray:
+def _moving_alike(robot: Robot) -> IntArray:
     """For each body the first that is where it is in every posture: two drawn at random tell."""
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (2, len(robot.joints)))
     poses = body_poses(robot, np.zeros(2), postures, np.zeros(2, dtype=np.complex128))

@@ -1,0 +1,273 @@
+"""What is drawn over time, in figures and in the report: curves with their limits, proved peaks and ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.motion.flight_state import FlightState
+from floatplan.plans.plan import Plan
+from floatplan.problem.parts import Obstacle
+from floatplan.tables import JOINT_LIMITS, LimitRow
+from floatplan.view.postures import robot_size
+from floatplan.view.style import GREY, INK, OBSTACLES, OKABE_ITO, palette
+
+ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
+NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPlan:
+    """A plan, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
+
+    Those of joint, motor or obstacle i end in ``.i``.
+    """
+
+    plan: Plan
+    state: FlightState
+    columns: dict[str, Array]
+
+    @classmethod
+    def of(cls, plan: Plan, times: Array, beside: Plan | None = None) -> SampledPlan:
+        """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
+        state, beside = plan.at(times), beside or plan
+        inertia = plan.dynamics.momentum_map(state.positions)
+        of_base = inertia[:, 0] * state.orientation_rate
+        columns = {
+            "orientation": state.orientation,
+            **{row.base: getattr(state, row.base) for row in JOINT_LIMITS if row.base},
+            "com_x": state.com_position[:, 0],
+            "com_y": state.com_position[:, 1],
+            "momentum_base": of_base,
+            "momentum_joints": state.angular_momentum - of_base,
+            "angular_momentum": state.angular_momentum,
+        }
+        columns |= {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
+        for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
+            columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
+        torques = dict(zip(plan.robot.motors, state.motor_torques.T, strict=True))
+        motors = enumerate(beside.robot.motors)
+        columns |= {f"motor_torques.{index}": torques[name] for index, name in motors if name in torques}
+        for index, obstacle in enumerate(beside.problem.obstacles):
+            columns[f"clearance.{index}"] = plan.clearances(times, [obstacle])
+        return cls(plan, state, columns)
+
+    @property
+    def times(self) -> Array:
+        """Instants (N,) of the curves, s."""
+        return self.state.times
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A quantity over time.
+
+    Attributes
+    ----------
+    name, colour : of the curve
+    key : of its column in :class:`SampledPlan`
+    part : 0 for the base, i + 1 for what joint i moves, None for neither
+    limit : (N,) or one, on both sides; infinite where there is none, None of what has no limits
+    proved : largest magnitude that is proved; of clearances the least value; infinite where none is
+    ends : where the problem has it start and end
+    dotted : whether it is a follower's
+    """
+
+    name: str
+    key: str
+    colour: Any
+    part: int | None = None
+    limit: Array | float | None = None
+    proved: float = np.inf
+    ends: tuple[float, float] | None = None
+    dotted: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Curves on one axis; ``label`` names it in front of the unit."""
+
+    label: str
+    curves: Sequence[Curve]
+
+    def limits(self, peak: float) -> tuple[list[tuple[Curve, Array]], float]:
+        """Limits to draw, (N,) each with its curve, and the least of those that would flatten the curves.
+
+        The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
+        """
+        known = [np.atleast_1d(np.inf if curve.limit is None else curve.limit) for curve in self.curves]
+        curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
+        if len(curves) > 1 and (limits == limits[0, 0]).all():
+            curves, limits = [Curve("", "", INK)], limits[:1]
+        least = limits.min(axis=1)
+        far = least[(least > NEAR * peak) & np.isfinite(least)]
+        drawn = np.isfinite(least) & (least <= NEAR * peak)
+        near = [pair for pair, wanted in zip(zip(curves, limits, strict=True), drawn, strict=True) if wanted]
+        return near, float(far.min(initial=np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Curves of one kind.
+
+    Attributes
+    ----------
+    name : of its figure
+    title, unit : for a person
+    panels : axes, the tallest first
+    factor : from SI to ``unit``
+    interval : of what is drawn, to mark: (9)
+    of_each : whether each curve has a picture of its own where they are too many for one
+    """
+
+    name: str
+    title: str
+    unit: str
+    panels: Sequence[Panel]
+    factor: float = 1.0
+    interval: tuple[float, float] | None = None
+    of_each: bool = True
+
+    @property
+    def curves(self) -> list[Curve]:
+        """All curves, the base's first."""
+        return [curve for panel in reversed(self.panels) for curve in panel.curves]
+
+
+def charts(sampled: SampledPlan) -> list[Chart]:
+    """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance."""
+    plan = sampled.plan
+    ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
+    angles = _of_parts(plan, ["orientation", *_joint_keys(plan, "positions")], ends=list(zip(*ends, strict=True)))
+    inertia = _of_parts(plan, [f"inertia.{index}" for index in range(len(plan.robot.joints) + 1)])
+    drawn = [
+        Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
+        *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(_limits(plan, row)).any()),
+        Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
+        _momentum(plan),
+        Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)]),
+    ]
+    return [*drawn, _clearance(plan)] if plan.problem.obstacles else drawn
+
+
+def is_crowded(plan: Plan) -> bool:
+    """Whether a robot has more parts than there are hues that everyone can tell apart."""
+    return len(plan.robot.joints) + 1 > len(OKABE_ITO)
+
+
+def _joint_keys(plan: Plan, quantity: str) -> list[str]:
+    return [f"{quantity}.{index}" for index in range(len(plan.robot.joints))]
+
+
+def _of_parts(plan: Plan, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
+    """Curves of the last of base and joints, with what more they have."""
+    names = ("orientation", *plan.robot.joints)[-len(keys) :]
+    colours = palette(len(plan.robot.joints) + 1)[-len(keys) :]
+    parts = range(len(plan.robot.joints) + 1)[-len(keys) :]
+    rows = [dict(zip(more, values, strict=True)) for values in zip(*more.values(), strict=True)] or [{}] * len(keys)
+    each = zip(names, keys, colours, parts, rows, strict=True)
+    return [Curve(name, key, colour, part, **row) for name, key, colour, part, row in each]
+
+
+def _limits(plan: Plan, row: LimitRow) -> Array:
+    return plan.problem.joint_limits[row.key]
+
+
+def _limited(plan: Plan, row: LimitRow) -> Chart:
+    """What a row of the table limits: that of the joints, and of the base where it has one."""
+    proved = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
+    peaks = np.full(len(plan.robot.joints), np.inf) if proved is None else proved
+    joints = _of_parts(plan, _joint_keys(plan, row.quantity), limit=_limits(plan, row).tolist(), proved=peaks.tolist())
+    panels = [Panel("joints", joints)]
+    if row.base is not None:
+        limit = getattr(plan.problem.limits, row.base)
+        colour = palette(len(plan.robot.joints) + 1)[0]
+        base = Curve("orientation", row.base, colour, 0, np.inf if limit is None else float(limit))
+        panels.append(Panel("orientation", [base]))
+    return Chart(row.title.lower(), row.title, row.unit, panels)
+
+
+def _motors(sampled: SampledPlan) -> list[Curve]:
+    """The motors' own torques, in their leaders' colours; followers that do as their leaders do are left out."""
+    plan, motors = sampled.plan, sampled.plan.robot.motors
+    leaders: IntArray = np.abs(plan.robot.motor_ratios).argmax(axis=1)
+    colours, joints = palette(len(plan.robot.joints) + 1)[1:], len(plan.robot.joints)
+    limits = available_torques(plan, sampled.state.velocities)
+    proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
+    torques = sampled.state.motor_torques.T
+    shown = [*range(joints), *(m for m in range(joints, len(motors)) if _differ(torques[m], torques[leaders[m]]))]
+    return [
+        Curve(
+            name=motors[motor],
+            key=f"motor_torques.{motor}",
+            colour=colours[leaders[motor]],
+            part=int(leaders[motor]) + 1,
+            limit=limits[:, motor],
+            proved=proved.get(motors[motor], np.inf),
+            dotted=motor >= joints,
+        )
+        for motor in shown
+    ]
+
+
+def available_torques(plan: Plan, velocities: Array) -> Array:
+    """Largest torque (N, m) of each motor at joint velocities (N, n), N m: its limit, or less by its curve."""
+    problem = plan.problem
+    rates = np.abs(velocities @ plan.robot.motor_ratios.T)
+    return np.minimum(problem.motor_torque_limits, problem.motor_stall - problem.motor_slope * rates)
+
+
+def _differ(follower: Array, leader: Array) -> bool:
+    """Whether two torques differ, up to sign."""
+    apart = min(np.abs(follower - leader).max(), np.abs(follower + leader).max())
+    return bool(apart > ALIKE * np.abs(leader).max())
+
+
+def _momentum(plan: Plan) -> Chart:
+    """What base and joints have of h, and the interval (9) that holds h of joints which do not turn back."""
+    curves = [
+        Curve("base", "momentum_base", OKABE_ITO[0]),
+        Curve("joints", "momentum_joints", OKABE_ITO[1] if is_crowded(plan) else GREY),
+        Curve("h", "angular_momentum", INK),
+    ]
+    panels, interval = [Panel("momentum", curves)], plan.angular_momentum_bounds
+    return Chart("momentum", "Angular momentum", "kg m²/s", panels, interval=interval, of_each=False)
+
+
+def _clearance(plan: Plan) -> Chart:
+    obstacles = plan.problem.obstacles
+    findings = () if plan.certificate is None else plan.certificate.findings
+    proved = {
+        finding.subject: finding.bound
+        for finding in findings
+        if finding.kind == "obstacle" and finding.verdict == "proved" and finding.bound is not None
+    }
+    curves = [
+        Curve(
+            name=name,
+            key=f"clearance.{index}",
+            colour=OBSTACLES[index % len(OBSTACLES)],
+            proved=proved.get((index, obstacle.kind), np.inf),
+        )
+        for index, (name, obstacle) in enumerate(zip(_names(obstacles), obstacles, strict=True))
+    ]
+    return Chart("clearance", "Clearance", "m", [Panel("clearance", curves)], of_each=False)
+
+
+def clearance_ceiling(plan: Plan, largest: float) -> float:
+    """Return the upper end of a clearance axis, m: what is far away is cut off, the picture is of the passage."""
+    margins = (4 * obstacle.margin for obstacle in plan.problem.obstacles)
+    return min(1.05 * largest, max([robot_size(plan) / 2, *margins])) or 1.0
+
+
+def _names(obstacles: tuple[Obstacle, ...]) -> list[str]:
+    """A name for each obstacle: its kind, numbered where several are of one kind."""
+    kinds = [obstacle.kind for obstacle in obstacles]
+    return [
+        kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}"
+        for index, kind in enumerate(kinds)
+    ]

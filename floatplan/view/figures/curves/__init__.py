@@ -1,1 +1,0 @@
-"""Curves of a flight over time: angles, rates, torques, momentum and clearance; a second plan is drawn dashed."""

@@ -1,1 +1,0 @@
-"""A study as a page: maps, and the plan of any point of them."""
