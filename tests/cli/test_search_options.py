@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from warm_process import WarmProcess
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PATIENCE = 60.0  # s until a process that should have ended is given up; less than the budgets here
@@ -33,33 +31,35 @@ def hopeless(tmp_path: Path) -> Path:
     return path
 
 
-def interrupted(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run the program in its own process group and send Ctrl-C to all of it once the search reports progress."""
-    command = [sys.executable, "-m", "floatplan", "plan", *map(str, arguments), "-o", str(folder), "--no-figures"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0)
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    os.killpg(process.pid, signal.SIGINT)
-    output, rest = process.communicate(timeout=PATIENCE)
-    return subprocess.CompletedProcess(command, process.returncode, output, first + rest)
+def interrupted(folder: Path, *arguments: str | Path) -> tuple[int, str]:
+    """Run the program and press Ctrl-C once the search reports progress; its exit code and what it told."""
+    ours, theirs = os.pipe()
+    with os.fdopen(ours) as told:
+        process = WarmProcess("plan", *arguments, "-o", folder, "--no-figures", stdout=theirs, stderr=theirs)
+        os.close(theirs)
+        first = told.readline()
+        process.interrupt()
+        return process.wait(PATIENCE), first + told.read()
 
 
 class TestInterrupt:
     @pytest.mark.parametrize("jobs", ["1", "2"])
     def test_the_nearest_motion_is_kept(self, jobs: str, hopeless: Path, tmp_path: Path) -> None:
-        run = interrupted(tmp_path / "out", hopeless, "--budget", "500", "--jobs", jobs)
-        assert run.returncode == 1, run.stderr
-        assert "planning: " in run.stderr
-        assert "Traceback" not in run.stderr
+        code, told = interrupted(tmp_path / "out", hopeless, "--budget", "500", "--jobs", jobs)
+        assert code == 1, told
+        assert "planning: " in told
+        assert "Traceback" not in told
         content = json.loads((tmp_path / "out" / "plan.json").read_text())
         assert content["ok"] is False
         assert "The search was interrupted." in content["explanation"]
         assert (tmp_path / "out" / "trajectory.csv").is_file()
 
     def test_the_best_plan_is_kept(self, tmp_path: Path) -> None:
-        run = interrupted(tmp_path / "out", PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000")
-        assert run.returncode == 0, run.stderr
-        assert "Traceback" not in run.stderr
+        code, told = interrupted(
+            tmp_path / "out", PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000"
+        )
+        assert code == 0, told
+        assert "Traceback" not in told
         content = json.loads((tmp_path / "out" / "plan.json").read_text())
         assert content["ok"] is True
         assert 0 < content["solver"]["solved"] < 1000
