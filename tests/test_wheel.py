@@ -16,6 +16,7 @@ import floatplan
 from floatplan.kernel import build
 
 ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.long
 SOURCES = ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE")
 
 
