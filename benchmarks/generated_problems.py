@@ -62,7 +62,14 @@ def random_problem(seed: int, joints: int, *, moving: bool = False) -> fp.Proble
     )
 
 
+SIZES = (2, 3, 4, 6, 10)  # joints
+
+
+def mixed_problem(seed: int) -> fp.Problem:
+    """Return a problem: with ``SIZES`` of joints in turn, every third one moving at its ends."""
+    return random_problem(seed, SIZES[seed % len(SIZES)], moving=seed % 3 == 0)
+
+
 def random_problems(count: int) -> list[fp.Problem]:
-    """Return ``count`` problems: 2, 3, 4, 6 and 10 joints in turn, every third one moving at its ends."""
-    sizes = (2, 3, 4, 6, 10)
-    return [random_problem(seed, sizes[seed % len(sizes)], moving=seed % 3 == 0) for seed in range(count)]
+    """Return ``count`` mixed problems."""
+    return [mixed_problem(seed) for seed in range(count)]

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from browser import Browser, started
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from typer.testing import CliRunner
 
@@ -55,6 +56,19 @@ def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
         return Run(result.exit_code, result.stdout, result.stderr)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def shared_browser() -> Iterator[Browser]:
+    """The one browser of all tests of a process."""
+    yield from started()
+
+
+@pytest.fixture(scope="module")
+def browser(shared_browser: Browser) -> Browser:
+    """The browser as it was when it started."""
+    shared_browser.reset()
+    return shared_browser
 
 
 @pytest.fixture(scope="session")

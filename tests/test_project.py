@@ -57,6 +57,7 @@ def test_every_public_name_has_its_place_in_the_api_reference() -> None:
     assert sorted(listed) == sorted(set(floatplan.__all__) - {"__version__"})
 
 
+@pytest.mark.long
 def test_the_pages_are_built_without_a_warning(tmp_path: Path) -> None:
     if importlib.util.find_spec("sphinx") is None:
         skip_or_fail("Sphinx is not installed: the extra docs")

@@ -14,6 +14,7 @@ from elsewhere import told
 import floatplan
 
 ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.long
 SOURCES = ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE")
 
 

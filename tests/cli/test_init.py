@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
@@ -44,10 +45,11 @@ BAR = {
     "g1_29dof_rev_1_0": PREFIX + "g1_description/urdf/g1_29dof_rev_1_0.urdf",
     "talos_reduced": PREFIX + "talos_data/robots/talos_reduced.urdf",
 }
+LONG = {"a1", "solo12", "g1_29dof_rev_1_0"}  # planned as those of the others are
 LEAPS = {"talos_reduced"}  # its legs are too slow for a flip
 
 
-@pytest.mark.parametrize("name", BAR)
+@pytest.mark.parametrize("name", cases(BAR, LONG))
 def test_from_a_robot_to_its_flight_in_three_commands(floatplan: Command, root: Path, name: str) -> None:
     """Nothing is edited between them; the flight begins and ends at rest on a foot, within limits."""
     source = BAR[name]

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from subprocess import PIPE
 from typing import Any
 
 import numpy as np
 import pytest
-from elsewhere import hear_ctrl_c
+from warm_process import WarmProcess
 
 import floatplan as fp
 
@@ -37,37 +33,39 @@ def hopeless(tmp_path: Path) -> Path:
     return path
 
 
-def interrupted(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run the program in its own process group and send Ctrl-C to all of it once the search reports progress."""
-    command = [sys.executable, "-m", "floatplan", "plan", *map(str, arguments), "-o", str(folder), "--no-figures"]
-    process = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True, process_group=0, preexec_fn=hear_ctrl_c)
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    os.killpg(process.pid, signal.SIGINT)
-    output, rest = process.communicate(timeout=PATIENCE)
-    return subprocess.CompletedProcess(command, process.returncode, output, first + rest)
+def interrupted(folder: Path, *arguments: str | Path) -> tuple[int, str]:
+    """Run the program and press Ctrl-C once the search reports progress; its exit code and what it told."""
+    ours, theirs = os.pipe()
+    with os.fdopen(ours) as told:
+        process = WarmProcess("plan", *arguments, "-o", folder, "--no-figures", stdout=theirs, stderr=theirs)
+        os.close(theirs)
+        first = told.readline()
+        process.interrupt()
+        return process.wait(PATIENCE), first + told.read()
 
 
 class TestInterrupt:
     @pytest.mark.parametrize("jobs", ["1", "2"])
     def test_the_nearest_motion_is_kept(self, jobs: str, hopeless: Path, tmp_path: Path) -> None:
-        run = interrupted(tmp_path / "out", hopeless, "--budget", "500", "--jobs", jobs)
-        assert run.returncode == 1, run.stderr
-        assert "planning: " in run.stderr
-        assert "Traceback" not in run.stderr
+        code, told = interrupted(tmp_path / "out", hopeless, "--budget", "500", "--jobs", jobs)
+        assert code == 1, told
+        assert "planning: " in told
+        assert "Traceback" not in told
         content = json.loads((tmp_path / "out" / "plan.json").read_text())
         assert content["ok"] is False
         assert content["status"] == "interrupted"
         assert content["explanation"].startswith("The search was interrupted")
         assert "freedom" not in content["explanation"]
-        assert "(interrupted)" in run.stdout
+        assert "(interrupted)" in told
         assert fp.load_plan(tmp_path / "out" / "plan.json").status == "interrupted"
         assert (tmp_path / "out" / "trajectory.csv").is_file()
 
     def test_the_best_plan_is_kept(self, tmp_path: Path) -> None:
-        run = interrupted(tmp_path / "out", PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000")
-        assert run.returncode == 0, run.stderr
-        assert "Traceback" not in run.stderr
+        code, told = interrupted(
+            tmp_path / "out", PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000"
+        )
+        assert code == 0, told
+        assert "Traceback" not in told
         content = json.loads((tmp_path / "out" / "plan.json").read_text())
         assert content["ok"] is True
         assert 0 < content["solver"]["solved"] < 1000

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import warm_process
+from warm_process import WarmProcess
 
 import floatplan as fp
 from floatplan.cli import common, progress
@@ -39,18 +41,14 @@ def in_terminal(*arguments: str | Path, cwd: Path) -> tuple[str, str]:
 
     reader = threading.Thread(target=read)
     reader.start()
-    run = subprocess.run(
-        [*PROGRAM, *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=theirs,
-        cwd=cwd,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
-        check=False,
-    )
-    os.close(theirs)
-    reader.join()
-    os.close(ours)
-    return run.stdout.decode(), seen.decode()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "80"}
+    with (cwd / "stdout").open("w+") as stdout:
+        WarmProcess(*arguments, stdout=stdout.fileno(), stderr=theirs, cwd=cwd, environment=environment).wait()
+        os.close(theirs)
+        reader.join()
+        os.close(ours)
+        stdout.seek(0)
+        return stdout.read(), seen.decode()
 
 
 @pytest.fixture
@@ -188,7 +186,6 @@ class TestHint:
         assert self.hint(monkeypatch, "/x/floatplan/__main__.py") == "/opt/python -m floatplan"
 
     def test_is_in_the_summary(self, tmp_path: Path) -> None:
-        command = [*PROGRAM, "plan", str(PROBLEMS / "new_configuration.toml"), "--no-figures"]
-        run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+        run = warm_process.run("plan", PROBLEMS / "new_configuration.toml", "--no-figures", cwd=tmp_path)
         text = "".join(run.stdout.split())
         assert "-mfloatplanshowruns/new_configuration/plan.json" in text

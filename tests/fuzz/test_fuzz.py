@@ -1,4 +1,4 @@
-"""Spoiled files through every command: 200 cases here, any number by ``scripts/fuzz``."""
+"""Spoiled files through every command: 50 cases each time, 200 with the long tests, any number by ``scripts/fuzz``."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import pytest
 from fuzz_cases import WEIGHTS, Case
 from fuzz_runs import judge, run_here, run_killed
 from fuzz_sources import has_gallery
+from long_cases import cases
 from needed import skip_or_fail
 
 CASES, BATCH = 200, 25
+EVERY_TIME = 50  # of them
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -18,7 +20,7 @@ def plans(tmp_path_factory):
         yield
 
 
-@pytest.mark.parametrize("first", range(0, CASES, BATCH))
+@pytest.mark.parametrize("first", cases(range(0, CASES, BATCH), range(EVERY_TIME, CASES)))
 def test_every_promise_is_kept(first, tmp_path):
     broken = []
     for seed in range(first, first + BATCH):
@@ -28,7 +30,7 @@ def test_every_promise_is_kept(first, tmp_path):
     assert not broken, "\n".join(map(str, broken))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", cases(range(8), range(4, 8)))
 def test_a_killed_command_leaves_no_half_of_a_file(seed, tmp_path):
     assert run_killed(seed, tmp_path) == []
 

@@ -11,6 +11,7 @@ from typing import Any
 from needed import skip_or_fail
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+SIZE = 1000, 640
 SWITCHES = (
     "--headless=new",
     "--no-sandbox",
@@ -21,7 +22,7 @@ SWITCHES = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    "--window-size=1000,640",
+    f"--window-size={SIZE[0]},{SIZE[1]}",
 )
 
 
@@ -35,6 +36,14 @@ class Browser:
         self.driver.get_log("performance")
         self.driver.get_log("browser")
         self.driver.get(path.resolve().as_uri())
+
+    def reset(self) -> None:
+        """Leave the page, and forget what it was told of sizes, media and complaints."""
+        self.driver.get("about:blank")
+        self.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+        self.driver.set_window_size(*SIZE)
+        self.complaints()
 
     def run(self, script: str, *arguments: Any) -> Any:
         return self.driver.execute_script(script, *arguments)

@@ -30,6 +30,7 @@ from unittest import mock
 from fuzz_cases import Case
 from fuzz_mutations import ROOT
 from fuzz_sources import FORMATS, PROBLEMS, plan_of
+from warm_process import WarmProcess
 
 from floatplan.files import write_atomically
 
@@ -186,7 +187,7 @@ def run_process(seed: int, folder: Path) -> list[Finding]:
     return judge(seed, arguments, run.returncode, output, errors, seconds - (limit - limit_of(arguments)))
 
 
-LONGEST_LIFE = 1.3  # s, after which a process is killed at the latest
+LONGEST_LIFE = 0.8  # s, after which a process is killed at the latest
 
 
 def run_killed(seed: int, folder: Path) -> list[Finding]:
@@ -206,11 +207,11 @@ def run_killed(seed: int, folder: Path) -> list[Finding]:
             ["study", str(ROOT / "problems" / "studies" / "first.toml"), "-o", str(out), "-q", "--jobs", "2"],
         )
     )
-    command = [sys.executable, "-m", "floatplan", *arguments]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=_environment(folder)
-    ) as process:
-        time.sleep(rng.uniform(0.1, LONGEST_LIFE))
+    with open(os.devnull, "w") as nowhere:  # noqa: PTH123
+        process = WarmProcess(
+            *arguments, stdout=nowhere.fileno(), stderr=nowhere.fileno(), environment=_environment(folder)
+        )
+        time.sleep(rng.uniform(0, LONGEST_LIFE))
         process.kill()
     kept = [path for path in (plan, *out.rglob("*")) if path.is_file()]  # not Matplotlib's cache of fonts, beside them
     half = [path for path in kept if not _is_left_over(path) and not _is_whole(path)]

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from long_cases import cases
 from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 
@@ -21,9 +22,10 @@ from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
+WITH_HANDS = "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf"
 FEET = {
     "a1_description/urdf/a1.urdf": ("RL_foot", "FL_foot"),
-    "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf": ("left_ankle_roll_link",),
+    WITH_HANDS: ("left_ankle_roll_link",),
     "human_description/robots/human.urdf": ("left_foot",),
     "quadruped_description/urdf/quadruped.urdf": ("BL_contact", "FL_contact"),
     "ur_description/urdf/ur5_robot.urdf": (),
@@ -33,7 +35,7 @@ FEET = {
 
 
 @needs_robots
-@pytest.mark.parametrize("urdf", FEET)
+@pytest.mark.parametrize("urdf", cases(FEET, [WITH_HANDS]))
 def test_feet(urdf):
     found = chosen_robot(PREFIX + urdf).feet
     sides = {"left": "right", "RL": "RR", "FL": "FR", "BL": "BR"}
@@ -43,7 +45,7 @@ def test_feet(urdf):
 
 @needs_robots
 def test_fingers_stay_locked_and_legs_choose_the_plane():
-    chosen = chosen_robot(PREFIX + "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf")
+    chosen = chosen_robot(PREFIX + WITH_HANDS)
     assert chosen.robot.plane.name == "xz"
     assert {"left_hip_pitch_joint", "left_knee_joint", "left_ankle_pitch_joint"} <= set(chosen.robot.joints)
     assert not [joint for joint in chosen.robot.joints if "hand" in joint]

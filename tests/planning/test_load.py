@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 PLANS, ROBOTS = 80, 200
 MOST_GROWTH = 2.0  # [MB]
 LARGEST_CACHE = 64  # robots

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow
 import pytest
-from browser import started
 from matplotlib.colors import to_rgb
 
 import floatplan as fp
@@ -120,11 +119,6 @@ def test_wrong_maps(study_file, keys, message):
     asked = load_study_file(study_file(THREE))
     with pytest.raises(InputError, match=message):
         drawn_map(asked, table(asked, ["optimal"] * 8, [1.0] * 8), *keys)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    yield from started()
 
 
 @pytest.fixture(scope="module")

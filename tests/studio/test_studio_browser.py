@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from browser import Browser, started
+from browser import Browser
 from needed import skip_or_fail
 from studio_page import Page
 
@@ -18,11 +18,6 @@ from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio.page import opened
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    yield from started()
 
 
 def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
@@ -73,6 +68,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         assert made[key] == again[key], key
 
 
+@pytest.mark.long
 def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")

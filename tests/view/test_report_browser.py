@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from browser import Browser, started
+from browser import Browser
 from needed import skip_or_fail
 
 import floatplan as fp
@@ -22,11 +22,6 @@ ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
 PATIENCE = 10.0  # s for what takes a fraction of one
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    yield from started()
 
 
 @pytest.fixture(scope="module")
