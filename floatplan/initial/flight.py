@@ -81,7 +81,8 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
     for kind, groups, most in (("flip", _flips(chosen), FLIPS_WORK), ("leap", _leaps(chosen), LEAPS_WORK)):
         tried, least = 0, math.inf
         for family, candidate in search.candidates(groups, seed):
-            least = min(least, float(candidate.ratios.max()) if not candidate.depth else math.inf)
+            if not candidate.depth and not candidate.unsteady:
+                least = min(least, float(candidate.ratios.max()))
             if not candidate.begins_and_ends or abs(candidate.turn) < SMALLEST_TURN or search.work > most:
                 continue
             tried += 1

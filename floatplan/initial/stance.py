@@ -32,7 +32,7 @@ FLAT = math.radians(15)  # [rad] that a sole may be tipped
 SOLE = 0.05  # [m] a foot that is shorter is a point: it may be tipped
 FOOT = 0.25  # [-] of the height of the centre of mass at rest, as long as a person's foot; feet count as no shorter
 NEAR = 0.1  # [-] of that height, above the ground, of what the robot stands on
-TRUNK = 0.1  # [-] of that height, between the trunk and the ground
+TRUNK = 0.15  # [-] of that height, between the trunk and the ground
 GAP = 0.002  # [m] between the ground and what does not stand on it
 
 

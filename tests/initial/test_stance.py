@@ -122,7 +122,7 @@ def unsteady(stance, orientation, positions):
 @needs_robots
 def test_flips_backwards_are_from_the_hind_legs():
     chosen = chosen_robot(PREFIX + "go2_description/urdf/go2.urdf")
-    (group,) = list(_flips(chosen))
+    group = next(_flips(chosen))
     turns = int(chosen.robot.plane.turn)
     assert {each.stance.frame for each in group if each.turns == turns} == {chosen.feet[0]}
     assert {each.stance.frame for each in group if each.turns == -turns} == {chosen.feet[-1]}
