@@ -437,20 +437,6 @@ class TestProcess:
         assert done.stderr == "error: interrupted\n"
         assert list(tmp_path.iterdir()) == []
 
-    @pytest.mark.parametrize("where", ["typer", "floatplan.cli.study"])
-    def test_interrupted_while_it_is_imported(self, tmp_path: Path, where: str) -> None:
-        code = (
-            "import os, signal, sys, floatplan.cli\n"
-            "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-            "class Interrupt:\n"
-            "    def find_spec(self, name, *_):\n"
-            f"        if name == {where!r}: os.kill(os.getpid(), signal.SIGINT)\n"
-            "sys.meta_path.insert(0, Interrupt())\n"
-            "floatplan.cli.main()"
-        )
-        done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stdout, done.stderr) == (128 + signal.SIGINT, "", "")
-
     def test_a_reader_that_goes_away(self) -> None:
         with subprocess.Popen(
             program("info", GYMNAST, "--json"), stdout=subprocess.PIPE, stderr=subprocess.PIPE

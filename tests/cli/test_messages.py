@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -71,3 +74,18 @@ def test_a_fault_is_told_once(floatplan: Callable[..., Any], tmp_path: Path) -> 
     path.write_text(text.replace('landing = { frame = "foot" }\n', "") + "[limits]\ntorque = -1\n")
     lines = floatplan("plan", path).stderr.splitlines()
     assert sorted(line.split(": ")[2] for line in lines) == ["flight.takeoff.frame", "limits.torque.q1"]
+
+
+@pytest.mark.parametrize("where", ["typer", "floatplan.cli.study"])
+def test_interrupted_while_it_is_imported(where: str) -> None:
+    code = (
+        "import os, signal, sys, floatplan.cli\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        if name == {where!r}: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "floatplan.cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + signal.SIGINT, "", "")
