@@ -38,6 +38,8 @@ CROUCHED = 15.0  # [-] for lower ones: nobody pushes off lying or sitting
 NEARLY = 0.3  # [rad] of the base's turn, that other than plain motions make up for
 MISSED = 2.0  # [1/rad] of the base's turn beyond
 TILTED = 0.25  # [-] of a foot's tilt, squared, beside the base's
+UNSTEADY = 15.0  # [-] for tipped soles, trunks near the ground and a centre of mass far beyond the feet, and
+FALLING = 1.0  # [-] for any of that
 STRADDLING = 1.0  # [-] of feet at different heights, by the robot's own
 FAR = 4.0  # [1/rad] of a leap's turn
 ROUND = math.radians(1)  # [rad] to which angles are rounded
@@ -58,6 +60,7 @@ class Candidate:
     angular_momentum : kg m^2/s
     ratios : (2,) shares of the velocity limits at takeoff and landing
     depth : m below the ground, of anything, at both ends or soon after or before
+    unsteady : how far from standing it is at an end, as of :class:`~floatplan.initial.stance.Standing`
     cost : least for a flight well within the limits, above the ground, in natural postures
     """
 
@@ -68,12 +71,13 @@ class Candidate:
     angular_momentum: float
     ratios: Array
     depth: float
+    unsteady: float
     cost: float
 
     @property
     def begins_and_ends(self) -> bool:
-        """Whether the foot can leave and meet the ground at rest, with nothing in the ground."""
-        return bool(self.ratios.max() <= MOST) and self.depth == 0
+        """Whether the foot can leave and meet the ground at rest, the robot standing, with nothing in the ground."""
+        return bool(self.ratios.max() <= MOST) and self.depth == 0 and self.unsteady == 0
 
     @property
     def turn(self) -> float:
@@ -92,6 +96,7 @@ class Candidates:
     angular_momenta: Array
     ratios: Array
     depths: Array
+    unsteady: Array
     costs: Array
 
     def __getitem__(self, index: int) -> Candidate:
@@ -104,6 +109,7 @@ class Candidates:
             float(f"{self.angular_momenta[index]:.{DIGITS}g}"),
             self.ratios[index],
             float(self.depths[index]),
+            float(self.unsteady[index]),
             float(self.costs[index]),
         )
 
@@ -171,6 +177,7 @@ class Flights:
         rises = np.stack((first, first - GRAVITY * durations), axis=1).ravel()
         found = standing.rates(np.column_stack((np.repeat(speeds, 2), rises)), np.repeat(momenta, 2))
         depths = np.maximum(standing.sunk, standing.depth(rises, found)).reshape(count, 2).max(axis=1)
+        unsteady = standing.unsteady.reshape(count, 2).max(axis=1)
         positions, ratios = poses[:, 1:].reshape(count, 2, -1), found.ratios.reshape(count, 2)
         plain = plain_motion(positions, found.rates.reshape(count, 2, -1), durations)
         missed = np.abs(plain.turns(self.stance, momenta) - (orientations[:, 1] - orientations[:, 0]))
@@ -182,6 +189,7 @@ class Flights:
         costs = (
             EXCESS * np.maximum(worst - ENOUGH, 0.0)
             + np.where(depths > 0, PENALTY * (SUNK + depths), 0.0)
+            + np.where(unsteady > 0, FALLING + UNSTEADY * unsteady, 0.0)
             + UNNATURAL * np.sqrt(away).reshape(count, 2).mean(axis=1)
             + CROUCHED * np.maximum(CROUCH - heights.min(axis=1) / self._size, 0.0)
             + MISSED * np.maximum(missed - NEARLY, 0.0)
@@ -189,7 +197,7 @@ class Flights:
         )
         if not self.turns:
             costs -= FAR * np.abs(orientations[:, 1] - orientations[:, 0])
-        return Candidates(orientations, positions, durations, speeds, momenta, ratios, depths, costs)
+        return Candidates(orientations, positions, durations, speeds, momenta, ratios, depths, unsteady, costs)
 
     def _efforts(self, plain: PlainMotion) -> Array:
         """Shares (K,) of the joints' limits that plain motions take; how far they leave the ranges counts as well."""

@@ -81,7 +81,8 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
     for kind, groups, most in (("flip", _flips(chosen), FLIPS_WORK), ("leap", _leaps(chosen), LEAPS_WORK)):
         tried, least = 0, math.inf
         for family, candidate in search.candidates(groups, seed):
-            least = min(least, float(candidate.ratios.max()) if not candidate.depth else math.inf)
+            if not candidate.depth and not candidate.unsteady:
+                least = min(least, float(candidate.ratios.max()))
             if not candidate.begins_and_ends or abs(candidate.turn) < SMALLEST_TURN or search.work > most:
                 continue
             tried += 1
@@ -174,24 +175,26 @@ def _why(kind: str, tried: int, least: float) -> str:
 
 
 def _flips(chosen: ChosenRobot) -> Iterator[list[Flights]]:
-    """Backwards and forwards, on all feet, long and short: compared with each other."""
+    """Backwards from the hindmost feet, forwards from the foremost, long and short: compared with each other."""
     backwards = int(chosen.robot.plane.turn)
-    choices = product((backwards, -backwards), (LONG, SHORT))
-    yield [each for turns, band in choices for each in _on_feet(chosen, turns, LEAN, band)]
+    choices = product(((backwards, chosen.feet[:1]), (-backwards, chosen.feet[-1:])), (LONG, SHORT))
+    yield [each for (turns, feet), band in choices for each in _on_feet(chosen, feet, turns, LEAN, band)]
 
 
 def _leaps(chosen: ChosenRobot) -> Iterator[list[Flights]]:
     """On all feet, those that lean most first."""
     for lean in LEANS_OF_LEAPS:
-        yield _on_feet(chosen, 0, lean, LEAPING)
+        yield _on_feet(chosen, chosen.feet, 0, lean, LEAPING)
 
 
-def _on_feet(chosen: ChosenRobot, turns: int, lean: float, band: tuple[float, float]) -> list[Flights]:
+def _on_feet(
+    chosen: ChosenRobot, feet: Sequence[str], turns: int, lean: float, band: tuple[float, float]
+) -> list[Flights]:
     robot = chosen.robot
     if len(robot.joints) == 1:
         return []
     found = []
-    for foot in chosen.feet:
+    for foot in feet:
         stance, up = Stance(robot, foot, chosen.feet), upright(robot, foot)
         unit = math.sqrt(max(stance.height(up, robot.resting), 1e-3) / GRAVITY)
         found.append(Flights(robot, stance, up, turns, (band[0] * unit, band[1] * unit), lean))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array, ComplexArray
+from floatplan.initial.limbs import upright
 from floatplan.initial.rates import EndRates, end_rates
 from floatplan.motion.planar.ballistics import frame_weights
 from floatplan.motion.planar.contact import STILL
@@ -27,6 +28,11 @@ SOON = 0.04  # [s] after takeoff, or before landing, when everything still has t
 LIFTED = 5.0 * SOON**2 / 2  # [m] at 5 m/s^2, by which the accelerations, which are free, raise a foot by then
 ROUNDING = 1e-9  # [m]
 POSTURES = 4  # [-] in which points that are the same place always coincide
+FLAT = math.radians(15)  # [rad] that a sole may be tipped
+SOLE = 0.05  # [m] a foot that is shorter is a point: it may be tipped
+FOOT = 0.25  # [-] of the height of the centre of mass at rest, as long as a person's foot; feet count as no shorter
+NEAR = 0.1  # [-] of that height, above the ground, of what the robot stands on
+TRUNK = 0.15  # [-] of that height, between the trunk and the ground
 GAP = 0.002  # [m] between the ground and what does not stand on it
 
 
@@ -79,11 +85,42 @@ class Stance:
         feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ROUNDING)  # a shank ends where its foot is
         return weights, np.array([shape.radius for shape, _ in ends]), stands, feet
 
+    @cached_property
+    def upright(self) -> float:
+        """Orientation, rad, in which the robot stands on the frame; see :func:`floatplan.initial.limbs.upright`."""
+        return upright(self.robot, self.frame)
+
+    @cached_property
+    def resting(self) -> Standing:
+        """The robot upright on its foot, in its resting posture."""
+        return self.standing(np.array([self.upright]), self.robot.resting[None])
+
+    @cached_property
+    def size(self) -> float:
+        """Height of the centre of mass at rest, m."""
+        return max(float(self.resting.height[0]), 1e-3)
+
+    @cached_property
+    def sole(self) -> float:
+        """Length of the foot, m."""
+        weights, _, stands, _ = self.points
+        places = (self.resting._rotations @ weights[stands].T).real
+        return float(np.ptp(places))
+
     @property
     def foot_turns(self) -> Array:
         """Derivatives (n,) of the foot's absolute angle by the planned positions."""
         turns: Array = self.robot.tree.turns[self.robot.frames[self.frame].body]
         return turns
+
+    @cached_property
+    def trunk(self) -> BoolArray:
+        """Which of the points (P,) are on the base, where that is not what stands."""
+        shapes = [shape for shape in self.robot.shapes for _ in range(2)]
+        _, radii, stands, _ = self.points
+        if self.robot.frames[self.frame].body == 0 or len(shapes) != len(radii):
+            return np.zeros(len(radii), dtype=bool)
+        return np.array([shape.body == 0 for shape in shapes]) & ~stands
 
     @cached_property
     def feet_weights(self) -> ComplexArray:
@@ -105,6 +142,11 @@ class Stance:
     def standing(self, orientations: Array, positions: Array) -> Standing:
         """The robot in K postures: orientations (K,) and positions (K, n), rad."""
         return Standing(self, orientations, positions)
+
+
+def _wrapped(angles: Array) -> Array:
+    """Angles within half a turn of zero."""
+    return np.asarray((angles + math.pi) % (2 * math.pi) - math.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +172,36 @@ class Standing:
     def apart(self) -> Array:
         """Largest difference (K,) of the heights of any foot and the frame, m."""
         return np.asarray(np.abs((self._rotations @ self.stance.feet_weights.T).imag).max(axis=1))
+
+    @cached_property
+    def support(self) -> tuple[Array, Array]:
+        """Rear and front end (K,) of what the foot stands on, m from the centre of mass."""
+        weights, radii, stands, _ = self.stance.points
+        places = (self._rotations @ weights[stands].T).real
+        near = self._heights[:, stands] < NEAR * self.stance.size
+        low = np.where(near, places - radii[stands], np.inf).min(axis=1)
+        return low, np.where(near, places + radii[stands], -np.inf).max(axis=1)
+
+    @cached_property
+    def unsteady(self) -> Array:
+        """How far (K,) from standing it is: a tipped sole, a low trunk, or weight far beyond the feet; else 0.
+
+        In rad, or in the height of the centre of mass, at rest.
+        """
+        stance, size = self.stance, self.stance.size
+        tilt = np.abs(
+            _wrapped(self.orientations - stance.upright + (self.positions - stance.robot.resting) @ stance.foot_turns)
+        )
+        tipped = np.maximum(tilt - FLAT, 0.0) if stance.sole > SOLE else 0.0
+        low, high = self.support
+        others = self._rotations @ stance.feet_weights.T
+        reach = others.real - others.real[:, :1]
+        down = np.abs(others.imag) < NEAR * size
+        low = low + np.where(down, reach, 0.0).min(axis=1)
+        high = high + np.where(down, reach, 0.0).max(axis=1)
+        beyond = np.maximum(np.maximum(low, -high) - max(stance.sole, FOOT * size), 0.0)
+        trunk = np.maximum(TRUNK * size - self._heights[:, stance.trunk].min(axis=1, initial=np.inf), 0.0)
+        return np.asarray(tipped + (beyond + trunk) / size)
 
     @cached_property
     def inertia(self) -> Array:

@@ -22,8 +22,8 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import PREFIX
 
 HELD = (
-    "Its foot leaves and meets the ground at rest, within the joints' velocity limits at these instants; whether the"
-    " legs have the stroke, the force and the balance to push off and to land was not looked at."
+    "No stance that pushes off or lands so was looked for, with its stroke, force and balance: only that the joints'"
+    " velocity limits let the foot leave and meet the ground at rest."
 )
 WIDTH = 110  # [-] characters of a comment
 BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -58,7 +58,7 @@ def _title(robot: Robot, flight: FirstFlight) -> list[str]:
         direction = "backwards" if turn * robot.plane.turn > 0 else "forwards"
         what = f"{name} flips {direction}, from {problem.takeoff.frame} to {problem.landing.frame}."
     held = HELD if problem.ground else ""
-    return _comment(" ".join([what, *flight.reasons, held]).strip())
+    return _comment(what) + _comment(" ".join([*flight.reasons, held]).strip())
 
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import floatplan as fp
 from floatplan.initial.candidates import MOST, Flights
+from floatplan.initial.flight import _flips
 from floatplan.initial.limbs import feet, upright
 from floatplan.initial.plain import plain_motion
 from floatplan.initial.rates import end_rates
@@ -91,6 +92,43 @@ def test_candidates_are_what_the_verdicts_say(root, seed):
     again = Flights(robot, stance, upright(robot, "foot"), 0, (0.2, 0.5), 0.5).search(seed)
     assert again.duration == found.duration
     np.testing.assert_array_equal(again.positions, found.positions)
+
+
+@needs_robots
+def test_what_is_no_stance(root):
+    """A tipped sole, a trunk on the ground, a centre of mass far beyond the feet; each alone."""
+    chosen = chosen_robot(PREFIX + "g1_description/urdf/g1_29dof_rev_1_0.urdf")
+    g1 = Stance(chosen.robot, chosen.feet[0], chosen.feet)
+    assert unsteady(g1, 0.0, chosen.robot.resting) == 0
+    for tilt in (10, 20, 55):
+        ankle = chosen.robot.resting + np.deg2rad(tilt) * (np.array(chosen.robot.joints) == "left_ankle_pitch_joint")
+        turned = float(np.deg2rad(tilt)) * float(g1.foot_turns[chosen.robot.joints.index("left_ankle_pitch_joint")])
+        assert (unsteady(g1, 0.0, ankle) > 0) == (tilt > 15)
+        assert unsteady(g1, -turned, ankle) > 0 or tilt < 30, "upright feet, and the body leans over"
+    go2 = chosen_robot(PREFIX + "go2_description/urdf/go2.urdf")
+    stance = Stance(go2.robot, go2.feet[0], go2.feet)
+    low, high = go2.robot.position_limits.T
+    folded = np.where(["calf" in joint for joint in go2.robot.joints], low, go2.robot.resting)
+    folded = np.where(["thigh" in joint for joint in go2.robot.joints], np.minimum(high, 1.5), folded)
+    assert stance.standing(np.zeros(1), folded[None]).height[0] < 0.4 * stance.size
+    assert unsteady(stance, 0.0, folded) > 0
+    pole = fp.Robot.from_urdf(root / "urdf" / "gymnast.urdf")
+    on_end = Stance(pole, "foot")
+    assert [unsteady(on_end, math.pi / 2 + lean, pole.resting) > 0 for lean in (0.0, 0.1, 0.5, 1.2)] == [0, 0, 1, 1]
+
+
+def unsteady(stance, orientation, positions):
+    return stance.standing(np.array([orientation]), positions[None]).unsteady[0]
+
+
+@needs_robots
+def test_flips_backwards_are_from_the_hind_legs():
+    chosen = chosen_robot(PREFIX + "go2_description/urdf/go2.urdf")
+    group = next(_flips(chosen))
+    turns = int(chosen.robot.plane.turn)
+    assert {each.stance.frame for each in group if each.turns == turns} == {chosen.feet[0]}
+    assert {each.stance.frame for each in group if each.turns == -turns} == {chosen.feet[-1]}
+    assert chosen.feet[0].startswith("R")
 
 
 @pytest.mark.parametrize("joints", [2, 3, 9])
