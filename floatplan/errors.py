@@ -116,9 +116,10 @@ class ProblemError(InputError):
 
 
 def refuse(errors: Sequence[InputError]) -> None:
-    """Raise what is wrong, if anything is: one error as it is, several together."""
-    if errors:
-        raise ProblemError(errors) if len(errors) > 1 else errors[0]
+    """Raise what is wrong, if anything is: one error as it is, several together, what was found twice once."""
+    different = list({str(error): error for error in errors}.values())
+    if different:
+        raise ProblemError(different) if len(different) > 1 else different[0]
 
 
 def faults(checks: Iterable[Callable[[], None]]) -> list[InputError]:

@@ -145,7 +145,16 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
         "Family": Call(fp.Family, {"base": problem, "varied": {"flight.duration": [1.3, 1.4]}}, lambda f: tried(f)),
         "Perturbation": Call(
             fp.Perturbation,
-            {"h": 0.1, "inertia": 0.1, "torque": 0.1, "rise": 0.1, "noise": 0.1, "rate_noise": None, "delay": 0.1},
+            {
+                "h": 0.1,
+                "mass": 0.1,
+                "inertia": 0.1,
+                "torque": 0.1,
+                "rise": 0.1,
+                "noise": 0.1,
+                "rate_noise": None,
+                "delay": 0.1,
+            },
         ),
         "Robot": Call(
             fp.Robot.from_urdf,
@@ -179,7 +188,15 @@ def calls(problem: fp.Problem, plan: fp.Plan, folder: Path) -> dict[str, Call]:
         "closed_loop": Call(fp.closed_loop, {"plan": plan, **flown, "budget": None}),
         "replay": Call(
             fp.replay,
-            {"plan": plan, "robot": None, "engine": "pinocchio", "perturb": "", "feedback": None, "step": 0.01},
+            {
+                "plan": plan,
+                "robot": None,
+                "engine": "pinocchio",
+                "perturb": "",
+                "feedback": None,
+                "step": 0.01,
+                "seed": 0,
+            },
         ),
         "Replanner": Call(fp.Replanner, {"plan": plan, "rate": 200.0, "sigma": 0.001, "acceleration": None}),
         "authority": Call(lambda plan: repr(plan) if isinstance(plan, fp.Plan) else fp.authority(plan), {"plan": plan}),

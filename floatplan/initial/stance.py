@@ -17,7 +17,7 @@ from floatplan.motion.planar.ballistics import frame_weights
 from floatplan.motion.planar.contact import STILL
 from floatplan.motion.planar.momentum import MomentumMapping, TurningBodies, momentum_mapping
 from floatplan.robot.planar.tree import rotations_of
-from floatplan.robot.robot import Robot
+from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.tables import CLEARANCE
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -27,12 +27,13 @@ STRONGEST = 1e9  # [N m] where the URDF gives no torque limit
 SOON = 0.04  # [s] after takeoff, or before landing, when everything still has to be above the ground
 LIFTED = 5.0 * SOON**2 / 2  # [m] at 5 m/s^2, by which the accelerations, which are free, raise a foot by then
 ROUNDING = 1e-9  # [m]
+ALIKE = 1e-3  # [m] by which the meshes of left and right may differ
 POSTURES = 4  # [-] in which points that are the same place always coincide
 FLAT = math.radians(15)  # [rad] that a sole may be tipped
 SOLE = 0.05  # [m] a foot that is shorter is a point: it may be tipped
 FOOT = 0.25  # [-] of the height of the centre of mass at rest, as long as a person's foot; feet count as no shorter
 NEAR = 0.1  # [-] of that height, above the ground, of what the robot stands on
-TRUNK = 0.15  # [-] of that height, between the trunk and the ground
+TRUNK = 0.12  # [-] of that height, between the trunk's true shape and the ground
 GAP = 0.002  # [m] between the ground and what does not stand on it
 
 
@@ -68,21 +69,28 @@ class Stance:
         return momentum_mapping(self.robot.tree)
 
     @cached_property
+    def _shapes(self) -> tuple[LinkCapsule, ...]:
+        return self.robot.hulls([self.frame])
+
+    @cached_property
+    def _standing(self) -> str | None:
+        """The link with whose shapes the frame stands."""
+        return self.robot.contact_link(self.robot.frames[self.frame].link)
+
+    @cached_property
     def points(self) -> tuple[ComplexArray, Array, BoolArray, BoolArray]:
         """Weights (P, m) of the ends of all shapes, radii (P,), m; which stand, and which are where a foot is."""
         robot, frame = self.robot, self.robot.frames[self.frame]
-        shapes = robot.hulls([self.frame])
-        standing = robot.contact_link(frame.link)
-        if standing is None:
+        if self._standing is None:
             return frame_weights(robot, frame)[None], np.zeros(1), np.ones(1, dtype=bool), np.ones(1, dtype=bool)
         turns = robot.tree.turns
-        ends = [(shape, end) for shape in shapes for end in (shape.start, shape.end)]
+        ends = [(shape, end) for shape in self._shapes for end in (shape.start, shape.end)]
         bodies, local = (np.array(column) for column in zip(*((shape.body, end) for shape, end in ends), strict=True))
         weights = robot.tree.point_weights(bodies, local)
-        stands = np.array([shape.link == standing for shape, _ in ends])
+        stands = np.array([shape.link == self._standing for shape, _ in ends])
         places = self._somewhere() @ weights.T
         apart = np.abs(places[:, :, None] - places[:, None, stands]).max(axis=0).min(axis=1)
-        feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ROUNDING)  # a shank ends where its foot is
+        feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ALIKE)  # a shank ends where its foot is
         return weights, np.array([shape.radius for shape, _ in ends]), stands, feet
 
     @cached_property
@@ -116,11 +124,9 @@ class Stance:
     @cached_property
     def trunk(self) -> BoolArray:
         """Which of the points (P,) are on the base, where that is not what stands."""
-        shapes = [shape for shape in self.robot.shapes for _ in range(2)]
-        _, radii, stands, _ = self.points
-        if self.robot.frames[self.frame].body == 0 or len(shapes) != len(radii):
-            return np.zeros(len(radii), dtype=bool)
-        return np.array([shape.body == 0 for shape in shapes]) & ~stands
+        if self.robot.frames[self.frame].body == 0 or self._standing is None:
+            return np.zeros(len(self.points[1]), dtype=bool)
+        return np.array([shape.body == 0 for shape in self._shapes for _ in range(2)]) & ~self.points[2]
 
     @cached_property
     def feet_weights(self) -> ComplexArray:

@@ -378,7 +378,7 @@ def test_a_table_has_no_formula(root, tmp_path):
     ("arguments", "reason"),
     [
         (["--seed", str(10**30)], "seed: 1000"),
-        (["--jobs", "100000"], "more than 64"),
+        (["--jobs", "100000"], "100000 is outside 1 to 64"),
         (["--duration", "1e-300"], "is outside 0.001 to 1000 s"),
         (["--angular-momentum", "1e308"], "is outside -1e"),
         (["--horizontal-velocity", "1e300"], "is outside -10000 to 10000 m/s"),
@@ -391,5 +391,5 @@ def test_options_have_ranges(floatplan, root, arguments, reason):
 
 
 def test_a_step_longer_than_the_flight_is_cut(floatplan, plan_file):
-    run = floatplan("replay", plan_file, "--engine", "mujoco", "--step", "1e300")
+    run = floatplan("replay", plan_file, "--engine", "mujoco", "--step", "1000")
     assert run.code in (0, 1)

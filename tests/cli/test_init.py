@@ -42,10 +42,8 @@ BAR = {
     "go2": PREFIX + "go2_description/urdf/go2.urdf",
     "a1": PREFIX + "a1_description/urdf/a1.urdf",
     "solo12": PREFIX + "solo_description/robots/solo12.urdf",
-    "talos_reduced": PREFIX + "talos_data/robots/talos_reduced.urdf",
 }
 LONG = {"a1", "solo12", "g1_29dof_rev_1_0"}  # planned as those of the others are
-LEAPS = {"talos_reduced"}  # its legs are too slow for a flip
 
 
 @pytest.mark.parametrize("name", cases(BAR, LONG))
@@ -61,8 +59,7 @@ def test_from_a_robot_to_its_flight_in_three_commands(floatplan: Command, root: 
     assert content["limits"]["velocity"] in ("urdf", 2000)
     plan = planned(floatplan, Path(f"{name}.toml"))
     assert plan.problem.ground
-    assert full_turn(plan) == (name not in LEAPS)
-    assert abs(turned(plan)) > math.radians(10)
+    assert full_turn(plan)
     assert [contact.end for contact in plan.contacts] == ["takeoff", "landing"]
     assert all(contact.ratio is not None and contact.ratio <= 0.95 for contact in plan.contacts)
     assert floatplan("show", "result/plan.json").code == 0
@@ -81,9 +78,16 @@ def test_where_there_is_no_flight(floatplan: Command) -> None:
 
 
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
-@pytest.mark.parametrize("urdf", ["ur_description/urdf/ur5_robot.urdf", "g1_description/urdf/g1_29dof_rev_1_0.urdf"])
+@pytest.mark.parametrize(
+    "urdf",
+    [
+        "ur_description/urdf/ur5_robot.urdf",
+        "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+        "talos_data/robots/talos_reduced.urdf",
+    ],
+)
 def test_a_robot_that_cannot_take_off_turns_its_base_afloat(floatplan: Command, urdf: str) -> None:
-    """An arm has no feet; for a G1 with flat soles no motion is found on them."""
+    """An arm has no feet; for a G1 and a Talos with flat soles no motion is found on them."""
     assert floatplan("init", PREFIX + urdf, "-o", "arm.toml").code == 0
     first = Path("arm.toml").read_text().splitlines()[0]
     assert "afloat" in first

@@ -27,7 +27,7 @@ ROBOT = ("plan", GYMNAST, "--start", "0,0,0", "--goal", "1,0,0", "--duration", "
         ((*ROBOT, "--plane", "up"), ['command line: --plane: "up" is not']),
         ((*ROBOT, "--locked", "q9=1"), ['command line: --locked "q9": no joint is called']),
         (("info", GYMNAST, "--plane", "up"), ['command line: --plane: "up" is not']),
-        (("plan", EXAMPLE, "--duration", "0"), ["command line: --duration: 0.0 is outside"]),
+        (("plan", EXAMPLE, "--duration", "0"), ["command line: --duration: 0.0 s is not positive"]),
         (("plan", EXAMPLE, "--seed", "9" * 30), ["--seed: 9"]),
         (("plan", EXAMPLE, "--rate", "0"), ["--rate: 0.0 Hz"]),
         (("plan", EXAMPLE, "--jobs", "1000"), ["--jobs: 1000"]),
@@ -73,7 +73,7 @@ def test_a_fault_is_told_once(floatplan: Callable[..., Any], tmp_path: Path) -> 
     text = text.replace('takeoff = { frame = "foot" }', 'takeoff = { frame = "toe" }')
     path.write_text(text.replace('landing = { frame = "foot" }\n', "") + "[limits]\ntorque = -1\n")
     lines = floatplan("plan", path).stderr.splitlines()
-    assert sorted(line.split(": ")[2] for line in lines) == ["flight.takeoff.frame", "limits.torque.q1"]
+    assert sorted(line.split(": ")[2] for line in lines) == ["flight.takeoff.frame", "limits.torque"]
 
 
 @pytest.mark.parametrize("where", ["typer", "floatplan.cli.study"])

@@ -99,13 +99,13 @@ class TestClosingTheGap:
     @pytest.mark.parametrize("missing", [1e-7, 1e-5, 3e-4])
     def test_of_torques(self, found, missing):
         peaks = np.asarray(found.plan.record.torque_peak)
-        asked = fp.Limits(position="full", torque=(peaks * (1.0 - missing)).tolist())
+        asked = fp.Limits(position="full", torque=tuple((peaks * (1.0 - missing)).tolist()))
         tight = asking(found, limits=asked)
         assert fp.certify(tight.plan).verdict == "refuted"
         plan, certificate = proved(tight)
         assert certificate.proved, certificate.findings
         assert plan.problem is tight.plan.problem
-        assert plan.record.problem["limits"]["torque"] == asked.torque
+        assert tuple(plan.record.problem["limits"]["torque"]) == asked.torque
 
     def test_of_the_orientation(self, found):
         """A change of the motion that vanishes at both ends turns the base a little, and lands at another height."""

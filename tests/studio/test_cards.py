@@ -64,7 +64,7 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: Flown) -> Non
         card = cards.status_card(View(present.problem, flown=replace(present, certificate=judged, warnings=warnings)))
         assert f"<b>{word.capitalize()}</b>" in card
         if judged.proved:
-            assert word == ("proved, with warnings" if warned else "proved")
+            assert word == ("flight proved, with warnings" if warned else "flight proved")
             console = Console(file=StringIO(), width=200)
             console.print(plan_summary(plan, []))
             assert f", {word})" in console.file.getvalue()
