@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.inflight import outlook
+from floatplan.inflight import prediction
 from floatplan.kernel import batch, build, layout
 from floatplan.kernel.filled import Filled, filled_grid
 from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES
@@ -86,6 +86,6 @@ def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypa
 
 def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):
     plan = fp.plan(fp.load_problem(root / "problems" / "torque_limited.toml"))
-    monkeypatch.setattr(outlook, "WATCHED", 41)
+    monkeypatch.setattr(prediction, "WATCHED", 41)
     with pytest.raises(ValueError, match=r"Flight\.instants is .*: it must be a multiple of 8"):
         fp.Replanner(plan)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray, read_only
-from floatplan.inflight.limits import RowPartials, Rows, distance_rows, limit_rows, sensible_rows
+from floatplan.inflight.limits import Rows, distance_rows, limit_rows, sensible_rows
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Distances, LinkShapes, Segments
@@ -29,7 +29,6 @@ MOST_WATCHED = 160  # [-] where an obstacle could be passed unseen between so fe
 LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
 OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
 THINNEST = 1e-3  # [m] of what is passed
-SHARED = ("_course", "flown", "miss", "_rate_by_p")  # of an outlook: what no distance is in
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
 
 
@@ -75,7 +74,11 @@ class Instants:
 
 
 class Views:
-    """What all looks ahead of a plan have in common: the instants and the rows."""
+    """What all predictions of a plan's flight have in common: the instants and the rows.
+
+    Changes y (m, n) of the free polynomials, ``whitening @ y / amplitude`` of their coefficients, are in rad and make a
+    second derivative of the positions by u whose root mean square is at most ``|y|``.
+    """
 
     def __init__(self, plan: Plan, form: Form) -> None:
         problem = plan.problem
@@ -156,123 +159,65 @@ def _second_derivatives(form: Form) -> Array:
     return np.asarray(second.T @ (quadrature.weights[:, None] * second))
 
 
-@dataclass(eq=False)  # not frozen, for its speed: there is one per update
-class Course:
-    """What all motions from a present to a landing have in common; ``watched`` (W,) s since takeoff."""
+class Prediction:
+    """The rest of a flight under a motion, evaluated when asked."""
 
-    flight: PlanarFlight
-    begin: float
-    instants: Instants
-    watched: Array
+    def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
+        self._views, self.motion, self._present = views, motion, present
 
-    @cached_property
-    def com(self) -> ComplexArray:
-        """Places (W,) of the centre of mass at the watched instants, m."""
-        places = self.flight.ballistics.positions(self.watched - self.begin)
-        return np.asarray(places.view(np.complex128)[:, 0])
-
-
-class Breach(NamedTuple):
-    """Values of a block that are below its aim: at which instants, in which rows, by how much over the softness."""
-
-    block: Rows
-    instants: IntArray
-    rows: IntArray
-    below: Array
-
-
-class Outlook:
-    """The rest of a flight under a motion, evaluated when asked.
-
-    Changes y (n m,) of the free polynomials, joint by joint, are in rad and make a second derivative of the positions
-    by u whose root mean square is at most ``|y|``.
-    """
-
-    def __init__(self, views: Views, motion: RemainingMotion, present: Present, landed: bool = False) -> None:
-        self._views, self.motion, self._present, self._landed = views, motion, present, landed
-
-    def __reduce__(self) -> tuple[type[Outlook], tuple[Views, RemainingMotion, Present, bool]]:
+    def __reduce__(self) -> tuple[type[Prediction], tuple[Views, RemainingMotion, Present]]:
         """To what it is made of: a copy evaluates anew."""
-        return Outlook, (self._views, self.motion, self._present, self._landed)
-
-    @property
-    def has_distances(self) -> bool:
-        """Whether there are obstacles, or links that must keep apart."""
-        return self._views.has_distances
-
-    def as_landed(self) -> Outlook:
-        """Return the same, its distances those of a base that turns to the goal: the miss is taken off, by time.
-
-        So that a base far from its goal, whose feet would be in the ground, is not kept from turning through there.
-        """
-        return self._seen(landed=True)
-
-    def as_it_is(self) -> Outlook:
-        """Return the same, its distances those of the base as it turns."""
-        return self._seen(landed=False)
-
-    def _seen(self, landed: bool) -> Outlook:
-        other = Outlook(self._views, self.motion, self._present, landed)
-        other.__dict__.update((name, self.__dict__[name]) for name in SHARED if name in self.__dict__)
-        return other
+        return Prediction, (self._views, self.motion, self._present)
 
     @cached_property
-    def _course(self) -> Course:
-        views, motion, present = self._views, self.motion, self._present
-        flight = PlanarFlight(
-            views.flight.tree,
+    def _instants(self) -> Instants:
+        return self._views.between(self.motion.begin, self.motion.end)
+
+    @cached_property
+    def _flight(self) -> PlanarFlight:
+        flight, present = self._views.flight, self._present
+        return PlanarFlight(
+            flight.tree,
             present.dynamics,
-            views.flight.link_shapes,
+            flight.link_shapes,
             present.com,
             present.orientation,
-            views.flight.final_orientation,
-            motion.remaining,
-            self.change,
+            flight.final_orientation,
+            self.motion.remaining,
+            flight.final_orientation - present.orientation,
         )
-        instants = views.between(motion.begin, motion.end)
-        return Course(flight, motion.begin, instants, motion.begin + motion.remaining * instants.watched)
 
     @property
     def watched(self) -> Array:
         """Times (W,), s since takeoff, at which distances are watched."""
-        return self._course.watched
+        return self.motion.begin + self.motion.remaining * self._instants.watched
 
     @property
     def times(self) -> Array:
         """Times (K,), s since takeoff, at which all else is looked at."""
-        return self.motion.begin + self.motion.remaining * self._course.instants.grid.s
+        return self.motion.begin + self.motion.remaining * self._instants.grid.s
 
     @cached_property
     def shapes(self) -> Segments:
         """The links' shapes at the watched instants."""
-        grid, flown, flight = self._course.instants.grid, self.flown, self._course.flight
-        turned = self.motion.remaining * (grid.integrals[grid.nodes :] @ flown.node_rates[0])
-        if self._landed:
-            turned -= self.miss * self._course.instants.watched
-        angles = flight.tree.absolute_angles(flight.initial_orientation + turned, flown.joints.positions[grid.nodes :])
-        return flight.link_shapes.place(self._course.com, angles)
-
-    @cached_property
-    def measured(self) -> dict[object, Distances]:
-        """What blocks of rows have measured."""
-        return {}
+        grid, flight = self._instants.grid, self._flight
+        turned = self.motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
+        positions = self.flown.joints.positions[grid.nodes :]
+        angles = flight.tree.absolute_angles(flight.initial_orientation + turned, positions)
+        com = flight.ballistics.positions(self.watched - self.motion.begin)
+        return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
 
     @cached_property
     def flown(self) -> PlanarFlown:
         """How the base turns."""
-        motion, instants = self.motion, self._course.instants
+        motion, instants = self.motion, self._instants
         joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, instants.values)
-        return PlanarFlown(self._course.flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
+        return PlanarFlown(self._flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
 
     @property
     def present(self) -> Present:
         """The robot now."""
         return self._present
-
-    @property
-    def change(self) -> float:
-        """By how much the base is to turn to its goal, rad."""
-        return self._views.flight.final_orientation - self._present.orientation
 
     @cached_property
     def miss(self) -> float:
@@ -290,86 +235,6 @@ class Outlook:
         return np.array([values.min() for values in self.values])
 
     @cached_property
-    def breaches(self) -> tuple[Breach, ...]:
-        """Of the blocks with values below their aim."""
-        found = []
-        for block, values, worst in zip(self._views.rows, self.values, self.worst.tolist(), strict=True):
-            if not worst >= block.aim:
-                instants, rows = np.nonzero(~(values >= block.aim))
-                found.append(Breach(block, instants, rows, (block.aim - values[instants, rows]) / block.softness))
-        return tuple(found)
-
-    @cached_property
     def torque_peak(self) -> Array:
         """Largest torque (m,) of each motor for the rest of the flight, N m."""
         return np.asarray(np.abs(self.flown.moments @ self._views.motor_turns).max(axis=0))
-
-    @cached_property
-    def _rate_by_p(self) -> tuple[Array, Array]:
-        """Derivatives (n, N) of theta0' at the nodes by p and by its rate, over the amplitude."""
-        nodes, joints, rate = self._course.instants.grid.nodes, self.flown.joints, self.flown.base_rate
-        by_p = rate.by_position * joints.position_by_p + rate.by_velocity * joints.velocity_by_p
-        by_rate = rate.by_velocity * joints.velocity_by_rate
-        amplitude = self.motion.amplitude
-        return (by_p[:nodes] / amplitude).T, (by_rate[:nodes] / amplitude).T
-
-    def _turned_by_y(self, integrals: Array) -> Array:
-        """Derivatives (S, n m) of turns that are so made of the rates at the nodes (S, N)."""
-        value, rate, _ = self._course.instants.free
-        nodes = self._course.instants.grid.nodes
-        by_p, by_rate = ((integrals[:, None, :] * part).reshape(-1, nodes) for part in self._rate_by_p)
-        by_y = by_p @ value[:nodes] + by_rate @ rate[:nodes]
-        return np.asarray(self.motion.remaining * by_y.reshape(len(integrals), -1))
-
-    @property
-    def miss_by_y(self) -> Array:
-        """Derivative (n m,) of the miss."""
-        return np.asarray(self._turned_by_y(self._course.instants.grid.weights[None, :])[0])
-
-    def rows_by_y(self, block: Rows, instants: IntArray, rows: IntArray) -> Array:
-        """Derivatives (S, n m) of some rows of a block at some of its instants, each (S,) indices."""
-        grid = self._course.instants.grid
-        partials = block.partials(self, instants, rows)
-        if partials.by_attitude is None:
-            return self._chained(partials, instants)
-        instants = grid.nodes + instants
-        integrals = grid.integrals[instants]
-        if self._landed:
-            integrals = integrals - grid.s[instants, None] * grid.weights
-        return self._chained(partials, instants) + partials.by_attitude[:, None] * self._turned_by_y(integrals)
-
-    def _chained(self, partials: RowPartials, instants: IntArray) -> Array:
-        joints, amplitude = self.flown.joints, self.motion.amplitude
-        by_value, by_rate, by_curvature = None, None, None
-        if partials.by_position is not None:
-            by_value = partials.by_position * joints.position_by_p[instants]
-        if partials.by_velocity is not None:
-            part = partials.by_velocity * joints.velocity_by_p[instants]
-            by_value = part if by_value is None else by_value + part
-            by_rate = partials.by_velocity * joints.velocity_by_rate[instants]
-        if partials.by_acceleration is not None:
-            part = partials.by_acceleration * joints.acceleration_by_p[instants]
-            by_value = part if by_value is None else by_value + part
-            part = partials.by_acceleration * joints.acceleration_by_rate[instants]
-            by_rate = part if by_rate is None else by_rate + part
-            by_curvature = partials.by_acceleration * joints.acceleration_by_curvature[instants]
-        total: Array | float = 0.0
-        for weight, free in zip((by_value, by_rate, by_curvature), self._course.instants.free, strict=True):
-            if weight is not None:
-                total = total + (weight / amplitude)[:, :, None] * free[instants][:, None, :]
-        return np.asarray(total).reshape(len(instants), -1)
-
-    def changed(self, y: Array) -> Outlook:
-        """Return the outlook under the motion changed by y."""
-        change = y.reshape(len(self.motion.amplitude), -1) / self.motion.amplitude[:, None]
-        return self.moving_as(self._views.whitening @ change.T)
-
-    def moving_as(self, change: Array) -> Outlook:
-        """Return the outlook under the motion whose free coefficients change by (m, n)."""
-        motion = self.motion
-        coefficients = motion.coefficients.copy()
-        coefficients[CONDITIONS:] += change
-        changed = RemainingMotion(motion.centre, motion.amplitude, motion.begin, motion.end, coefficients, motion.table)
-        other = Outlook(self._views, changed, self._present, self._landed)
-        other._course = self._course
-        return other

@@ -1,22 +1,24 @@
-"""What an update computes, in the compiled kernel; see :mod:`floatplan.inflight.reckoning`, which is the reference."""
+"""An update of a flight's corrections: the state that is expected, the filter, the rest of the flight corrected.
+
+All of it is computed by the kernel, ``flight.hpp``, ``law.hpp`` and ``rest.hpp``; this fills what these read.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.inflight import identification as filtered
-from floatplan.inflight import law as lawful
+from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate
-from floatplan.inflight.law import Law
 from floatplan.inflight.limits import LENGTH_SCALE, ROUNDING, DistanceRows, JointRows, Rows, TorqueRows
 from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.outlook import Instants, Outlook, Views
-from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Foreseen, Reckoning
+from floatplan.inflight.prediction import Instants, Prediction, Present, Views
 from floatplan.kernel.filled import Filled
 from floatplan.kernel.layout import ENUMERATIONS
 from floatplan.kernel.library import Kernel, kernel
@@ -28,24 +30,57 @@ from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.problem.parts import Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 
+EVALUATIONS = 1  # [-] of changed motions at most
+EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
+FAR = 0.06  # [rad]
+WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
+SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
+SHORTER = 0.3  # [-] of a step that is no better
+MOST_ROWS = 24  # [-] of a block that are looked at in a step
+KEPT = 1e-3  # [-] a row that is less below zero counts as kept
+SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
+MEMORY = 64  # [-] motions that are remembered, for measurements that come late
+GAP_NODES = 5  # [-] of the quadrature between measurements
 STEPS = ENUMERATIONS["Step"].__members__
 KINDS = {"velocities": 0, "accelerations": 1, "orientation_rate": 2}
 TORQUE, DISTANCE = 3, 4
 ALWAYS = (-np.inf, np.inf)
 
 
-class CompiledReckoning(Reckoning):
-    """The same in C++."""
+@dataclass(eq=False)
+class Corrected:
+    """The motion that was chosen and what it leads to: its miss, rad, the least value of each block of rows.
 
-    def __init__(self, kernel: Kernel, tree: PlanarTree, views: Views, rewriting: Rewriting, law: Law) -> None:
-        super().__init__(views, rewriting, law)
-        self._kernel = kernel
+    ``share`` of the correction was taken.
+    """
+
+    prediction: Prediction
+    miss: float
+    worst: Array
+    share: float
+
+    @property
+    def motion(self) -> RemainingMotion:
+        """The joints' motion."""
+        return self.prediction.motion
+
+
+class Update:
+    """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
+
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2.
+    """
+
+    def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
+        self.views, self._first = views, rewriting.first
+        self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
+        self._kernel: Kernel = kernel()
         n, m, width = len(rewriting.first.amplitude), len(tree.mass), len(views.whitening)
         groups, columns, states = len(TurningBodies.of(tree).turns), CONDITIONS + width, 2 + 2 * m
         shapes = views.flight.link_shapes if views.has_distances else LinkShapes(tree, ())
         instants, size, capsules = len(views.instants.grid.s), n * width, len(shapes.radius)
         rows = _rows(views.rows, shapes, m, n)
-        most = 1 + lawful.MOST_ROWS * (len(rows["block_first"]) - 1)
+        most = 1 + MOST_ROWS * (len(rows["block_first"]) - 1)
         of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
         ahead = columns * n + of_instant * instants
         self._called = {
@@ -83,7 +118,7 @@ class CompiledReckoning(Reckoning):
             nodes=views.instants.grid.nodes,
             gap_nodes=GAP_NODES,
             memory=MEMORY,
-            most_rows=lawful.MOST_ROWS,
+            most_rows=MOST_ROWS,
             most_rows_of_all=most,
             capsules=capsules,
             length_scale=LENGTH_SCALE,
@@ -93,7 +128,9 @@ class CompiledReckoning(Reckoning):
             **_of_bodies(tree),
             **_of_capsules(tree, shapes),
             **rows,
-            **_of_law(law),
+            **_of_law(),
+            sigma=sigma,
+            acceleration=acceleration,
             **_of_filter(),
             **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
             **self._called,
@@ -121,7 +158,9 @@ class CompiledReckoning(Reckoning):
         )
         flight.known, flight.turn_after = 0, 0.0
         self._step(STEPS["adapt_masses"])
-        super().begin(estimate)
+        self.estimate = estimate
+        self.motions.clear()
+        self.remember(self._first)
 
     def expected(self, measured: Measurement, now: float) -> Expected:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
@@ -147,13 +186,14 @@ class CompiledReckoning(Reckoning):
         self._step(STEPS["learn_state"])
         self.estimate.inertial.has_changed()
 
-    def turned(self, dt: float) -> float:
-        """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
+    @property
+    def turned(self) -> float:
+        """By how much the base turns from the measurement that was learnt from last until ``now``, rad."""
         return float(self._flight.turn_after)
 
     def corrected(
         self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
-    ) -> Foreseen:
+    ) -> Corrected:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
         flight, present = self._flight, self.present(now, orientation)
         if self.views.has_distances:
@@ -169,23 +209,30 @@ class CompiledReckoning(Reckoning):
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
-        outlook = Outlook(self.views, motion, present)
-        return Foreseen(outlook, flight.foreseen.miss, self._called["worst"].copy(), flight.foreseen.share)
+        prediction = Prediction(self.views, motion, present)
+        return Corrected(prediction, flight.corrected.miss, self._called["worst"].copy(), flight.corrected.share)
 
-    def _rewritten(self, now: float, landing: float) -> RemainingMotion:
+    def present(self, now: float, orientation: float) -> Present:
+        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
+        estimate = self.estimate
+        inertial = estimate.inertial
+        return Present(now, orientation, inertial.angular_momentum, estimate.path_from(now), inertial.as_found())
+
+    def rewritten(self, now: float, landing: float) -> RemainingMotion:
+        """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
         self._flight.now, self._flight.landing = now, landing
         self._step(STEPS["rewrite_motion"])
         return self._written(now, landing)
 
     def remember(self, motion: RemainingMotion) -> None:
         """Take a motion as the present one."""
-        super().remember(motion)
+        self.motions.append(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
-        first = self._rewriting.first
+        first = self._first
         coefficients = self._called["coefficients"].copy()
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
@@ -285,26 +332,24 @@ def _rows(blocks: Sequence[Rows], capsules: LinkShapes, bodies: int, joints: int
     }
 
 
-def _of_law(law: Law) -> dict[str, Any]:
+def _of_law() -> dict[str, Any]:
     return {
-        "sigma": law.sigma,
-        "acceleration": law.acceleration,
-        "far": lawful.FAR,
-        "weighed": lawful.WEIGHED,
-        "settled": lawful.SETTLED,
-        "shorter": lawful.SHORTER,
-        "kept": lawful.KEPT,
-        "scales": lawful.SCALES,
-        "evaluations_near": lawful.EVALUATIONS,
-        "evaluations_far": lawful.EVALUATIONS_FAR,
+        "far": FAR,
+        "weighed": WEIGHED,
+        "settled": SETTLED,
+        "shorter": SHORTER,
+        "kept": KEPT,
+        "scales": SCALES,
+        "evaluations_near": EVALUATIONS,
+        "evaluations_far": EVALUATIONS_FAR,
     }
 
 
 def _of_filter() -> dict[str, Any]:
     return {
-        "angle_variance": filtered.ANGLE_NOISE**2,
-        "rate_variance": filtered.RATE_NOISE**2,
-        "largest_error": filtered.LARGEST_ERROR,
-        "surprising": filtered.SURPRISING,
-        "most_surprises": filtered.SURPRISES,
+        "angle_variance": filtering.ANGLE_NOISE**2,
+        "rate_variance": filtering.RATE_NOISE**2,
+        "largest_error": filtering.LARGEST_ERROR,
+        "surprising": filtering.SURPRISING,
+        "most_surprises": filtering.SURPRISES,
     }
