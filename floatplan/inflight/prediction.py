@@ -6,15 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray, read_only
-from floatplan.inflight.limits import Rows, distance_rows, limit_rows, sensible_rows
+from floatplan.arrays import Array, read_only
+from floatplan.inflight.limits import distance_rows, limit_rows, sensible_rows
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.clearance import Distances, LinkShapes, Segments
+from floatplan.motion.planar.clearance import LinkShapes, Segments
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, PlanarFlown, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property, partial
 
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array
-from floatplan.inflight import estimate
+from floatplan.arrays import Array, IntArray
+from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import Prediction
-from floatplan.inflight.update import MOST_ROWS, WEIGHED
+from floatplan.motion.planar.clearance import Segments
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 
@@ -33,9 +34,9 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     inertia = inertial.dynamics.momentum_map(here[None])[0]
     maps = [inertial._adapted(errors) for errors in np.vstack((np.zeros(2 * bodies), np.eye(2 * bodies)))]
 
-    def momenta(*at: Array | float) -> Array:
+    def momenta(positions: Array, velocities: Array, rate: float) -> Array:
         """Of the plan's masses, then of each of them doubled."""
-        return np.array([dynamics.momentum_map(at[0][None])[0] @ np.append(at[1], at[2]) for dynamics in maps])
+        return np.array([dynamics.momentum_map(positions[None])[0] @ np.append(rate, velocities) for dynamics in maps])
 
     expected = momenta(here, there, (state[1] - inertia[1:] @ there) / inertia[0])
     row = np.concatenate(([0.0, 1.0], expected[0] - expected[1:]))
@@ -47,7 +48,7 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     angle = np.eye(len(state))[0]
     for h, value, variance in (
         (angle, orientation + aside, estimate.ANGLE_NOISE**2 * noise / inertia[0] ** 2),
-        (row, momenta(*joints, rate)[0], estimate.RATE_NOISE**2 * noise),
+        (row, momenta(joints[0], joints[1], rate)[0], estimate.RATE_NOISE**2 * noise),
     ):
         gain = covariance @ h / (h @ covariance @ h + variance)
         state += gain * (value - h @ state)
@@ -77,13 +78,13 @@ def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration:
         return np.array([(value(ahead) - value(back)) / (2 * difference) for ahead, back in ends]).T
 
     now = looked_at(np.zeros(size))
-    tolerance = max(sigma, abs(now.miss) / WEIGHED) if views.rows else sigma
+    tolerance = max(sigma, abs(now.miss) / update.WEIGHED) if views.rows else sigma
     jacobian, residual = [slopes(lambda each: np.array([each.miss]))], [np.array([now.miss])]
     scale = [np.array([tolerance])]
     for index, (block, values) in enumerate(zip(views.rows, now.values, strict=True)):
-        worst = np.argsort(values, axis=None)[: min(MOST_ROWS, int((values < block.aim).sum()))]
+        worst = np.argsort(values, axis=None)[: min(update.MOST_ROWS, int((values < block.aim).sum()))]
         residual.append(values.ravel()[worst] - block.aim)
-        jacobian.append(slopes(lambda each, index=index, worst=worst: each.values[index].ravel()[worst]))
+        jacobian.append(slopes(partial(_chosen, index, worst)))
         scale.append(np.full(len(worst), block.softness))
     weighed = np.concatenate(jacobian) / np.concatenate(scale)[:, None]
     stiffness = 1 / (acceleration * motion.remaining**2) ** 2
@@ -92,11 +93,15 @@ def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration:
     return np.asarray(y.reshape(shape))
 
 
+def _chosen(block: int, chosen: IntArray, prediction: Prediction) -> Array:
+    return np.asarray(prediction.values[block].ravel()[chosen])
+
+
 class Landed(Prediction):
     """One whose distances are those of a base that turns to the goal."""
 
-    @property
-    def shapes(self):  # type: ignore[no-untyped-def]
+    @cached_property
+    def shapes(self) -> Segments:
         """The links' shapes at the watched instants."""
         motion, flight = self.motion, self._flight
         joints, share = motion.at(self.watched)[0], (self.watched - motion.begin) / motion.remaining
