@@ -195,7 +195,7 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     monkeypatch.setattr(update, "EVALUATIONS_FAR", 1)
     monkeypatch.setattr(update, "FAR", 0.0 if landed else math.inf)
     monkeypatch.setattr(update, "WEIGHED", 1e3)
-    monkeypatch.setattr(limits.Shares, "aim", 0.6)
+    monkeypatch.setattr(limits.Shares, "aim", 0.8)
     problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(1))
     apart = tuple(replace(pair, margin=pair.margin + 0.25) for pair in problem.self_clearances)
     problem = replace(problem, self_clearances=apart)
