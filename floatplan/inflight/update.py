@@ -76,13 +76,11 @@ class Update:
         self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
         self._kernel: Kernel = kernel()
         n, m, width = len(rewriting.first.amplitude), len(tree.mass), len(views.whitening)
-        groups, columns, states = len(TurningBodies.of(tree).turns), CONDITIONS + width, 2 + 2 * m
+        groups, columns = len(TurningBodies.of(tree).turns), CONDITIONS + width
         shapes = views.flight.link_shapes if views.has_distances else LinkShapes(tree, ())
-        instants, size, capsules = len(views.instants.grid.s), n * width, len(shapes.radius)
+        instants, capsules, blocks = len(views.instants.grid.s), len(shapes.radius), len(views.rows)
         rows = _rows(views.rows, shapes, m, n)
-        most = 1 + MOST_ROWS * (len(rows["block_first"]) - 1)
         of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
-        ahead = columns * n + of_instant * instants
         self._called = {
             "positions": np.zeros(n),
             "velocities": np.zeros(n),
@@ -92,21 +90,7 @@ class Update:
             "measured_velocities": np.zeros(n),
             "coefficients": np.zeros((columns, n)),
             "warm_start": np.zeros((width, n)),
-            "worst": np.zeros(len(rows["aim"])),
-        }
-        memory = {
-            "rows_real": m * groups,
-            "rows_imaginary": m * groups,
-            "merged_real": groups * groups,
-            "merged_imaginary": groups * groups,
-            "inertia": m,
-            "motions": MEMORY * (2 + 3 * columns * n),
-            "scratch": 2 * m + 3 * groups,
-            "law_memory": (4 + size + most) * size + most + columns * n + len(rows["aim"]),
-            "ahead_memory": 2 * (ahead + 8 * 40),
-            "filter_memory": 3 * states + max(3 * groups, (columns + 1) * n),
-            "gap_memory": (2 * GAP_NODES + 1) * (2 * n + 3 * groups),
-            "drift": views.instants.grid.nodes * size,
+            "worst": np.zeros(blocks),
         }
         self._filled = Filled(
             "Flight",
@@ -119,7 +103,7 @@ class Update:
             gap_nodes=GAP_NODES,
             memory=MEMORY,
             most_rows=MOST_ROWS,
-            most_rows_of_all=most,
+            most_rows_of_all=1 + MOST_ROWS * blocks,
             capsules=capsules,
             length_scale=LENGTH_SCALE,
             goal=views.flight.final_orientation,
@@ -134,7 +118,9 @@ class Update:
             **_of_filter(),
             **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
             **self._called,
-            **{name: np.zeros(count) for name, count in memory.items()},
+            **_memory(n, groups, m, width, blocks),
+            ahead_memory=np.zeros(2 * (columns * n + of_instant * instants + 8 * 40)),
+            drift=np.zeros(views.instants.grid.nodes * n * width),
         )
         self._flight = self._filled.structure
 
@@ -238,6 +224,24 @@ class Update:
 
     def _step(self, step: int) -> None:
         self._kernel.flight(self._flight, step, self._kernel.instructions)
+
+
+def _memory(joints: int, groups: int, bodies: int, width: int, blocks: int) -> dict[str, Array]:
+    """What the kernel works in, but for what is of each instant."""
+    size, columns, states, most = joints * width, CONDITIONS + width, 2 + 2 * bodies, 1 + MOST_ROWS * blocks
+    counts = {
+        "rows_real": bodies * groups,
+        "rows_imaginary": bodies * groups,
+        "merged_real": groups * groups,
+        "merged_imaginary": groups * groups,
+        "inertia": bodies,
+        "motions": MEMORY * (2 + 3 * columns * joints),
+        "scratch": 2 * bodies + 3 * groups,
+        "law_memory": (4 + size + most) * size + most + columns * joints + blocks,
+        "filter_memory": 3 * states + max(3 * groups, (columns + 1) * joints),
+        "gap_memory": (2 * GAP_NODES + 1) * (2 * joints + 3 * groups),
+    }
+    return {name: np.zeros(count) for name, count in counts.items()}
 
 
 def _of_instants(instants: Instants) -> dict[str, Array]:
