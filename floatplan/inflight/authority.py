@@ -14,7 +14,7 @@ from floatplan.arguments import FINITE
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.correction import REACHED
-from floatplan.inflight.outlook import Outlook, Present
+from floatplan.inflight.prediction import Prediction, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.closed_form import Dynamics
@@ -173,7 +173,6 @@ def _within(replanner: Replanner, present: Present, following: float) -> bool:
     views = replanner.views
     if not views.rows:
         return True
-    motion = replanner.rewriting.from_now(replanner.motion, present.time, replanner.landing)
-    outlook = Outlook(views, motion, present)
-    soon = outlook.times <= following
-    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in outlook.values)
+    prediction = Prediction(views, replanner.rest(present.time), present)
+    soon = prediction.times <= following
+    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in prediction.values)

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, TypeAlias
 
 from floatplan.arrays import Array
 from floatplan.inflight.motion import RemainingMotion
-from floatplan.inflight.reckoning import Foreseen
+from floatplan.inflight.update import Corrected
 from floatplan.shown import Outlined
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
@@ -35,7 +35,7 @@ class Correction(Outlined):
 
     status: Status
     reason: str
-    foreseen: Foreseen
+    corrected: Corrected
     landing: float
     angular_momentum: float
     shown: ClassVar[Sequence[str]] = ("status", "reason", "predicted_miss", "landing", "angular_momentum")
@@ -43,17 +43,17 @@ class Correction(Outlined):
     @property
     def motion(self) -> RemainingMotion:
         """The joints' motion from now on."""
-        return self.foreseen.motion
+        return self.corrected.motion
 
     @property
     def predicted_miss(self) -> float:
         """Orientation at landing less the goal, under that motion, rad."""
-        return self.foreseen.miss
+        return self.corrected.miss
 
     @property
     def torque_peak(self) -> Array:
         """Largest magnitude (m,) N m of each motor's torque for the rest of the flight, in ``robot.motors``' order."""
-        return self.foreseen.outlook.torque_peak
+        return self.corrected.prediction.torque_peak
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""What must hold for the rest of a flight: rows of the problem's limits, and how the worst of them change.
+"""What must hold for the rest of a flight: rows of the problem's limits.
 
 A row is kept where its value is at least zero: one minus the share of a limit that is used, or a clearance less its
 margin over ``LENGTH_SCALE``, as in the planner's constraints.
@@ -27,19 +27,6 @@ LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a l
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
 
 
-@dataclass(frozen=True, eq=False)
-class RowPartials:
-    """Derivatives of S rows by the state at their instants: by positions, velocities, accelerations (S, n).
-
-    ``by_attitude`` (S,) is by the orientation. None is zero.
-    """
-
-    by_position: Array | None = None
-    by_velocity: Array | None = None
-    by_acceleration: Array | None = None
-    by_attitude: Array | None = None
-
-
 class Ahead(Protocol):
     """The rest of a flight: at K instants, the last W of which are watched for distances."""
 
@@ -55,10 +42,6 @@ class Ahead(Protocol):
     def shapes(self) -> Segments:
         """The links' shapes at these."""
 
-    @property
-    def measured(self) -> dict[object, Distances]:
-        """What blocks of rows have measured of it."""
-
 
 class Rows(Protocol):
     """A block of rows at the last instants of a flight ahead: all K, or the W watched ones."""
@@ -73,9 +56,6 @@ class Rows(Protocol):
 
     def values(self, ahead: Ahead) -> Array:
         """Values (K, r) or (W, r)."""
-
-    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
-        """Derivatives of the rows at some instants, each (S,) indices."""
 
 
 class Shares:
@@ -101,19 +81,6 @@ class JointRows(Shares):
         if self.quantity == "orientation_rate":
             return flown.rate
         return flown.joints.velocities if self.quantity == "velocities" else flown.joints.accelerations
-
-    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
-        """Derivatives of the rows."""
-        factor = -np.sign(self._quantity(ahead.flown)[instants, self.limited[rows]]) / self.limit[rows]
-        if self.quantity == "orientation_rate":
-            rate = ahead.flown.base_rate
-            return RowPartials(
-                by_position=factor[:, None] * rate.by_position[instants],
-                by_velocity=factor[:, None] * rate.by_velocity[instants],
-            )
-        chosen = np.zeros((len(instants), ahead.flown.joints.positions.shape[1]))
-        chosen[np.arange(len(instants)), self.limited[rows]] = factor
-        return RowPartials(by_velocity=chosen) if self.quantity == "velocities" else RowPartials(by_acceleration=chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,23 +108,6 @@ class TorqueRows(Shares):
         """Whether the rate counts."""
         return bool(self.slope.any())
 
-    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
-        """Derivatives of the rows."""
-        flown = ahead.flown
-        joints, turns, ratios = flown.joints, self.turns.T[rows], self.ratios[rows]
-        velocities = joints.velocities[instants]
-        torque, speed = (flown.moments[instants] * turns).sum(axis=1), (velocities * ratios).sum(axis=1)
-        per_limit = -1 / self.limit[rows]
-        by_position, by_velocity, by_acceleration = flown.flight.equations.weighted_moment_derivatives(
-            (np.sign(torque) * per_limit)[:, None] * turns,
-            joints.positions[instants],
-            velocities,
-            joints.accelerations[instants],
-            flown.base_rate[instants],
-        )
-        by_velocity += (np.sign(speed) * self.slope[rows] * per_limit)[:, None] * ratios
-        return RowPartials(by_position, by_velocity, by_acceleration)
-
 
 @dataclass(frozen=True, eq=False)
 class DistanceRows:
@@ -181,17 +131,11 @@ class DistanceRows:
     def values(self, ahead: Ahead) -> Array:
         """Values (W, r); infinite outside of the window."""
         times = ahead.watched
-        distances = ahead.measured[self] = self._measured(ahead.shapes, times)
-        values = (distances.values - self.margin) / LENGTH_SCALE
+        values = (self._measured(ahead.shapes, times).values - self.margin) / LENGTH_SCALE
         low, high = self.window
         if low > -np.inf or high < np.inf:
             values[(times < low - ROUNDING) | (times > high + ROUNDING)] = np.inf
         return values
-
-    def partials(self, ahead: Ahead, instants: IntArray, rows: IntArray) -> RowPartials:
-        """Derivatives of the rows, whose values are known."""
-        by_body = ahead.measured[self].by_body_at(instants, rows) / LENGTH_SCALE
-        return RowPartials(by_position=by_body @ ahead.flown.flight.tree.turns, by_attitude=by_body.sum(axis=1))
 
 
 def limit_rows(problem: Problem) -> tuple[Rows, ...]:

@@ -74,7 +74,7 @@ class RemainingMotion:
 
 
 class Rewriting:
-    """Writes motions on a shorter time: the values at Chebyshev points fix all coefficients.
+    """What writes motions on a shorter time: the values at ``points``, Chebyshev's, fix all coefficients.
 
     Exact while the landing time stays. Where it moves, p keeps p, p', p'' at both ends, by time, and its free part.
     """
@@ -86,10 +86,8 @@ class Rewriting:
         derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
         self._table = read_only(np.stack([_padded(part, size) for part in derivatives]))
         self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
-        self._points_and_now = np.append(self.points, 0.0)
         self.of_values = np.linalg.inv(functions.values(self.points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
-        self._plan = plan
         p, rate, curvature = written.chebyshev
         polynomials = chebyshev_values(2 * self.points - 1, len(p) - 1)
         ends = chebyshev_values(np.array([-1.0, 1.0]), len(p) - 1)
@@ -100,13 +98,6 @@ class Rewriting:
         self.first = RemainingMotion(
             np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
         )
-
-    def from_now(self, motion: RemainingMotion, now: float, end: float) -> RemainingMotion:
-        """Return the motion from ``now``, s, to a landing at ``end``: positions to accelerations go on at ``now``."""
-        found = motion.p(now + self._points_and_now * (motion.end - now))
-        coefficients = self.of_values @ found[0, :-1]
-        self._set_boundary(coefficients, found[:, -1], self.landing, end - now)
-        return RemainingMotion(motion.centre, motion.amplitude, now, end, coefficients, self._table)
 
     @staticmethod
     def _set_boundary(coefficients: Array, begin: Array, end: Array, duration: float) -> None:

@@ -12,17 +12,13 @@ import numpy.typing as npt
 from floatplan.arguments import optional, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.compiled import CompiledReckoning
 from floatplan.inflight.correction import REACHED, Correction, Reference, Status
-from floatplan.inflight.estimate import Estimate
-from floatplan.inflight.identification import Identification
-from floatplan.inflight.law import EVALUATIONS, KEPT, Law
+from floatplan.inflight.estimate import Estimate, Identification
 from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read, unwrapped
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.outlook import Outlook, Views
-from floatplan.inflight.reckoning import Foreseen, Reckoning
+from floatplan.inflight.prediction import Prediction, Views
+from floatplan.inflight.update import EVALUATIONS, KEPT, Corrected, Update
 from floatplan.inflight.warm_start import WarmStarts
-from floatplan.kernel.library import kernel
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
@@ -72,11 +68,10 @@ class Replanner:
         if not plan.ok:
             raise InputError("the plan does not reach its goal", element="plan", advice="plan again")
         self.plan, self.rate = plan, float(rate)
-        self.rewriting = Rewriting(plan)
-        self.views = Views(plan, self.rewriting.form)
+        rewriting = Rewriting(plan)
+        self.views = Views(plan, rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
-        self._law = Law(float(sigma), scale, self.views.rows)
-        self._reckoning = _reckoning(plan, self.views, self.rewriting, self._law)
+        self._update = Update(plan.robot.tree, self.views, rewriting, float(sigma), scale)
         self._plausible = Plausibility(plan)
         tree = plan.robot.tree
         self._turns = np.concatenate((tree.turns, tree.motor_turns), axis=1)
@@ -110,17 +105,17 @@ class Replanner:
         self._now = 0.0
         self._corrected = -math.inf
         self._landing = plan.duration
-        self._reckoning.begin(self._estimate)
-        outlook = Outlook(self.views, self.motion, self._reckoning.present(0.0, orientation))
-        foreseen = Foreseen(outlook, outlook.miss, outlook.worst, 1.0)
-        self._last = Correction("applied", "", foreseen, plan.duration, momentum)
+        self._update.begin(self._estimate)
+        prediction = Prediction(self.views, self.motion, self._update.present(0.0, orientation))
+        corrected = Corrected(prediction, prediction.miss, prediction.worst, 1.0)
+        self._last = Correction("applied", "", corrected, plan.duration, momentum)
 
-    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Foreseen:
+    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
         """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""
         self.reset()
         self._estimate.inertial.state[1] = angular_momentum
-        self._reckoning.remember(motion)
-        return self._reckoning.corrected(0.0, self._estimate.orientation, self.plan.duration, evaluations)
+        self._update.remember(motion)
+        return self._update.corrected(0.0, self._estimate.orientation, self.plan.duration, evaluations)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -129,7 +124,11 @@ class Replanner:
     @property
     def motion(self) -> RemainingMotion:
         """The joints' motion from the last correction on."""
-        return self._reckoning.motions[-1]
+        return self._update.motions[-1]
+
+    def rest(self, time: float) -> RemainingMotion:
+        """Return the same motion from a time on, s since takeoff, to the landing, written as one that begins then."""
+        return self._update.rewritten(time, self._landing)
 
     @property
     def landing(self) -> float:
@@ -181,7 +180,7 @@ class Replanner:
             return self._unchanged("invalid", "not later than the last measurement")
         if not max(measured.time, self._now) <= present < self._landing:
             return self._unchanged("invalid", "not between the last call and the landing")
-        if not measured.time >= max(self._reckoning.motions[0].begin, present - LONGEST_DELAY, 0.0):
+        if not measured.time >= max(self._update.motions[0].begin, present - LONGEST_DELAY, 0.0):
             return self._unchanged("invalid", "measured too long ago")
         wrong = self._learned(measured, present)
         if wrong:
@@ -189,14 +188,14 @@ class Replanner:
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
-        return self._correct(present, self._estimate.orientation + self._reckoning.turned(present - measured.time))
+        return self._correct(present, self._estimate.orientation + self._update.turned)
 
     def _learned(self, measured: Measurement, now: float) -> str:
         """Take in a measurement; why not, where it cannot be one."""
         estimate, plausible = self._estimate, self._plausible
         if measured.com_position is not None and not plausible.com(measured, *estimate.place(measured.time)):
             return FAR_OFF
-        expected = self._reckoning.expected(measured, now)
+        expected = self._update.expected(measured, now)
         mistake = plausible.mistaken(measured, expected)
         if mistake:
             return mistake
@@ -208,7 +207,7 @@ class Replanner:
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
-        self._reckoning.learn(measured, expected)
+        self._update.learn(measured, expected)
         estimate.take_in(measured)
         self._measured = measured.time
         return ""
@@ -220,10 +219,10 @@ class Replanner:
             return self._unchanged("refused", "too late to correct anything")
         warm_start = self._warm_starts.at(now, self._estimate.angular_momentum) if first else None
         evaluations = FIRST if first else EVALUATIONS
-        foreseen = self._reckoning.corrected(now, orientation, landing, evaluations, warm_start)
+        corrected = self._update.corrected(now, orientation, landing, evaluations, warm_start)
         self._landing = landing
-        status, reason = _judged(foreseen)
-        self._last = Correction(status, reason, foreseen, landing, self._estimate.angular_momentum)
+        status, reason = _judged(corrected)
+        self._last = Correction(status, reason, corrected, landing, self._estimate.angular_momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
@@ -237,10 +236,10 @@ class Replanner:
 
     def _motion_at(self, time: float) -> RemainingMotion:
         """The motion that holds at a time."""
-        for motion in reversed(self._reckoning.motions):
+        for motion in reversed(self._update.motions):
             if motion.begin <= time:
                 return motion
-        return self._reckoning.motions[-1 if math.isnan(time) else 0]
+        return self._update.motions[-1 if math.isnan(time) else 0]
 
     @property
     def _dynamics(self) -> Dynamics:
@@ -252,7 +251,7 @@ class Replanner:
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
         last = self._last
-        return Correction(status, reason, last.foreseen, last.landing, last.angular_momentum)
+        return Correction(status, reason, last.corrected, last.landing, last.angular_momentum)
 
 
 def _time(value: object) -> float:
@@ -262,18 +261,14 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _reckoning(plan: Plan, views: Views, rewriting: Rewriting, law: Law) -> Reckoning:
-    return CompiledReckoning(kernel(), plan.robot.tree, views, rewriting, law)
-
-
-def _judged(foreseen: Foreseen) -> tuple[Status, str]:
-    if foreseen.share == 0.0:
+def _judged(corrected: Corrected) -> tuple[Status, str]:
+    if corrected.share == 0.0:
         return "refused", "any correction breaks a limit"
-    if foreseen.share < 1.0:
+    if corrected.share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if min(foreseen.worst.tolist(), default=0.0) < -KEPT:
+    if min(corrected.worst.tolist(), default=0.0) < -KEPT:
         return "limited", "a limit will be broken, as without the correction"
-    if not abs(foreseen.miss) <= REACHED:
+    if not abs(corrected.miss) <= REACHED:
         return "limited", f"it lands more than {REACHED:g} rad from the goal"
     return "applied", ""
 

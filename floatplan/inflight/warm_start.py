@@ -9,9 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.inflight.law import FAR, KEPT
 from floatplan.inflight.motion import RemainingMotion
-from floatplan.inflight.reckoning import Foreseen
+from floatplan.inflight.update import FAR, KEPT, Corrected
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 REACH = 0.15  # [-] of the plan's angular momentum, either way
@@ -36,7 +35,7 @@ class WarmStarts:
     """
 
     def __init__(
-        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Foreseen], planned: float
+        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Corrected], planned: float
     ) -> None:
         self._latest = EARLY * motion.end
         free = motion.coefficients[CONDITIONS:]

@@ -1,9 +1,9 @@
-// What an update of a flight's corrections computes, see floatplan/inflight/reckoning.py: the expected state, the filter
+// What an update of a flight's corrections computes, see floatplan/inflight/update.py: the expected state, the filter
 // of orientation, momentum and masses, and the rest of the flight written anew and corrected.
 
-class Reckoning {
+class FlightUpdate {
   public:
-    explicit Reckoning(Flight &flight)
+    explicit FlightUpdate(Flight &flight)
         : f(flight), n(f.joints), g(f.groups), m(f.bodies), columns(6 + f.width), state_size(2 + 2 * f.bodies) {}
 
     // Takes in a motion from `begin` to `end`, s; the oldest is forgotten.
@@ -55,7 +55,7 @@ class Reckoning {
         }
     }
 
-    // The filter, see floatplan/inflight/identification.py; right after expect(), whose row it takes.
+    // The filter, see floatplan/inflight/estimate.py; right after expect(), whose row it takes.
     void learn() {
         const double dt = f.measured - f.began;
         f.state[0] += f.turn_before;
@@ -142,7 +142,7 @@ class Reckoning {
         double *memory = f.ahead_memory;
         for (Ahead &a : two) lay_out(a, memory);
         Correcting law(f, rest, two);
-        law.correct(f.coefficients, f.evaluations, f.foreseen);
+        law.correct(f.coefficients, f.evaluations, f.corrected);
         remember(f.now, f.landing, f.coefficients);
     }
 
@@ -331,14 +331,14 @@ class Reckoning {
     }
 };
 
-static inline void reckon(Flight &flight, std::int64_t what) {
-    Reckoning reckoning(flight);
+static inline void update_flight(Flight &flight, std::int64_t what) {
+    FlightUpdate update(flight);
     switch (what) {
-    case remember_motion: return reckoning.remember(flight.now, flight.landing, flight.coefficients);
-    case expect_state: return reckoning.expect();
-    case learn_state: return reckoning.learn();
-    case adapt_masses: return reckoning.adapt();
-    case rewrite_motion: return reckoning.rewrite();
-    default: reckoning.correct();
+    case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);
+    case expect_state: return update.expect();
+    case learn_state: return update.learn();
+    case adapt_masses: return update.adapt();
+    case rewrite_motion: return update.rewrite();
+    default: update.correct();
     }
 }

@@ -143,7 +143,7 @@ EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const 
 
 // One step of an update of a flight's corrections.
 EXPORT void floatplan_flight(Flight *flight, std::int64_t step, std::int64_t instructions) {
-    CHOSEN(reckon(*flight, step));
+    CHOSEN(update_flight(*flight, step));
 }
 
 // Measures a batch of plans; returns 0, or 1 where there was no memory for it.

@@ -61,12 +61,12 @@ struct Batch {
 };
 
 // What a law of corrections foresees of the motion that it chose.
-struct Foreseen {
+struct Corrected {
     double miss, share;
     std::int64_t evaluated;
 };
 
-// A flight that is corrected, see inflight/compiled.py; what is of the plan first, then what changes from call to call.
+// A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
 // n joints, g groups of the m bodies: those that turn alike; K instants, first the nodes; 6 + width columns of the basis of p.
 struct Flight {
     Eights instants;
@@ -121,7 +121,7 @@ struct Flight {
     double turn_before, turn_after, expected_rate, aside, variance, noise;
     std::int64_t evaluations, is_warm;
     double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
-    Foreseen foreseen;
+    Corrected corrected;
     double *scratch, *law_memory, *ahead_memory, *filter_memory, *gap_memory, *drift;  // drift: (nodes, n width)
 };
 

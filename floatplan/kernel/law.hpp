@@ -1,4 +1,11 @@
-// The law of corrections, see floatplan/inflight/law.py; every row is of one instant.
+// The law of corrections: least miss at the landing, change of the accelerations, and breach of limits, softly. With the
+// miss c, the change y of the motion and the rows g of the limits that are near, each of one instant, a few Gauss-Newton
+// steps on
+//
+//     c^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
+//
+// tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for it
+// both go to zero, and the minimal-norm correction's torque would grow like 1 / tau^2.
 
 class Correcting {
   public:
@@ -14,7 +21,7 @@ class Correcting {
     }
 
     // Corrects the motion whose coefficients are given; leaves the new ones, and what comes of them, in `f`.
-    void correct(const double *coefficients, std::int64_t evaluations, Foreseen &found) {
+    void correct(const double *coefficients, std::int64_t evaluations, Corrected &found) {
         std::memcpy(first, coefficients, (6 + width) * n * sizeof(double));
         std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
         rest.evaluate(*present);
@@ -66,7 +73,7 @@ class Correcting {
     }
 
     // Begins at the motion that is prepared, where that lands nearer; what is left is corrected from there.
-    bool warm_start(Foreseen &found) {
+    bool warm_start(Corrected &found) {
         std::memcpy(tried->coefficients, first, (6 + width) * n * sizeof(double));
         for (std::int64_t k = 0; k < size; ++k) tried->coefficients[6 * n + k] += f.warm_start[k];
         rest.evaluate(*tried);
@@ -80,7 +87,7 @@ class Correcting {
 
     // With distances as if the base were to reach the goal, so that feet in the ground do not keep it from turning there;
     // false, and back at the first motion, where it is no nearer then or something is broken.
-    bool solve_as_landed(std::int64_t evaluations, double missed, Foreseen &found) {
+    bool solve_as_landed(std::int64_t evaluations, double missed, Corrected &found) {
         rest.landed = true;
         rest.evaluate(*present);
         solve(evaluations, found);
@@ -99,7 +106,7 @@ class Correcting {
         return true;
     }
 
-    void change(Ahead &a, const double *by, Foreseen &found) const {
+    void change(Ahead &a, const double *by, Corrected &found) const {
         for (std::int64_t c = 0; c < 6 + width; ++c)
             for (std::int64_t i = 0; i < n; ++i) {
                 double part = 0;
@@ -122,7 +129,7 @@ class Correcting {
     }
 
     // Gauss-Newton steps from the present motion, which is left the best one, changed by `best`.
-    void solve(std::int64_t evaluations, Foreseen &found) {
+    void solve(std::int64_t evaluations, Corrected &found) {
         const double enough = f.settled * f.settled, square = f.acceleration * rest.T * rest.T;
         stiffness = 1 / (square * square);
         for (std::int64_t k = 0; k < size; ++k) best[k] = 0;

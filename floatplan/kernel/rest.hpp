@@ -394,7 +394,8 @@ class RestOfFlight {
             row[i * width + c] += scale * (by_value * f0[c] + by_rate * f1[c] + by_curvature * f2[c]);
     }
 
-    // See weighted_moment_derivatives() of motion/planar/closed_form.py.
+    // As moment_derivatives() of motion/planar/closed_form.py, backwards: what the base's acceleration does to a sum is taken
+    // off its weights.
     void torque_by_y(const Ahead &a, std::int64_t r, std::int64_t k, double *row) const {
         const double per_limit = -1 / f.row_limit[r], factor = per_limit * sign(torque(a, r, k));
         const double drag = per_limit * f.row_slope[r] * sign(motor_speed(a, r, k));

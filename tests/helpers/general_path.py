@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from floatplan.inflight import replanner
-from floatplan.inflight.reckoning import Reckoning
 from floatplan.planning import attempt, planned
 from floatplan.planning.transcription import exchange, program
 
 
 def take_general_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plan and correct without the kernel, but for quadratic programs and the order of starts."""
+    """Plan without the kernel, but for quadratic programs and the order of starts."""
     monkeypatch.setattr(planned, "follow_together", lambda problem, search: None)
     monkeypatch.setattr(attempt, "compiled_solution", lambda *problem: None)
     monkeypatch.setattr(program, "compiled_rows", lambda *rows: None)
     monkeypatch.setattr(exchange, "watch_of", lambda *constraints: None)
-    monkeypatch.setattr(replanner, "_reckoning", lambda plan, views, rewriting, law: Reckoning(views, rewriting, law))

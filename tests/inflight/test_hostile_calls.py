@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
-from general_path import take_general_path
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
@@ -244,15 +243,12 @@ FAMILIES += ["gallery/go2", "gallery/g1"]  # coupled joints, locked ones
 
 
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
-@pytest.mark.parametrize("way", ["compiled", "general"])
 @pytest.mark.parametrize("name", FAMILIES)
-def test_hostile_calls_of_every_family(name: str, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hostile_calls_of_every_family(name: str) -> None:
     """From any instant: none raises, an invalid one changes nothing, and good ones after them are taken in."""
     if name.startswith("gallery") and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     plan = forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.1)
-    if way == "general":
-        take_general_path(monkeypatch)
     replanner, rng, path = fp.Replanner(plan), np.random.default_rng(9), plan.ballistics
     low, high = plan.problem.position_limits.T
     for begin in (0.0, 0.6):

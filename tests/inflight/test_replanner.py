@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
-from general_path import take_general_path
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.inflight.reckoning import MEMORY
+from floatplan.inflight.update import MEMORY
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -141,7 +140,7 @@ def test_nothing_is_imported_or_gathered(plan: fp.Plan, replanner: fp.Replanner)
         replanner.update(*robot.state(replanner))
         replanner.reference(following)
     assert set(sys.modules) == modules
-    assert len(replanner._reckoning.motions) <= MEMORY
+    assert len(replanner._update.motions) <= MEMORY
 
 
 def test_calls_between_corrections_only_measure(plan: fp.Plan) -> None:
@@ -253,11 +252,8 @@ COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda whole: 
 
 
 @pytest.mark.parametrize("name", ["somersault", "obstacle"])
-@pytest.mark.parametrize("way", ["on", "off"])
 @pytest.mark.parametrize("copied", COPIES)
-def test_a_copy_goes_on_alike_and_by_itself(name: str, way: str, copied: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if way == "off":
-        take_general_path(monkeypatch)
+def test_a_copy_goes_on_alike_and_by_itself(name: str, copied: str) -> None:
     original = fp.Replanner(forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.1))
     robot = Drifting(original.plan, 1.1 * original.plan.angular_momentum)
     for following in (0.04, 0.08, 0.12, 0.16):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
+from floatplan.inflight import prediction
 from floatplan.kernel import batch, build, layout
 from floatplan.kernel.filled import Filled, filled_grid
 from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES
@@ -83,6 +84,9 @@ def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypa
     batch._grids.cache_clear()
 
 
-def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused():
-    with pytest.raises(ValueError, match=r"Flight\.instants is 41: it must be a multiple of 8"):
-        STRUCTURES["Flight"](instants=41)
+def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):
+    plan = fp.plan(fp.load_problem(root / "problems" / "torque_limited.toml"))
+    monkeypatch.setattr(prediction, "WATCHED", 41)
+    monkeypatch.setattr(prediction, "LANES", 1)
+    with pytest.raises(ValueError, match=r"Flight\.instants is .*: it must be a multiple of 8"):
+        fp.Replanner(plan)

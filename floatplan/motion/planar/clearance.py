@@ -75,13 +75,6 @@ class Segments:
         swing = (1j * self.turn) * self.rotations[:, None, :] * weights
         return np.asarray((direction.conj()[..., None] * swing).real)
 
-    def gradient_at(self, direction: ComplexArray, fraction: Array, instants: IntArray, capsules: IntArray) -> Array:
-        """The same (P, m) of single points: ``direction, fraction`` (P,) of capsules at instants, by their indices."""
-        along = fraction[:, None]
-        weights = (1 - along) * self.start_weights[capsules] + along * self.end_weights[capsules]
-        swing = (1j * self.turn) * self.rotations[instants] * weights
-        return np.asarray((direction.conj()[:, None] * swing).real)
-
 
 class LinkShapes:
     """Capsules of a robot, and the hulls of its links where its height over the ground counts, ready to be placed."""
@@ -152,15 +145,6 @@ class Distances:
         """Derivatives (K, r, m) by the bodies' angles, m."""
         gradient = self.segments.gradient(self.direction, self.fraction)
         return gradient - self.other[0].gradient(self.direction, self.other[1]) if self.other else gradient
-
-    def by_body_at(self, instants: IntArray, rows: IntArray) -> Array:
-        """The same (P, m) of single distances, by their indices (P,)."""
-        direction = self.direction[instants, rows]
-        gradient = self.segments.gradient_at(direction, self.fraction[instants, rows], instants, rows)
-        if self.other is None:
-            return gradient
-        segments, fraction = self.other
-        return gradient - segments.gradient_at(direction, fraction[instants, rows], instants, rows)
 
 
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:

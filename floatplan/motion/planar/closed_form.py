@@ -169,31 +169,6 @@ class Dynamics:
         moments = gathered.real + self._inertia * body_accelerations
         return moments, gathered, body_rates, body_accelerations, locked_inertia
 
-    def weighted_moment_derivatives(
-        self, weights: Array, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
-    ) -> tuple[Array, Array, Array]:
-        """Derivatives (N, n) of the sums ``weights . F``, weights (N, m), by positions, velocities, accelerations.
-
-        As :meth:`moment_derivatives`, backwards: what the base's acceleration does to a sum is taken off its weights.
-        """
-        rotations = self._rotations(positions)
-        _, gathered, body_rates, body_accelerations, locked_inertia = self._moments(
-            rotations, velocities, accelerations, base_rate.rate
-        )
-        back = rotations.conj()
-        inertia = (back * (rotations @ self._coupling.T)).real + self._inertia
-        weights = weights - ((weights * inertia).sum(axis=1) / locked_inertia)[:, None]
-        moving = ((weights * back) @ self._coupling) * rotations
-        by_rate = (-2 * self._turn) * moving.imag * body_rates
-        by_angle = -moving.real * body_rates**2
-        by_angle -= self._turn * (moving.imag * body_accelerations - weights * gathered.imag)
-        by_base_rate = by_rate.sum(axis=1)[:, None]
-        return (
-            by_angle @ self._turns + by_base_rate * base_rate.by_position,
-            by_rate @ self._turns + by_base_rate * base_rate.by_velocity,
-            (moving.real + self._inertia * weights) @ self._turns,
-        )
-
     def torque_derivatives(
         self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
     ) -> Torques:

@@ -1,22 +1,24 @@
-"""What an update computes, in the compiled kernel; see :mod:`floatplan.inflight.reckoning`, which is the reference."""
+"""An update of a flight's corrections: the state that is expected, the filter, the rest of the flight corrected.
+
+All of it is computed by the kernel, ``flight.hpp``, ``law.hpp`` and ``rest.hpp``; this fills what these read.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.inflight import identification as filtered
-from floatplan.inflight import law as lawful
+from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate
-from floatplan.inflight.law import Law
 from floatplan.inflight.limits import LENGTH_SCALE, ROUNDING, DistanceRows, JointRows, Rows, TorqueRows
 from floatplan.inflight.measurement import Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.outlook import Instants, Outlook, Views
-from floatplan.inflight.reckoning import GAP_NODES, MEMORY, Foreseen, Reckoning
+from floatplan.inflight.prediction import Instants, Prediction, Present, Views
 from floatplan.kernel.filled import Filled
 from floatplan.kernel.layout import ENUMERATIONS
 from floatplan.kernel.library import Kernel, kernel
@@ -28,26 +30,57 @@ from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.problem.parts import Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 
+EVALUATIONS = 1  # [-] of changed motions at most
+EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
+FAR = 0.06  # [rad]
+WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
+SETTLED = 0.1  # [-] of sigma, and of the cost: less is not worth a step
+SHORTER = 0.3  # [-] of a step that is no better
+MOST_ROWS = 24  # [-] of a block that are looked at in a step
+KEPT = 1e-3  # [-] a row that is less below zero counts as kept
+SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
+MEMORY = 64  # [-] motions that are remembered, for measurements that come late
+GAP_NODES = 5  # [-] of the quadrature between measurements
 STEPS = ENUMERATIONS["Step"].__members__
 KINDS = {"velocities": 0, "accelerations": 1, "orientation_rate": 2}
 TORQUE, DISTANCE = 3, 4
 ALWAYS = (-np.inf, np.inf)
 
 
-class CompiledReckoning(Reckoning):
-    """The same in C++."""
+@dataclass(eq=False)
+class Corrected:
+    """The motion that was chosen and what it leads to: its miss, rad, the least value of each block of rows.
 
-    def __init__(self, kernel: Kernel, tree: PlanarTree, views: Views, rewriting: Rewriting, law: Law) -> None:
-        super().__init__(views, rewriting, law)
-        self._kernel = kernel
+    ``share`` of the correction was taken.
+    """
+
+    prediction: Prediction
+    miss: float
+    worst: Array
+    share: float
+
+    @property
+    def motion(self) -> RemainingMotion:
+        """The joints' motion."""
+        return self.prediction.motion
+
+
+class Update:
+    """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
+
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2.
+    """
+
+    def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
+        self.views, self._first = views, rewriting.first
+        self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
+        self._kernel: Kernel = kernel()
         n, m, width = len(rewriting.first.amplitude), len(tree.mass), len(views.whitening)
-        groups, columns, states = len(TurningBodies.of(tree).turns), CONDITIONS + width, 2 + 2 * m
+        groups, columns = len(TurningBodies.of(tree).turns), CONDITIONS + width
         shapes = views.flight.link_shapes if views.has_distances else LinkShapes(tree, ())
-        instants, size, capsules = len(views.instants.grid.s), n * width, len(shapes.radius)
+        instants, capsules, blocks = len(views.instants.grid.s), len(shapes.radius), len(views.rows)
         rows = _rows(views.rows, shapes, m, n)
-        most = 1 + lawful.MOST_ROWS * (len(rows["block_first"]) - 1)
         of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
-        ahead = columns * n + of_instant * instants
         self._called = {
             "positions": np.zeros(n),
             "velocities": np.zeros(n),
@@ -57,21 +90,7 @@ class CompiledReckoning(Reckoning):
             "measured_velocities": np.zeros(n),
             "coefficients": np.zeros((columns, n)),
             "warm_start": np.zeros((width, n)),
-            "worst": np.zeros(len(rows["aim"])),
-        }
-        memory = {
-            "rows_real": m * groups,
-            "rows_imaginary": m * groups,
-            "merged_real": groups * groups,
-            "merged_imaginary": groups * groups,
-            "inertia": m,
-            "motions": MEMORY * (2 + 3 * columns * n),
-            "scratch": 2 * m + 3 * groups,
-            "law_memory": (4 + size + most) * size + most + columns * n + len(rows["aim"]),
-            "ahead_memory": 2 * (ahead + 8 * 40),
-            "filter_memory": 3 * states + max(3 * groups, (columns + 1) * n),
-            "gap_memory": (2 * GAP_NODES + 1) * (2 * n + 3 * groups),
-            "drift": views.instants.grid.nodes * size,
+            "worst": np.zeros(blocks),
         }
         self._filled = Filled(
             "Flight",
@@ -83,8 +102,8 @@ class CompiledReckoning(Reckoning):
             nodes=views.instants.grid.nodes,
             gap_nodes=GAP_NODES,
             memory=MEMORY,
-            most_rows=lawful.MOST_ROWS,
-            most_rows_of_all=most,
+            most_rows=MOST_ROWS,
+            most_rows_of_all=1 + MOST_ROWS * blocks,
             capsules=capsules,
             length_scale=LENGTH_SCALE,
             goal=views.flight.final_orientation,
@@ -93,11 +112,15 @@ class CompiledReckoning(Reckoning):
             **_of_bodies(tree),
             **_of_capsules(tree, shapes),
             **rows,
-            **_of_law(law),
+            **_of_law(),
+            sigma=sigma,
+            acceleration=acceleration,
             **_of_filter(),
             **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
             **self._called,
-            **{name: np.zeros(count) for name, count in memory.items()},
+            **_memory(n, groups, m, width, blocks),
+            ahead_memory=np.zeros(2 * (columns * n + of_instant * instants + 8 * 40)),
+            drift=np.zeros(views.instants.grid.nodes * n * width),
         )
         self._flight = self._filled.structure
 
@@ -121,7 +144,9 @@ class CompiledReckoning(Reckoning):
         )
         flight.known, flight.turn_after = 0, 0.0
         self._step(STEPS["adapt_masses"])
-        super().begin(estimate)
+        self.estimate = estimate
+        self.motions.clear()
+        self.remember(self._first)
 
     def expected(self, measured: Measurement, now: float) -> Expected:
         """Return what is expected to be measured; the motion may change from ``now`` on, s."""
@@ -147,13 +172,14 @@ class CompiledReckoning(Reckoning):
         self._step(STEPS["learn_state"])
         self.estimate.inertial.has_changed()
 
-    def turned(self, dt: float) -> float:
-        """By how much the base turns in the ``dt`` s since the measurement that was learnt from last, rad."""
+    @property
+    def turned(self) -> float:
+        """By how much the base turns from the measurement that was learnt from last until ``now``, rad."""
         return float(self._flight.turn_after)
 
     def corrected(
         self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
-    ) -> Foreseen:
+    ) -> Corrected:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
         flight, present = self._flight, self.present(now, orientation)
         if self.views.has_distances:
@@ -169,28 +195,53 @@ class CompiledReckoning(Reckoning):
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
-        outlook = Outlook(self.views, motion, present)
-        return Foreseen(outlook, flight.foreseen.miss, self._called["worst"].copy(), flight.foreseen.share)
+        prediction = Prediction(self.views, motion, present)
+        return Corrected(prediction, flight.corrected.miss, self._called["worst"].copy(), flight.corrected.share)
 
-    def _rewritten(self, now: float, landing: float) -> RemainingMotion:
+    def present(self, now: float, orientation: float) -> Present:
+        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
+        estimate = self.estimate
+        inertial = estimate.inertial
+        return Present(now, orientation, inertial.angular_momentum, estimate.path_from(now), inertial.as_found())
+
+    def rewritten(self, now: float, landing: float) -> RemainingMotion:
+        """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
         self._flight.now, self._flight.landing = now, landing
         self._step(STEPS["rewrite_motion"])
         return self._written(now, landing)
 
     def remember(self, motion: RemainingMotion) -> None:
         """Take a motion as the present one."""
-        super().remember(motion)
+        self.motions.append(motion)
         self._flight.now, self._flight.landing = motion.begin, motion.end
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
-        first = self._rewriting.first
+        first = self._first
         coefficients = self._called["coefficients"].copy()
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
         self._kernel.flight(self._flight, step, self._kernel.instructions)
+
+
+def _memory(joints: int, groups: int, bodies: int, width: int, blocks: int) -> dict[str, Array]:
+    """What the kernel works in, but for what is of each instant."""
+    size, columns, states, most = joints * width, CONDITIONS + width, 2 + 2 * bodies, 1 + MOST_ROWS * blocks
+    counts = {
+        "rows_real": bodies * groups,
+        "rows_imaginary": bodies * groups,
+        "merged_real": groups * groups,
+        "merged_imaginary": groups * groups,
+        "inertia": bodies,
+        "motions": MEMORY * (2 + 3 * columns * joints),
+        "scratch": 2 * bodies + 3 * groups,
+        "law_memory": (4 + size + most) * size + most + columns * joints + blocks,
+        "filter_memory": 3 * states + max(3 * groups, (columns + 1) * joints),
+        "gap_memory": (2 * GAP_NODES + 1) * (2 * joints + 3 * groups),
+    }
+    return {name: np.zeros(count) for name, count in counts.items()}
 
 
 def _of_instants(instants: Instants) -> dict[str, Array]:
@@ -285,26 +336,24 @@ def _rows(blocks: Sequence[Rows], capsules: LinkShapes, bodies: int, joints: int
     }
 
 
-def _of_law(law: Law) -> dict[str, Any]:
+def _of_law() -> dict[str, Any]:
     return {
-        "sigma": law.sigma,
-        "acceleration": law.acceleration,
-        "far": lawful.FAR,
-        "weighed": lawful.WEIGHED,
-        "settled": lawful.SETTLED,
-        "shorter": lawful.SHORTER,
-        "kept": lawful.KEPT,
-        "scales": lawful.SCALES,
-        "evaluations_near": lawful.EVALUATIONS,
-        "evaluations_far": lawful.EVALUATIONS_FAR,
+        "far": FAR,
+        "weighed": WEIGHED,
+        "settled": SETTLED,
+        "shorter": SHORTER,
+        "kept": KEPT,
+        "scales": SCALES,
+        "evaluations_near": EVALUATIONS,
+        "evaluations_far": EVALUATIONS_FAR,
     }
 
 
 def _of_filter() -> dict[str, Any]:
     return {
-        "angle_variance": filtered.ANGLE_NOISE**2,
-        "rate_variance": filtered.RATE_NOISE**2,
-        "largest_error": filtered.LARGEST_ERROR,
-        "surprising": filtered.SURPRISING,
-        "most_surprises": filtered.SURPRISES,
+        "angle_variance": filtering.ANGLE_NOISE**2,
+        "rate_variance": filtering.RATE_NOISE**2,
+        "largest_error": filtering.LARGEST_ERROR,
+        "surprising": filtering.SURPRISING,
+        "most_surprises": filtering.SURPRISES,
     }

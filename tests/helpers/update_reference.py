@@ -1,0 +1,112 @@
+"""What an update is to compute, written a second time: the filter's equations, and a step by finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, partial
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.arrays import Array, IntArray
+from floatplan.inflight import estimate, update
+from floatplan.inflight.prediction import Prediction
+from floatplan.motion.planar.clearance import Segments
+from floatplan.motion.sine_polynomial import CONDITIONS
+
+
+def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:
+    """Return state and covariance after a measurement, a Kalman filter's of ``h = D . (theta0', q')``, D by masses.
+
+    The joints' positions and velocities (n,) are those measured. The motion is one since the last measurement.
+    """
+    inertial, began = replanner._estimate.inertial, replanner._estimate.time
+    state, bodies, nodes = (
+        inertial.state.copy(),
+        len(replanner.plan.robot.tree.mass),
+        np.polynomial.legendre.leggauss(40),
+    )
+    times = began + (t - began) * (nodes[0] + 1) / 2
+    positions, velocities, _ = replanner.motion.at(times)
+    state[0] += (t - began) / 2 * (nodes[1] @ inertial.dynamics.base_rate(positions, velocities, state[1]))
+    (here,), (there,), _ = replanner.motion.at(t)
+    inertia = inertial.dynamics.momentum_map(here[None])[0]
+    maps = [inertial._adapted(errors) for errors in np.vstack((np.zeros(2 * bodies), np.eye(2 * bodies)))]
+
+    def momenta(positions: Array, velocities: Array, rate: float) -> Array:
+        """Of the plan's masses, then of each of them doubled."""
+        return np.array([dynamics.momentum_map(positions[None])[0] @ np.append(rate, velocities) for dynamics in maps])
+
+    expected = momenta(here, there, (state[1] - inertia[1:] @ there) / inertia[0])
+    row = np.concatenate(([0.0, 1.0], expected[0] - expected[1:]))
+    dt, noise = t - began, float(inertia @ inertia)
+    turn = np.eye(len(state))
+    turn[0] += row * dt / inertia[0]
+    covariance = turn @ (inertial.covariance + dt * np.diag(inertial.wander)) @ turn.T
+    aside = inertia[1:] @ (joints[0] - here) / inertia[0]
+    angle = np.eye(len(state))[0]
+    for h, value, variance in (
+        (angle, orientation + aside, estimate.ANGLE_NOISE**2 * noise / inertia[0] ** 2),
+        (row, momenta(joints[0], joints[1], rate)[0], estimate.RATE_NOISE**2 * noise),
+    ):
+        gain = covariance @ h / (h @ covariance @ h + variance)
+        state += gain * (value - h @ state)
+        covariance = covariance - np.outer(gain, h @ covariance)
+    state[2:] = np.clip(state[2:], -estimate.LARGEST_ERROR, estimate.LARGEST_ERROR)
+    return state, covariance
+
+
+def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration: float, landed: bool) -> Array:
+    """Return the first Gauss-Newton step y (m, n) of the law from a motion on, its derivatives by central differences.
+
+    With ``landed``, distances are those of a base that turns to the goal: the miss is taken off, by time.
+    """
+    motion, views = begun.motion, replanner.views
+    shape = (len(motion.coefficients) - CONDITIONS, len(motion.amplitude))
+
+    def looked_at(y: Array) -> Prediction:
+        coefficients = motion.coefficients.copy()
+        coefficients[CONDITIONS:] += views.whitening @ y.reshape(shape) / motion.amplitude
+        kind = Landed if landed else Prediction
+        return kind(views, replace(motion, coefficients=coefficients), begun.present)
+
+    size, difference = shape[0] * shape[1], 1e-6
+    ends = [[looked_at(sign * difference * unit) for sign in (1, -1)] for unit in np.eye(size)]
+
+    def slopes(value: Callable[[Prediction], Array]) -> Array:
+        return np.array([(value(ahead) - value(back)) / (2 * difference) for ahead, back in ends]).T
+
+    now = looked_at(np.zeros(size))
+    tolerance = max(sigma, abs(now.miss) / update.WEIGHED) if views.rows else sigma
+    jacobian, residual = [slopes(lambda each: np.array([each.miss]))], [np.array([now.miss])]
+    scale = [np.array([tolerance])]
+    for index, (block, values) in enumerate(zip(views.rows, now.values, strict=True)):
+        worst = np.argsort(values, axis=None)[: min(update.MOST_ROWS, int((values < block.aim).sum()))]
+        residual.append(values.ravel()[worst] - block.aim)
+        jacobian.append(slopes(partial(_chosen, index, worst)))
+        scale.append(np.full(len(worst), block.softness))
+    weighed = np.concatenate(jacobian) / np.concatenate(scale)[:, None]
+    stiffness = 1 / (acceleration * motion.remaining**2) ** 2
+    hessian = weighed.T @ weighed + stiffness * np.eye(size)
+    y = -np.linalg.solve(hessian, weighed.T @ (np.concatenate(residual) / np.concatenate(scale)))
+    return np.asarray(y.reshape(shape))
+
+
+def _chosen(block: int, chosen: IntArray, prediction: Prediction) -> Array:
+    return np.asarray(prediction.values[block].ravel()[chosen])
+
+
+class Landed(Prediction):
+    """One whose distances are those of a base that turns to the goal."""
+
+    @cached_property
+    def shapes(self) -> Segments:
+        """The links' shapes at the watched instants."""
+        motion, flight = self.motion, self._flight
+        joints, share = motion.at(self.watched)[0], (self.watched - motion.begin) / motion.remaining
+        grid = self._instants.grid
+        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0]) - self.miss * share
+        com = flight.ballistics.positions(self.watched - motion.begin)
+        angles = flight.tree.absolute_angles(flight.initial_orientation + turned, joints)
+        return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
