@@ -18,6 +18,7 @@ from typing import Any
 from floatplan.errors import InputError
 
 LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
+SPARE = 65_536  # [bytes] of a file that gives no size
 LARGEST_URDF = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
 DEEPEST = 50  # [-] tables and lists within each other, of any file
 
@@ -41,7 +42,9 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
             state = os.fstat(descriptor)
             if not stat.S_ISREG(state.st_mode):
                 raise InputError(f"is not a regular file, as {kind} is", source=path)
-            content = stream.read(largest + 1) if state.st_size <= largest else b""
+            # read() makes room at once for as much as it may return; a file may grow meanwhile
+            room = min(largest, 2 * state.st_size + SPARE) + 1
+            content = stream.read(room) if state.st_size <= largest else b""
     except InputError:
         raise
     except FileNotFoundError:
