@@ -29,15 +29,6 @@ PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.
 Urdf = Annotated[
     str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
 ]
-PlaneName = Annotated[str | None, typer.Option(metavar="XZ", help="The plane's axes, where the URDF leaves a choice.")]
-Coupled = Annotated[
-    str | None,
-    typer.Option(metavar="F=L,..", help="Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."),
-]
-Locked = Annotated[str | None, typer.Option(metavar="J=A,..", help="Joints that stay at an angle.")]
-Reference = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Posture of the SRDF file beside the URDF, for other joints.")
-]
 Save = Annotated[bool, typer.Option("--save", help="Keep the result in the plan file.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log on stderr what the search does.")]
