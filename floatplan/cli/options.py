@@ -15,15 +15,11 @@ from floatplan.tables import OBJECTIVE_TABLE
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 
 
-@dataclass(frozen=True)
-class For:
-    """The key that an option stands for."""
-
-    key: str
-
-
-def _said(metavar: str, text: str) -> Any:
-    return typer.Option(metavar=metavar, help=text)
+def _said(metavar: str, text: str, key: str = "") -> Any:
+    """An option, and the key of a problem file that it stands for."""
+    option = typer.Option(metavar=metavar, help=text)
+    option.key = key
+    return option
 
 
 Degrees = Annotated[
@@ -37,8 +33,7 @@ class RobotChoices:
 
     plane: Annotated[str | None, _said("XZ", "The plane's axes, where the URDF leaves a choice.")] = None
     coupled: Annotated[
-        str | None,
-        _said("F=L,..", "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."),
+        str | None, _said("F=L,..", "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right.")
     ] = None
     locked: Annotated[str | None, _said("J=A,..", "Joints that stay at an angle.")] = None
     reference: Annotated[str | None, _said("NAME", "Posture of the SRDF file beside the URDF, for other joints.")] = (
@@ -51,35 +46,29 @@ class Options:
     """What is asked of a flight, as typed; None where left out."""
 
     start: Annotated[
-        str | None,
-        For("start"),
-        _said("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."),
+        str | None, _said("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start")
     ] = None
-    goal: Annotated[str | None, For("goal"), _said("O,Q1,..", "The same at landing.")] = None
-    duration: Annotated[float | None, For("flight.duration"), _said("S", "Time of flight, s.")] = None
-    start_velocities: Annotated[str | None, For("start.velocities"), _said("V1,..", "Of the joints at takeoff.")] = None
-    goal_velocities: Annotated[str | None, For("goal.velocities"), _said("V1,..", "Of the joints at landing.")] = None
-    start_accelerations: Annotated[
-        str | None, For("start.accelerations"), _said("A1,..", "Of the joints at takeoff.")
-    ] = None
-    goal_accelerations: Annotated[
-        str | None, For("goal.accelerations"), _said("A1,..", "Of the joints at landing.")
-    ] = None
+    goal: Annotated[str | None, _said("O,Q1,..", "The same at landing.", "goal")] = None
+    duration: Annotated[float | None, _said("S", "Time of flight, s.", "flight.duration")] = None
+    start_velocities: Annotated[str | None, _said("V1,..", "Of the joints at takeoff.", "start.velocities")] = None
+    goal_velocities: Annotated[str | None, _said("V1,..", "Of the joints at landing.", "goal.velocities")] = None
+    start_accelerations: Annotated[str | None, _said("A1,..", "Of the joints at takeoff.", "start.accelerations")] = (
+        None
+    )
+    goal_accelerations: Annotated[str | None, _said("A1,..", "Of the joints at landing.", "goal.accelerations")] = None
     angular_momentum: Annotated[
-        str | None, For("flight.angular_momentum"), _said("H", "kg m^2/s, or 'midpoint' (the default), or 'free'.")
+        str | None, _said("H", "kg m^2/s, or 'midpoint' (the default), or 'free'.", "flight.angular_momentum")
     ] = None
-    takeoff: Annotated[
-        str | None, For("flight.takeoff.frame"), _said("FRAME", "Frame that leaves the ground last.")
-    ] = None
-    landing: Annotated[str | None, For("flight.landing.frame"), _said("FRAME", "Frame that lands first.")] = None
+    takeoff: Annotated[str | None, _said("FRAME", "Frame that leaves the ground last.", "flight.takeoff.frame")] = None
+    landing: Annotated[str | None, _said("FRAME", "Frame that lands first.", "flight.landing.frame")] = None
     horizontal_velocity: Annotated[
-        float | None, For("flight.horizontal_velocity"), _said("V", "Of the centre of mass, m/s.")
+        float | None, _said("V", "Of the centre of mass, m/s.", "flight.horizontal_velocity")
     ] = None
     degree: Annotated[
-        str | None, For("motion.degree"), _said("K", "Of the polynomials: one number, one per joint, or auto.")
+        str | None, _said("K", "Of the polynomials: one number, one per joint, or auto.", "motion.degree")
     ] = None
     objective: Annotated[
-        str | None, For("motion.objective"), _said("NAME", f"What is least; the first if left out. {OBJECTIVE_HELP}.")
+        str | None, _said("NAME", f"What is least; the first if left out. {OBJECTIVE_HELP}.", "motion.objective")
     ] = None
 
     @classmethod
@@ -87,7 +76,7 @@ class Options:
     def keys(cls) -> dict[str, str]:
         """The key of each option, the longest first."""
         hints = get_type_hints(cls, include_extras=True)
-        keys = {name: note.key for name, hint in hints.items() for note in hint.__metadata__ if isinstance(note, For)}
+        keys = {name: hint.__metadata__[0].key for name, hint in hints.items()}
         return dict(sorted(keys.items(), key=lambda item: -len(item[1])))
 
 

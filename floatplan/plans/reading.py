@@ -29,9 +29,7 @@ from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.tables import check_number
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
-LARGEST_FOUND = (
-    1e100  # [SI] above every number that follows from those: squares of torques are; its own square is finite
-)
+LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
 LARGEST_ANGLE = 1e6  # [rad] of a term of p
 ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
@@ -81,13 +79,8 @@ FILE = Table(
     },
     NO_KEY,
 )
-NOT_STATED = (
-    "solver",
-    "out_of_plane_leak",
-    "problem_file",
-    "certificate",
-    "replay",
-)  # may hold what is not finite: null in a file
+# What may hold numbers that are not finite: null in a file.
+NOT_STATED = ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay")
 
 
 def load_record(path: str | Path) -> PlanRecord:

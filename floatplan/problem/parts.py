@@ -123,10 +123,7 @@ class Takeoff(Keyed):
     """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical)."""
 
     frame: Annotated[str, Key("Name of a link or joint")]
-    position: Annotated[Pair, Key("Where the frame is at takeoff: horizontal, vertical", "m")] = (
-        0.0,
-        0.0,
-    )
+    position: Annotated[Pair, Key("Where the frame is at takeoff: horizontal, vertical", "m")] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)

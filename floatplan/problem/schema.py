@@ -105,7 +105,7 @@ def _one_of(hint: Any, key: Key) -> Any:
     several = {SHAPES.get(get_origin(kind), "<number>"): _held(kind, key) for kind in kinds if kind is not type(None)}
     if len(kinds) > len(several):
         return several.popitem()[1] | None
-    if "none" in get_args(several.get("<word>")):
+    if "<list>" in several and "none" in get_args(several.get("<word>")):
         entry = {"<word>": Literal["none"], "<number>": several["<number>"]}
         several["<list>"] = list[_shaped(entry, "a number or 'none'") | None]  # type: ignore[misc]
     return _shaped(several, key.wanted)
