@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from floatplan.cli.options import Options, RobotChoices
+from floatplan.cli.common import Options, RobotChoices
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem

@@ -17,17 +17,20 @@ from floatplan.cli.common import (
     DONE,
     FAILED,
     Commands,
+    Degrees,
     Json,
+    Options,
     Quiet,
+    RobotChoices,
     Verbose,
     print_json,
     program,
     reporting_errors,
+    with_options,
 )
 from floatplan.cli.contact import takeoff as takeoff_command
 from floatplan.cli.info import InfoCommand, info
 from floatplan.cli.init import init as init_command
-from floatplan.cli.options import Degrees, Options, RobotChoices, with_options
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.robots import robots
 from floatplan.cli.schema import schema

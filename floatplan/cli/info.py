@@ -9,8 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from floatplan.cli.bundled import argument
-from floatplan.cli.common import Json, print_json, reporting_errors
-from floatplan.cli.options import Degrees, RobotChoices, with_options
+from floatplan.cli.common import Degrees, Json, RobotChoices, print_json, reporting_errors, with_options
 
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import pytest
 
 import floatplan as fp
-from floatplan.cli.options import Options
+from floatplan.cli.common import Options
 from floatplan.plans.schema import SHARED, _problem_table
 from floatplan.problem import parts
 from floatplan.problem.json_schema import TABLES
