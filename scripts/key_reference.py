@@ -6,9 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from floatplan.problem.json_schema import MODELS, problem_schema
-from floatplan.problem.keys import KEYS, TABLES
-from floatplan.problem.parts import OBSTACLE_KINDS
+from floatplan.problem.json_schema import TABLES, keys_of, problem_schema
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
 OPENING = """# Keys of a problem file
@@ -26,29 +24,17 @@ def page() -> str:
     """Return the page's text."""
     schema = problem_schema()
     sections = [OPENING]
-    for place in KEYS:
-        table = _table(schema, place)
-        required = set(table.get("required", ()))
+    for place, (table, about) in TABLES.items():
+        described = schema["$defs"][table.__name__] if place else schema
+        required = set(described.get("required", ()))
         rows = [
             f"| `{name}` | {_form(schema, form)} | {_default(form, name in required)} | {key.meaning} | {key.unit} |"
-            for name, key in KEYS[place].items()
-            for form in [table["properties"][name]]
+            for name, key in keys_of(table).items()
+            for form in [described["properties"][name]]
         ]
         head = "| key | value | default | meaning | unit |\n| --- | --- | --- | --- | --- |"
-        sections.append("\n".join([f"## {_heading(place)}", "", f"{TABLES[place]}.", "", head, *rows, ""]))
+        sections.append("\n".join([f"## {_heading(place)}", "", f"{about}.", "", head, *rows, ""]))
     return "\n".join(sections)
-
-
-def _table(schema: Mapping[str, Any], place: str) -> Mapping[str, Any]:
-    """The schema of a table; ``goal`` has that of ``start``."""
-    if not place:
-        return schema
-    definitions: Mapping[str, Any] = schema["$defs"]
-    if place.startswith("obstacles["):
-        kind = place.removeprefix("obstacles[").removesuffix("]")
-        found: Mapping[str, Any] = definitions[f"{OBSTACLE_KINDS[kind].__name__}Table"]
-        return found
-    return dict(definitions[MODELS["start" if place == "goal" else place].__name__])
 
 
 def _heading(place: str) -> str:

@@ -17,16 +17,16 @@ from floatplan.cli.common import (
     DONE,
     FAILED,
     Commands,
-    Coupled,
+    Degrees,
     Json,
-    Locked,
-    PlaneName,
+    Options,
     Quiet,
-    Reference,
+    RobotChoices,
     Verbose,
     print_json,
     program,
     reporting_errors,
+    with_options,
 )
 from floatplan.cli.contact import takeoff as takeoff_command
 from floatplan.cli.info import InfoCommand, info
@@ -38,7 +38,6 @@ from floatplan.cli.show import export, show
 from floatplan.cli.studio import studio
 from floatplan.cli.study import study
 from floatplan.errors import InputError, escaped
-from floatplan.tables import OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -55,7 +54,6 @@ app = typer.Typer(
 )
 
 Source = Annotated[str, argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or a robot.")]
-OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 
 
 def main() -> None:
@@ -88,37 +86,12 @@ def about(
 
 @app.command()
 @reporting_errors
+@with_options
 def plan(
     source: Source,
-    start: Annotated[
-        str | None,
-        typer.Option(metavar="O,Q1,..", help="Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."),
-    ] = None,
-    goal: Annotated[str | None, typer.Option(metavar="O,Q1,..", help="The same at landing.")] = None,
-    duration: Annotated[float | None, typer.Option(metavar="S", help="Time of flight, s.")] = None,
-    degrees: Annotated[
-        bool, typer.Option("--degrees/--radians", help="Unit of all angles and rates on this command line.")
-    ] = False,
-    start_velocities: Annotated[str | None, typer.Option(metavar="V1,..", help="Of the joints at takeoff.")] = None,
-    goal_velocities: Annotated[str | None, typer.Option(metavar="V1,..", help="Of the joints at landing.")] = None,
-    start_accelerations: Annotated[str | None, typer.Option(metavar="A1,..", help="Of the joints at takeoff.")] = None,
-    goal_accelerations: Annotated[str | None, typer.Option(metavar="A1,..", help="Of the joints at landing.")] = None,
-    angular_momentum: Annotated[
-        str | None, typer.Option(metavar="H", help="kg m^2/s, or 'midpoint' (the default), or 'free'.")
-    ] = None,
-    takeoff: Annotated[str | None, typer.Option(metavar="FRAME", help="Frame that leaves the ground last.")] = None,
-    landing: Annotated[str | None, typer.Option(metavar="FRAME", help="Frame that lands first.")] = None,
-    horizontal_velocity: Annotated[float | None, typer.Option(metavar="V", help="Of the centre of mass, m/s.")] = None,
-    degree: Annotated[
-        str | None, typer.Option(metavar="K", help="Of the polynomials: one number, one per joint, or auto.")
-    ] = None,
-    objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"What is least; the first if left out. {OBJECTIVE_HELP}.")
-    ] = None,
-    plane: PlaneName = None,
-    coupled: Coupled = None,
-    locked: Locked = None,
-    reference: Reference = None,
+    options: Options,
+    choices: RobotChoices,
+    degrees: Degrees = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
     ] = None,
@@ -145,6 +118,7 @@ def plan(
     The plan is proved for every instant of the flight. Exit code 0 only where a plan was found and, unless
     --no-certify is given, proved.
     """
+    from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import (
         check_directory,
         default_directory,
@@ -155,29 +129,8 @@ def plan(
     )
     from floatplan.export.table import sample_times
     from floatplan.planning.planner import plan as search
-    from floatplan.problem.options import Options, asked_problem, is_robot
 
-    options = Options(
-        degrees=degrees,
-        start=start,
-        goal=goal,
-        start_velocities=start_velocities,
-        goal_velocities=goal_velocities,
-        start_accelerations=start_accelerations,
-        goal_accelerations=goal_accelerations,
-        duration=duration,
-        angular_momentum=angular_momentum,
-        takeoff=takeoff,
-        landing=landing,
-        horizontal_velocity=horizontal_velocity,
-        degree=degree,
-        objective=objective,
-        plane=plane,
-        coupled=coupled,
-        locked=locked,
-        reference=reference,
-    )
-    problem = asked_problem(source, options)
+    problem = asked_problem(source, options, choices, degrees)
     directory = default_directory(problem) if output is None else output
     check_directory(directory)
     sample_times(problem.flight.duration, rate)

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from floatplan.cli.bundled import argument
-from floatplan.cli.common import Coupled, Json, Locked, PlaneName, Reference, print_json, reporting_errors
+from floatplan.cli.common import Degrees, Json, RobotChoices, print_json, reporting_errors, with_options
 
 LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
@@ -30,15 +30,11 @@ class InfoCommand(TyperCommand):
 
 
 @reporting_errors
+@with_options
 def info(
     source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
-    plane: PlaneName = None,
-    coupled: Coupled = None,
-    locked: Locked = None,
-    reference: Reference = None,
-    degrees: Annotated[
-        bool, typer.Option("--degrees/--radians", help="Unit of the angles on this command line.")
-    ] = False,
+    choices: RobotChoices,
+    degrees: Degrees = False,
     frames: Annotated[bool, typer.Option("--frames", help="List the frames that may take off and land.")] = False,
     shapes: Annotated[
         str | None,
@@ -47,10 +43,10 @@ def info(
     json_output: Json = False,
 ) -> None:
     """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
+    from floatplan.cli.asked import named_robot
     from floatplan.cli.facts import robot_facts
-    from floatplan.problem.options import RobotChoices, named_robot
 
-    robot = named_robot(source, RobotChoices(plane, coupled, locked, reference, degrees))
+    robot = named_robot(source, choices, degrees)
     facts = robot_facts(robot)
     if shapes is not None and shapes != LISTED:
         from floatplan.view.figures.robot_pictures import check_picture, save_shapes

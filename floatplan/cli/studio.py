@@ -56,7 +56,7 @@ def studio(
 
 def _problem(source: str, quiet: bool) -> Problem:
     """The problem of a file, or the first flight of a robot."""
-    from floatplan.problem.options import is_robot
+    from floatplan.cli.asked import is_robot
 
     if not is_robot(source):
         from floatplan.problem.file import load_problem

@@ -12,30 +12,75 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import check_depth, check_finite, numbers_hold, read_json
+from floatplan.plans.kinds import (
+    POINT,
+    Each,
+    ListOf,
+    OneOf,
+    OrNull,
+    Table,
+    boolean,
+    check_table,
+    number,
+    positive,
+    text,
+)
 from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.tables import check_number
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
-LARGEST_FOUND = (
-    1e100  # [SI] above every number that follows from those: squares of torques are; its own square is finite
-)
+LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
 LARGEST_ANGLE = 1e6  # [rad] of a term of p
 ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
-STATUSES = ("optimal", "feasible", "infeasible", "interrupted")
-TABLES = ("problem", "solver")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
-NUMBERS = {  # tables without further keys but the objective's name, with those that hold numbers
-    "orientation": ("start", "end", "goal"),
-    "com": ("position0", "velocity0", "gravity"),
-    "objective": ("value",),
-}
-NOT_STATED = (
-    "solver",
-    "out_of_plane_leak",
-    "problem_file",
-    "certificate",
-    "replay",
-)  # may hold what is not finite: null in a file
+NO_KEY = "must not be there: a plan file has no such key"
+
+
+def _anything(value: Any, element: str) -> None:
+    """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
+
+
+ROWS = OrNull(ListOf(check_table))
+ROBOT = Table(
+    {"urdf": text, "sha256": text, "joints": ListOf(text), "plane": text},
+    {
+        "coupled": Each(Table({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
+        "locked": Each(number),
+        "meshes": Each(text),
+    },
+    NO_KEY,
+)
+FILE = Table(
+    {
+        "format": OneOf((FORMAT,)),
+        "status": OneOf(("optimal", "feasible", "infeasible", "interrupted")),
+        "ok": boolean,
+        "explanation": text,
+        "problem": Table({"flight": Table({"duration": positive}, unknown="")}, unknown=""),
+        "robot": ROBOT,
+        "angular_momentum": number,
+        "angular_momentum_bounds": POINT,
+        **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),
+        "orientation": Table(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
+        "com": Table({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
+        "objective": Table({"name": text, "value": number}, unknown=NO_KEY),
+        "clearance_min": OrNull(number),
+        "solver": Table({}, dict.fromkeys(SOLVER, OrNull(number)), unknown=""),
+        "problem_file": OrNull(text),
+    },
+    {
+        "motor_torque_peak": OrNull(Each(number)),
+        "warnings": ROWS,
+        "utilisation": ROWS,
+        "out_of_plane_leak": OrNull(number),
+        "certificate": OrNull(check_table),
+        "replay": OrNull(check_table),
+        "floatplan": text,
+    },
+    NO_KEY,
+)
+# What may hold numbers that are not finite: null in a file.
+NOT_STATED = ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay")
 
 
 def load_record(path: str | Path) -> PlanRecord:
@@ -66,44 +111,26 @@ def record_from_dict(content: Any) -> PlanRecord:
 def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
-    known = {f.name for f in fields(PlanRecord)}
-    optional = {
-        "motor_torque_peak", "warnings", "utilisation", "out_of_plane_leak", "certificate", "replay", "floatplan"
-    }  # fmt: skip
-    for name in sorted(known - optional):
-        if name not in content:
-            raise InputError("is missing", element=name)
-    unknown = sorted(set(content) - known)
-    if unknown:
-        raise InputError("must not be there: a plan file has no such key", element=unknown[0])
-    values = dict(content)
-    values["robot"] = _robot_record(content["robot"])
-    n = len(values["robot"].joints)
-    for name, shape in (("centre", (n,)), ("amplitude", (n,)), ("torque_peak", (n,)), ("velocity_peak", (n,))):
-        values[name] = _numbers(content[name], name, shape)
+    FILE(content, "")
+    robot = RobotRecord(**content["robot"])
+    values = {**content, "robot": replace(robot, joints=tuple(robot.joints))}
+    n = len(robot.joints)
+    for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
+        values[name] = _numbers(content[name], name, (n,))
     if not (values["amplitude"] > 0).all():
         raise InputError("is not positive", element="amplitude")
     values["coefficients"] = _numbers(content["coefficients"], "coefficients", (n, None))
     if not values["coefficients"].shape[1]:
         raise InputError("is empty", element="coefficients")
-    values["angular_momentum"] = _number(content["angular_momentum"], "angular_momentum")
-    low, high = _numbers(content["angular_momentum_bounds"], "angular_momentum_bounds", (2,)).tolist()
+    low, high = map(float, content["angular_momentum_bounds"])
     if low > high:
         raise InputError(f"low {low} is above high {high}", element="angular_momentum_bounds")
     values["angular_momentum_bounds"] = (low, high)
-    for name in ("clearance_min", "out_of_plane_leak"):
+    for name in ("angular_momentum", "clearance_min", "out_of_plane_leak"):
         if content.get(name) is not None:
-            values[name] = _number(content[name], name)
+            values[name] = float(content[name])
     if content.get("motor_torque_peak") is not None:
-        peaks = _table(content["motor_torque_peak"], "motor_torque_peak")
-        values["motor_torque_peak"] = {name: _number(peak, f"motor_torque_peak.{name}") for name, peak in peaks.items()}
-    if not isinstance(content.get("problem_file"), str | None):
-        raise InputError("is not a text", element="problem_file")
-    for name in ("warnings", "utilisation"):
-        if content.get(name) is not None:
-            _rows(content[name], name)
-    _check_verdict(content)
-    _check_tables(content)
+        values["motor_torque_peak"] = {name: float(peak) for name, peak in content["motor_torque_peak"].items()}
     _check_sizes(content, values["coefficients"])
     return PlanRecord(**values)
 
@@ -135,29 +162,6 @@ def _refuse_size(value: Any, element: str, largest: float) -> None:
         raise InputError(f"{value:g} is larger than anything in a flight, {largest:g}", element=element)
 
 
-def _robot_record(content: Any) -> RobotRecord:
-    table = _table(content, "robot")
-    try:
-        record = RobotRecord(**table)
-    except TypeError as error:
-        raise InputError(f"does not describe a robot: {error}", element="robot") from None
-    for name in ("urdf", "sha256", "plane"):
-        _text(table[name], f"robot.{name}")
-    if not isinstance(record.joints, list) or not all(isinstance(name, str) for name in record.joints):
-        raise InputError("must be a list of names", element="robot.joints")
-    for name, value in _table(record.locked, "robot.locked").items():
-        _number(value, f"robot.locked.{name}")
-    for name, coupling in _table(record.coupled, "robot.coupled").items():
-        element = f"robot.coupled.{name}"
-        if set(_table(coupling, element)) != {"leader", "ratio", "offset"}:
-            raise InputError(f"must have leader, ratio and offset, not {', '.join(coupling)}", element=element)
-        _text(coupling["leader"], f"{element}.leader")
-        _numbers([coupling["ratio"], coupling["offset"]], element, (2,))
-    for name, digest in _table(record.meshes, "robot.meshes").items():
-        _text(digest, f"robot.meshes.{name}")
-    return replace(record, joints=tuple(record.joints))
-
-
 def as_written(record: PlanRecord) -> PlanRecord:
     """Return a record as its file would be read: one that was built in Python is judged no other way.
 
@@ -170,62 +174,6 @@ def as_written(record: PlanRecord) -> PlanRecord:
     stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
     check_finite({**stated, "robot": vars(record.robot)})
     return _record(record.to_dict())
-
-
-def _check_verdict(content: Mapping[str, Any]) -> None:
-    if content["status"] not in STATUSES:
-        raise InputError(f"must be {' or '.join(map(repr, STATUSES))}, not {content['status']!r}", element="status")
-    if not isinstance(content["ok"], bool):
-        raise InputError(f"{content['ok']!r} is neither true nor false", element="ok")
-    _text(content["explanation"], "explanation")
-    _text(content.get("floatplan", ""), "floatplan")
-
-
-def _check_tables(content: Mapping[str, Any]) -> None:
-    for name in TABLES:
-        _table(content[name], name)
-    for name, keys in NUMBERS.items():
-        table = _table(content[name], name)
-        for key in keys:
-            if key not in table:
-                raise InputError("is missing", element=f"{name}.{key}")
-            if key in ("position0", "velocity0"):
-                _numbers(table[key], f"{name}.{key}", (2,))
-            else:
-                _number(table[key], f"{name}.{key}")
-        unknown = sorted(set(table) - {*keys, *(("name",) if name == "objective" else ())})
-        if unknown:
-            raise InputError("must not be there: a plan file has no such key", element=f"{name}.{unknown[0]}")
-    for name in SOLVER:
-        if content["solver"].get(name) is not None:
-            _number(content["solver"][name], f"solver.{name}")
-    _text(content["objective"].get("name"), "objective.name")
-    for name in ("certificate", "replay"):
-        if content.get(name) is not None:
-            _table(content[name], name)
-    flight = _table(content["problem"].get("flight"), "problem.flight")
-    if not _number(flight.get("duration"), "problem.flight.duration") > 0:
-        raise InputError(f"{flight['duration']} s is not positive", element="problem.flight.duration")
-
-
-def _table(value: Any, element: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError("must be a table", element=element)
-    return value
-
-
-def _rows(value: Any, element: str) -> None:
-    if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
-        raise InputError("is not a list of tables", element=element)
-
-
-def _text(value: Any, element: str) -> None:
-    if not isinstance(value, str):
-        raise InputError("must be a text", element=element)
-
-
-def _number(value: Any, element: str) -> float:
-    return value if type(value) is float else float(_numbers(value, element, ()))
 
 
 def _holds_truth(value: Any) -> bool:

@@ -6,18 +6,30 @@ that it would pass over: both are refused, and so are the few numbers that have 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from functools import lru_cache
-from numbers import Integral, Real
-from typing import Any, TypeAlias
+from typing import Any
 
 from floatplan.errors import InputError
+from floatplan.plans.kinds import (
+    POINT,
+    Check,
+    ListOf,
+    OneOf,
+    OrNull,
+    Table,
+    boolean,
+    check_table,
+    direction,
+    non_negative,
+    number,
+    positive,
+    text,
+    whole,
+)
 from floatplan.plans.reading import as_written
 from floatplan.plans.record import PlanRecord
 from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST
-
-Check: TypeAlias = Callable[[Any, str], None]
 
 MOMENTUM = ("midpoint", "free")
 
@@ -56,109 +68,6 @@ def checked(record: PlanRecord) -> PlanRecord:
     written = as_written(record)
     check_asked(written)
     return written
-
-
-def number(value: Any, element: str) -> None:
-    """A number; whether it is finite is checked where the record is read."""
-    if type(value) is not float and (not isinstance(value, Real) or isinstance(value, bool)):
-        raise InputError(f"must be a number, not {_shown(value)}", element=element)
-
-
-def positive(value: Any, element: str) -> None:
-    """A number above zero."""
-    number(value, element)
-    if not value > 0:
-        raise InputError(f"must be positive, not {value}", element=element)
-
-
-def non_negative(value: Any, element: str) -> None:
-    """A number not below zero."""
-    number(value, element)
-    if not value >= 0:
-        raise InputError(f"must not be negative: {value}", element=element)
-
-
-def boolean(value: Any, element: str) -> None:
-    """True or false."""
-    if not isinstance(value, bool):
-        raise InputError(f"must be true or false, not {_shown(value)}", element=element)
-
-
-def text(value: Any, element: str) -> None:
-    """A text."""
-    if not isinstance(value, str):
-        raise InputError(f"must be a text, not {_shown(value)}", element=element)
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of some words."""
-
-    words: tuple[str, ...]
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse everything else."""
-        if not isinstance(value, str) or value not in self.words:
-            raise InputError(f"must be {' or '.join(map(repr, self.words))}, not {_shown(value)}", element=element)
-
-
-@dataclass(frozen=True)
-class ListOf:
-    """A list, of a certain length where one is given."""
-
-    entry: Check
-    length: int | None = None
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse everything else."""
-        if not isinstance(value, list | tuple):
-            raise InputError(f"must be a list, not {_shown(value)}", element=element)
-        if self.length is not None and len(value) != self.length:
-            raise InputError(f"must have {self.length} entries, not {len(value)}", element=element)
-        for index, item in enumerate(value):
-            self.entry(item, f"{element}[{index}]")
-
-
-@dataclass(frozen=True)
-class OrNull:
-    """Something, or nothing."""
-
-    entry: Check
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse what is neither."""
-        if value is not None:
-            self.entry(value, element)
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table with these keys and no others."""
-
-    keys: Mapping[str, Check]
-    optional: Mapping[str, Check] = field(default_factory=dict)
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse everything else."""
-        _check_mapping(value, element)
-        for name, item in value.items():
-            check = self.keys.get(name) or self.optional.get(name)
-            if check is None:
-                raise InputError("is not known, and so cannot be proved", element=f"{element}.{name}")
-            check(item, f"{element}.{name}")
-        for name in self.keys:
-            if name not in value:
-                raise InputError("is missing", element=f"{element}.{name}")
-
-
-POINT = ListOf(number, 2)
-
-
-def direction(value: Any, element: str) -> None:
-    """Two numbers that are not both zero."""
-    POINT(value, element)
-    if not any(value):
-        raise InputError("has length zero", element=element)
 
 
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": OrNull(POINT)}
@@ -224,20 +133,15 @@ def _degree(n: int) -> Check:
         if isinstance(value, str):
             OneOf(("auto",))(value, element)
         elif isinstance(value, list | tuple):
-            ListOf(_whole, n)(value, element)
+            ListOf(whole, n)(value, element)
         else:
-            _whole(value, element)
+            whole(value, element)
 
     return check
 
 
-def _whole(value: Any, element: str) -> None:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise InputError(f"must be a whole number, not {_shown(value)}", element=element)
-
-
 def _obstacle(value: Any, element: str) -> None:
-    _check_mapping(value, element)
+    check_table(value, element)
     kind = value.get("kind")
     OneOf(tuple(OBSTACLES))(kind, f"{element}.kind")
     Table({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
@@ -264,13 +168,3 @@ def _check_degree(record: PlanRecord) -> None:
     for joint, row, own in zip(record.robot.joints, record.coefficients, degrees, strict=True):
         if row[own + 1 :].any():
             raise InputError(f"is {own} for {joint}, whose coefficients go beyond", element="problem.motion.degree")
-
-
-def _check_mapping(value: Any, element: str) -> None:
-    if not isinstance(value, dict | Mapping):
-        raise InputError(f"must be a table, not {_shown(value)}", element=element)
-
-
-def _shown(value: Any) -> str:
-    shown = repr(value)
-    return shown if len(shown) <= 60 else f"{shown[:56]} ..."

@@ -17,7 +17,7 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
-from floatplan.problem.parts import JointState, SelfClearance
+from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.problem.validation import validated
@@ -214,15 +214,13 @@ def _urdf_source(urdf: str, path: Path) -> str | Path:
 def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str | None) -> Problem:
     return Problem(
         robot=robot,
-        start=tables.start.posture(),
-        goal=tables.goal.posture(),
-        flight=tables.flight.flight(),
-        motion=tables.motion.motion(),
-        limits=tables.limits.limits(),
-        obstacles=tuple(obstacle.obstacle() for obstacle in tables.obstacles),
-        self_clearances=tuple(
-            SelfClearance.unchecked(links=pair.links, margin=pair.margin) for pair in tables.self_clearance
-        ),
+        start=tables.start.made(),
+        goal=tables.goal.made(),
+        flight=tables.flight.made(),
+        motion=tables.motion.made(),
+        limits=tables.limits.made(),
+        obstacles=tuple(obstacle.made() for obstacle in tables.obstacles),
+        self_clearances=tuple(pair.made() for pair in tables.self_clearance),
         name=tables.name or default_name,
         ground=tables.ground,
         written=written,

@@ -4,60 +4,58 @@ from __future__ import annotations
 
 from typing import Any
 
-from floatplan.problem.keys import KEYS, TABLES
-from floatplan.problem.parts import OBSTACLE_KINDS
-from floatplan.problem.schema import (
-    CouplingTable,
-    FlightTable,
-    LandingTable,
-    LimitsTable,
-    MotionTable,
-    MotorTable,
-    PostureTable,
-    ProblemFileTable,
-    RobotTable,
-    SelfClearanceTable,
-    Table,
-    TakeoffTable,
-)
+from floatplan.problem import parts as asked
+from floatplan.problem.keys import Key
+from floatplan.problem.schema import CouplingTable, PartTable, ProblemFileTable, RobotTable, Table
 from floatplan.tables import RANGES
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-MODELS: dict[str, type[Table]] = {
-    "": ProblemFileTable,
-    "robot": RobotTable,
-    "robot.coupled.*": CouplingTable,
-    "start": PostureTable,
-    "flight": FlightTable,
-    "flight.takeoff": TakeoffTable,
-    "flight.landing": LandingTable,
-    "motion": MotionTable,
-    "limits": LimitsTable,
-    "limits.motor.*": MotorTable,
-    "self_clearance[]": SelfClearanceTable,
+TABLES: dict[str, tuple[type[Table], str]] = {  # by their places in a file, with what they are about
+    "": (ProblemFileTable, "The whole file"),
+    "robot": (RobotTable, "The robot: its URDF, and the choices that it leaves open"),
+    "robot.coupled.*": (CouplingTable, "How a joint follows another"),
+    "start": (PartTable[asked.Posture], "Takeoff"),
+    "goal": (PartTable[asked.Posture], "Landing"),
+    "flight": (PartTable[asked.Flight], "The flight"),
+    "flight.takeoff": (PartTable[asked.Takeoff], "What leaves the ground"),
+    "flight.landing": (PartTable[asked.Landing], "What lands"),
+    "motion": (PartTable[asked.Motion], "How joints may move, and what is best"),
+    "limits": (PartTable[asked.Limits], "What motors and joints can do, at all times"),
+    "limits.motor.*": (
+        PartTable[asked.Motor],
+        "A motor's torque falls with its rate: at most `stall - slope |rate|`",
+    ),
+    "obstacles[circle]": (PartTable[asked.Circle], "A disc"),
+    "obstacles[half-plane]": (PartTable[asked.HalfPlane], "Ground or a wall, solid on one side of a line"),
+    "obstacles[capsule]": (PartTable[asked.Bar], "A bar with round ends"),
+    "self_clearance[]": (PartTable[asked.SelfClearance], "Two links to keep apart"),
 }
+
+
+def keys_of(table: type[Table]) -> dict[str, Key]:
+    """The keys of a table that say what they mean; a test finds those that do not."""
+    noted = [(name, note) for name, field in table.model_fields.items() for note in field.metadata]
+    return {name: note for name, note in noted if isinstance(note, Key)}
 
 
 def problem_schema() -> dict[str, Any]:
     """Return the JSON Schema of problem files; angles have no range there, since a file chooses their unit."""
     schema = ProblemFileTable.model_json_schema()
     definitions = schema["$defs"]
-    places = {place: definitions[model.__name__] if place else schema for place, model in MODELS.items()}
-    places |= {f"obstacles[{kind}]": definitions[f"{known.__name__}Table"] for kind, known in OBSTACLE_KINDS.items()}
-    for place, table in places.items():
-        table.pop("title", None)
-        table["description"] = TABLES[place]
-        for name, key in KEYS[place].items():
-            described = table["properties"][name]
-            described.pop("title", None)
-            described["description"] = f"{key.meaning} [{key.unit}]" if key.unit else key.meaning
-            _bound(described, name, key.unit)
-    schema["title"] = "floatplan problem"
-    for table in places.values():
-        for described in table["properties"].values():
-            described.pop("title", None)
-    return {"$schema": DIALECT, **schema}
+    for table, meaning in reversed(
+        TABLES.values()
+    ):  # what starts and ends a flight has one table, told of as the first
+        described = schema if table is ProblemFileTable else definitions[table.__name__]
+        described.pop("title", None)
+        described["description"] = meaning
+        for name, key in keys_of(table).items():
+            property_ = described["properties"][name]
+            property_["description"] = f"{key.meaning} [{key.unit}]" if key.unit else key.meaning
+            _bound(property_, name, key.unit)
+        for property_ in described["properties"].values():
+            property_.pop("title", None)
+    return {"$schema": DIALECT, **schema, "title": "floatplan problem"}
 
 
 def _bound(described: dict[str, Any], name: str, unit: str) -> None:

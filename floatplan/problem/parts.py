@@ -5,27 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from floatplan.arguments import (
-    FINITE,
-    Check,
-    Checked,
-    by_joint,
-    by_name,
-    made,
-    number,
-    one_of,
-    optional,
-    pair,
-    text,
-    whole,
-)
+from floatplan.arguments import FINITE, by_joint, number, optional, pair, text, whole
 from floatplan.arrays import Array
-from floatplan.tables import LIMIT_TABLE, OBJECTIVES, REST, Objective, Range
+from floatplan.problem.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
+from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
-PLACE = pair(number("place"))
+Pair: TypeAlias = tuple[float, float]
+BY_JOINT = "a number, a list in joint order, "
+LIMITED = "'urdf', 'none', a number, or a table by joint"
+MINIMISED = "; ".join(f"`{name}`: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items())
 
 SHORTEST_NORMAL = 1e-9  # as written
 LOWEST_DEGREE = 5
@@ -34,7 +25,7 @@ HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) 
 
 
 @dataclass(frozen=True, eq=False)
-class Posture(Checked):
+class Posture(Keyed):
     """Base orientation and joints at one end of the flight, as the user gives them.
 
     Parameters
@@ -51,18 +42,37 @@ class Posture(Checked):
         Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
-    orientation: float
-    positions: JointValues
-    velocities: JointValues | Literal["takeoff", "landing"] = 0.0
-    accelerations: JointValues | Literal["free"] = 0.0
-    settled: tuple[JointValues | None, JointValues | None] | None = None
-    checks: ClassVar[Mapping[str, Check]] = {
-        "orientation": number("orientation"),
-        "positions": by_joint(number("positions")),
-        "velocities": by_joint(number("velocities"), *REST.values()),
-        "accelerations": by_joint(number("accelerations"), "free"),
-        "settled": optional(pair(optional(by_joint(FINITE)), "sequences")),
-    }
+    orientation: Annotated[
+        float, Key("Absolute angle of the base link; a full turn more is one somersault more", ANGLE)
+    ]
+    positions: Annotated[
+        JointValues,
+        Key(
+            "Of the joints: by name, a list in joint order, or one number for all",
+            ANGLE,
+            wanted=f"{BY_JOINT}or a table by joint",
+        ),
+    ]
+    velocities: Annotated[
+        JointValues | Literal["takeoff", "landing"],
+        Key(
+            "Rates of the joints, written as positions are; "
+            "'takeoff' at the start, 'landing' at the goal: the frame rests",
+            RATE,
+            wanted=f"{BY_JOINT}a table by joint, or 'takeoff' or 'landing'",
+        ),
+    ] = 0.0
+    accelerations: Annotated[
+        JointValues | Literal["free"],
+        Key(
+            "Of the joints, written as positions are; or 'free'",
+            ACCELERATION,
+            wanted=f"{BY_JOINT}a table by joint, or 'free'",
+        ),
+    ] = 0.0
+    settled: Annotated[
+        tuple[JointValues | None, JointValues | None] | None, optional(pair(optional(by_joint(FINITE)), "sequences"))
+    ] = None
 
     @classmethod
     def degrees(
@@ -109,28 +119,28 @@ class JointState:
 
 
 @dataclass(frozen=True)
-class Takeoff(Checked):
+class Takeoff(Keyed):
     """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical)."""
 
-    frame: str
-    position: tuple[float, float] = (0.0, 0.0)
-    checks: ClassVar[Mapping[str, Check]] = {"frame": text, "position": PLACE}
+    frame: Annotated[str, Key("Name of a link or joint")]
+    position: Annotated[Pair, Key("Where the frame is at takeoff: horizontal, vertical", "m")] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Landing(Checked):
+class Landing(Keyed):
     """The frame that lands first, and its height at t = T, m.
 
     Left out, its link's shapes rest on the ground where the problem has one; else the height is 0.
     """
 
-    frame: str
-    height: float | None = None
-    checks: ClassVar[Mapping[str, Check]] = {"frame": text, "height": optional(number("height"))}
+    frame: Annotated[str, Key("Name of a link or joint")]
+    height: Annotated[
+        float | None, Key("Of the frame at landing; that of the ground, or of its takeoff, where left out", "m")
+    ] = None
 
 
 @dataclass(frozen=True)
-class Flight(Checked):
+class Flight(Keyed):
     """The flight as a whole.
 
     Parameters
@@ -149,24 +159,25 @@ class Flight(Checked):
         m/s^2, downwards positive.
     """
 
-    duration: float
-    angular_momentum: float | Literal["midpoint", "free"] = "midpoint"
-    takeoff: Takeoff | None = None
-    landing: Landing | None = None
-    horizontal_velocity: float = 0.0
-    gravity: float = 9.81
-    checks: ClassVar[Mapping[str, Check]] = {
-        "duration": number("duration"),
-        "angular_momentum": one_of("midpoint", "free", or_number=number("angular_momentum")),
-        "takeoff": optional(made(Takeoff)),
-        "landing": optional(made(Landing)),
-        "horizontal_velocity": number("horizontal_velocity"),
-        "gravity": number("gravity", advice="downwards is positive"),
-    }
+    duration: Annotated[float, Key("From takeoff to landing", "s")]
+    angular_momentum: Annotated[
+        float | Literal["midpoint", "free"],
+        Key(
+            'About the centre of mass; "midpoint" of what monotonic joints need, or "free": found by the search',
+            "kg m^2/s",
+            wanted="a number, 'midpoint' or 'free'",
+        ),
+    ] = "midpoint"
+    takeoff: Annotated[
+        Takeoff | None, Key("The frame that leaves the ground last; the base link at the origin where left out")
+    ] = None
+    landing: Annotated[Landing | None, Key("The frame that lands first; the takeoff frame where left out")] = None
+    horizontal_velocity: Annotated[float, Key("Of the centre of mass", "m/s")] = 0.0
+    gravity: Annotated[float, Key("Downwards", "m/s^2", check=number("gravity", advice="downwards is positive"))] = 9.81
 
 
 @dataclass(frozen=True, eq=False)
-class Motion(Checked):
+class Motion(Keyed):
     """The class of motions searched, (12), and the objective.
 
     Parameters
@@ -177,25 +188,27 @@ class Motion(Checked):
         One of the table of objectives, :data:`floatplan.tables.OBJECTIVE_TABLE`; "coefficients" is (17).
     """
 
-    degree: int | Sequence[int] | Literal["auto"] = 7
-    objective: Objective = "coefficients"
-    checks: ClassVar[Mapping[str, Check]] = {
-        "degree": by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False),
-        "objective": one_of(*OBJECTIVES),
-    }
+    degree: Annotated[
+        int | Sequence[int] | Literal["auto"],
+        Key(
+            'Of the polynomials: one for all, one for each joint, or "auto": raised as needed',
+            check=by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False),
+            wanted="a whole number, a list of them, or 'auto'",
+        ),
+    ] = 7
+    objective: Annotated[Objective, Key(f"What is least. {MINIMISED}")] = "coefficients"
 
 
 @dataclass(frozen=True, eq=False)
-class Motor(Checked):
+class Motor(Keyed):
     """Speed-dependent torque limit ``|torque| + slope |velocity| <= stall``, N m and N m s/rad."""
 
-    stall: float
-    slope: float
-    checks: ClassVar[Mapping[str, Check]] = {"stall": number("limit"), "slope": number("slope")}
+    stall: Annotated[float, Key("Torque at rest", "N m", "limit")]
+    slope: Annotated[float, Key("Torque that is lost with the rate", "N m s/rad")]
 
 
 @dataclass(frozen=True, eq=False)
-class Limits(Checked):
+class Limits(Keyed):
     """What the robot can do.
 
     Parameters
@@ -215,26 +228,38 @@ class Limits(Checked):
         Largest ``|orientation_rate|``, rad/s.
     """
 
-    position: Literal["urdf", "full"] | Mapping[str, Sequence[float]] | Sequence[Sequence[float]] = "urdf"
-    velocity: Literal["none", "urdf"] | JointValues = "none"
-    torque: Literal["none", "urdf"] | JointValues = "none"
-    motor: Mapping[str, Motor] = field(default_factory=dict)
-    orientation_rate: float | None = None
-    acceleration: Literal["none"] | JointValues = "none"
-    checks: ClassVar[Mapping[str, Check]] = {
-        "position": by_joint(pair(number("positions")), "urdf", "full", single=False),
-        **{
-            row.key: by_joint(number("limit", infinite=True), *(["urdf"] if row.in_urdf else []), "none")
-            for row in LIMIT_TABLE.values()
-            if row.of != "base"
-        },
-        "motor": by_name(made(Motor)),
-        "orientation_rate": optional(number("limit")),
-    }
+    position: Annotated[
+        Literal["urdf", "full"] | Mapping[str, Sequence[float]] | Sequence[Sequence[float]],
+        Key(
+            'Joint ranges: "urdf", "full" (one turn), or [low, high] by joint',
+            ANGLE,
+            "positions",
+            "'urdf', 'full', or a table of [low, high] by joint",
+        ),
+    ] = "urdf"
+    velocity: Annotated[
+        Literal["urdf", "none"] | JointValues,
+        Key('Largest rate: "none", "urdf", a number, or by joint', RATE, "limit", LIMITED),
+    ] = "none"
+    torque: Annotated[
+        Literal["urdf", "none"] | JointValues,
+        Key('Each motor\'s largest torque: "none", "urdf", a number, or by motor', "N m", "limit", LIMITED),
+    ] = "none"
+    motor: Annotated[Mapping[str, Motor], Key("Motors' curves, by joint")] = field(default_factory=dict)
+    orientation_rate: Annotated[float | None, Key("Largest rate of the base", RATE, "limit")] = None
+    acceleration: Annotated[
+        Literal["none"] | JointValues,
+        Key(
+            'Largest acceleration: "none", a number, or by joint',
+            ACCELERATION,
+            "limit",
+            "'none', a number, or a table by joint",
+        ),
+    ] = "none"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Obstacle(Checked):
+class Obstacle(Keyed):
     """What all obstacles share.
 
     Parameters
@@ -249,14 +274,11 @@ class Obstacle(Checked):
 
     kind: ClassVar[str]
     bounded: ClassVar[bool] = True
-    margin: float = 0.0
-    velocity: tuple[float, float] = (0.0, 0.0)
-    window: tuple[float, float] | None = None
-    checks: ClassVar[Mapping[str, Check]] = {
-        "margin": number("margin"),
-        "velocity": pair(number("velocity")),
-        "window": optional(pair(number("window"))),
-    }
+    margin: Annotated[float, Key("Distance to keep from it", "m")] = 0.0
+    velocity: Annotated[
+        Pair, Key("Of one that moves: horizontal, vertical; it is where it is written at takeoff", "m/s")
+    ] = (0.0, 0.0)
+    window: Annotated[Pair | None, Key("When it exists: from, to, since takeoff; always, where left out", "s")] = None
 
     @property
     def thickness(self) -> float:
@@ -280,9 +302,8 @@ class Circle(Obstacle):
     """A disc: centre (horizontal, vertical) and radius, m."""
 
     kind: ClassVar[str] = "circle"
-    center: tuple[float, float]
-    radius: float
-    checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "center": PLACE, "radius": number("radius")}
+    center: Annotated[Pair, Key("Horizontal, vertical", "m")]
+    radius: Annotated[float, Key("Of the disc", "m")]
 
     @property
     def thickness(self) -> float:
@@ -301,9 +322,8 @@ class HalfPlane(Obstacle):
 
     kind: ClassVar[str] = "half-plane"
     bounded: ClassVar[bool] = False
-    point: tuple[float, float] = (0.0, 0.0)
-    normal: tuple[float, float] = (0.0, 1.0)
-    checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "point": PLACE, "normal": PLACE}
+    point: Annotated[Pair, Key("A place on the line: horizontal, vertical", "m")] = (0.0, 0.0)
+    normal: Annotated[Pair, Key("Direction away from what is solid: horizontal, vertical; of any length")] = (0.0, 1.0)
 
     @property
     def thickness(self) -> float:
@@ -332,15 +352,9 @@ class Bar(Obstacle):
     """A capsule: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 
     kind: ClassVar[str] = "capsule"
-    start: tuple[float, float]
-    end: tuple[float, float]
-    radius: float
-    checks: ClassVar[Mapping[str, Check]] = {
-        **Obstacle.checks,
-        "start": PLACE,
-        "end": PLACE,
-        "radius": number("radius"),
-    }
+    start: Annotated[Pair, Key("One end of its middle line: horizontal, vertical", "m")]
+    end: Annotated[Pair, Key("The other end", "m")]
+    radius: Annotated[float, Key("Of the bar", "m")]
 
     @property
     def thickness(self) -> float:
@@ -361,12 +375,11 @@ def _pair(values: tuple[float, float]) -> str:
 
 
 @dataclass(frozen=True)
-class SelfClearance(Checked):
+class SelfClearance(Keyed):
     """Two links whose shapes must stay ``margin`` apart, m."""
 
-    links: tuple[str, str]
-    margin: float = 0.0
-    checks: ClassVar[Mapping[str, Check]] = {"links": pair(text, "names of links"), "margin": number("margin")}
+    links: Annotated[tuple[str, str], Key("The two links", check=pair(text, "names of links"))]
+    margin: Annotated[float, Key("Distance to keep between them", "m")] = 0.0
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """A link cannot keep away from itself."""

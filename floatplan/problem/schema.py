@@ -1,31 +1,38 @@
-"""The tables of a problem file as pydantic models: which keys there are; :mod:`.values` says what each may hold."""
+"""The tables of a problem file as pydantic models, made from the parts of a problem and the record of their keys."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_type_hints
+from functools import cache
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Literal,
+    TypeAlias,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
 from floatplan.problem import parts as asked
-from floatplan.problem.values import (
-    AccelerationLimits,
-    Accelerations,
-    Angle,
-    AngularLimits,
-    AngularMomentum,
-    Degree,
-    JointAngles,
-    Number,
-    Place,
-    PositionLimits,
-    TorqueLimits,
-    Velocities,
-    any_of,
-)
+from floatplan.problem.keys import ANGLE, Key, Keyed
+from floatplan.problem.values import Angle, Number, Whole, any_of
 from floatplan.robot.robot import Coupling
-from floatplan.tables import LIMIT_TABLE, Objective
+
+Part = TypeVar("Part", bound=Keyed)
+SHAPES = {Mapping: "<table>", Sequence: "<list>", Literal: "<word>"}
+UNLIMITED = (None, "none")
 
 
 class Table(BaseModel):
@@ -34,12 +41,96 @@ class Table(BaseModel):
     model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True)
 
 
+class PartTable(Table, Generic[Part]):
+    """The table of a part; ``PartTable[Flight]`` has the keys of :class:`Flight`, and makes one."""
+
+    part: ClassVar[type[Keyed]]
+
+    def __class_getitem__(cls, part: Any) -> Any:
+        """Return the table of a part."""
+        return _table(part)
+
+    def values(self) -> dict[str, Any]:
+        """The fields of the part."""
+        return {name: _value(getattr(self, name)) for name in self.part.keys}
+
+    def made(self) -> Part:
+        """Return the part that the table describes."""
+        return self.part.unchecked(**self.values())  # type: ignore[return-value]
+
+
+@cache
+def _table(part: Any) -> type[PartTable[Any]]:
+    hints = get_type_hints(part)
+    stated: dict[str, Any] = {}
+    for each in fields(part):
+        key = part.keys.get(each.name)
+        if key is not None:
+            default = ... if each.default is MISSING else each.default
+            if each.default_factory is not MISSING:
+                default = Field(default_factory=each.default_factory)
+            stated[each.name] = (Annotated[_held(hints[each.name], key), key], default)
+    if issubclass(part, asked.Obstacle):
+        stated = {"kind": (Annotated[Literal[part.kind], Key("Which kind of obstacle")], ...), **stated}
+    table: type[PartTable[Any]] = create_model(f"{part.__name__}Table", __base__=PartTable, **stated)
+    table.part = part
+    return table
+
+
+def _held(hint: Any, key: Key) -> Any:
+    """What a file may hold for a field with this type."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if isinstance(hint, type) and issubclass(hint, Keyed):
+        return _table(hint)  # type: ignore[arg-type]
+    if origin in (Union, UnionType):
+        return _one_of(hint, key)
+    if origin is tuple:
+        return tuple[tuple(_held(each, key) for each in inner)]  # type: ignore[misc]
+    if origin is Mapping:
+        return dict[str, _entry(inner[1], key)]  # type: ignore[misc]
+    if origin is Sequence:
+        return list[_entry(inner[0], key)]  # type: ignore[misc]
+    return {float: Angle if " or deg" in key.unit else Number, int: Whole}.get(hint, hint)
+
+
+def _entry(hint: Any, key: Key) -> Any:
+    """What one entry of a table by joint or of a list may be: a sequence there is a pair."""
+    held = _held(get_args(hint)[0] if get_origin(hint) is Sequence else hint, key)
+    return tuple[held, held] if get_origin(hint) is Sequence else held  # type: ignore[valid-type]
+
+
+def _one_of(hint: Any, key: Key) -> Any:
+    """One of several shapes; in a list of limits, ``null`` and "none" are no limit."""
+    kinds = [kind for kind in get_args(hint) if get_origin(kind) is not np.ndarray]
+    several = {SHAPES.get(get_origin(kind), "<number>"): _held(kind, key) for kind in kinds if kind is not type(None)}
+    if len(kinds) > len(several):
+        return several.popitem()[1] | None
+    if "<list>" in several and "none" in get_args(several.get("<word>")):
+        entry = {"<word>": Literal["none"], "<number>": several["<number>"]}
+        several["<list>"] = list[_shaped(entry, "a number or 'none'") | None]  # type: ignore[misc]
+    return _shaped(several, key.wanted)
+
+
+def _shaped(forms: Mapping[str, Any], wanted: str) -> Any:
+    tagged = [Annotated[forms[tag], Tag(tag)] for tag in (*SHAPES.values(), "<number>") if tag in forms]
+    return Annotated[Union[tuple(tagged)], any_of(wanted)]  # noqa: UP007
+
+
+def _value(value: Any) -> Any:
+    """What a part is given for what its table holds."""
+    if isinstance(value, PartTable):
+        return value.made()
+    if isinstance(value, dict):
+        return {name: _value(each) for name, each in value.items()}
+    return [math.inf if each in UNLIMITED else each for each in value] if isinstance(value, list) else value
+
+
 class CouplingTable(Table):
     """``{ leader = "q1", ratio = -1, offset = 0 }``."""
 
-    leader: str
-    ratio: Number = 1.0
-    offset: Angle = 0.0
+    leader: Annotated[str, Key("The planned joint that it follows")]
+    ratio: Annotated[Number, Key("Its position over the leader's")] = 1.0
+    offset: Annotated[Angle, Key("Its position where the leader's is zero", ANGLE)] = 0.0
 
     def coupling(self) -> Coupling:
         """Return what the table says."""
@@ -59,186 +150,59 @@ CoupledJoints: TypeAlias = Annotated[
 class RobotTable(Table):
     """``[robot]``: the URDF and the choices that it leaves open."""
 
-    urdf: str
-    plane: str | None = None
-    joints: list[str] | None = None
-    coupled: CoupledJoints = Field(default_factory=dict)
-    locked: dict[str, Angle] = Field(default_factory=dict)
-    reference: str | None = None
+    urdf: Annotated[str, Key("Path from this file's folder, or `example-robot-data:` and a path in that package")]
+    plane: Annotated[
+        str | None, Key('Horizontal and vertical axis, such as "xz"; found from the joints where left out')
+    ] = None
+    joints: Annotated[
+        list[str] | None,
+        Key("Joints to plan, in the order of all lists; all that turn about the plane's normal if left out"),
+    ] = None
+    coupled: Annotated[
+        CoupledJoints,
+        Key('Joints that follow others: a leader\'s name (with a minus, mirrored), a table, or "mirror"'),
+    ] = Field(default_factory=dict)
+    locked: Annotated[
+        dict[str, Angle], Key("Joints that stay where they are, by name", f"{ANGLE}, m of those that slide")
+    ] = Field(default_factory=dict)
+    reference: Annotated[
+        str | None, Key("Posture of an SRDF file beside the URDF, where joints that are not planned are locked")
+    ] = None
 
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""
-        return {
-            "plane": self.plane,
-            "joints": self.joints,
-            "coupled": self.coupled if isinstance(self.coupled, str) else self._couplings(self.coupled),
-            "locked": dict(self.locked) or None,
-            "reference": self.reference,
-        }
-
-    def _couplings(self, coupled: dict[str, CouplingTable | str]) -> dict[str, str | Coupling] | None:
-        leaders = {name: leader if isinstance(leader, str) else leader.coupling() for name, leader in coupled.items()}
-        return leaders or None
+        coupled: Any = self.coupled
+        if not isinstance(coupled, str):
+            coupled = {name: each if isinstance(each, str) else each.coupling() for name, each in coupled.items()}
+        said = {"joints": self.joints, "coupled": coupled or None, "locked": dict(self.locked) or None}
+        return {"plane": self.plane, **said, "reference": self.reference}
 
 
-class PostureTable(Table):
-    """``[start]`` or ``[goal]``."""
-
-    orientation: Angle
-    positions: JointAngles
-    velocities: Velocities = 0.0
-    accelerations: Accelerations = 0.0
-
-    def posture(self) -> asked.Posture:
-        """Return what the table says."""
-        return asked.Posture.unchecked(**self.stated())
-
-    def stated(self) -> dict[str, Any]:
-        """The fields of the posture."""
-        return {name: getattr(self, name) for name in ("orientation", "positions", "velocities", "accelerations")}
-
-
-class RecordedPostureTable(PostureTable):
+class RecordedPostureTable(PartTable[asked.Posture]):
     """``start`` or ``goal`` of a plan file: with the words that its numbers stand for, where words were asked for."""
 
     velocities_asked: Literal["takeoff", "landing"] | None = None
     accelerations_asked: Literal["free"] | None = None
 
-    def stated(self) -> dict[str, Any]:
+    def values(self) -> dict[str, Any]:
         """The fields of the posture."""
-        stated = super().stated()
-        if not (self.velocities_asked or self.accelerations_asked):
-            return stated
-        return stated | {
-            "velocities": self.velocities_asked or self.velocities,
-            "accelerations": self.accelerations_asked or self.accelerations,
-            "settled": (_numbers(self.velocities), _numbers(self.accelerations)),
-        }
+        values = super().values()
+        words = {"velocities": self.velocities_asked, "accelerations": self.accelerations_asked}
+        if not any(words.values()):
+            return values
+        settled = tuple(None if isinstance(values[name], str) else values[name] for name in words)
+        return values | {name: word for name, word in words.items() if word} | {"settled": settled}
 
 
-def _numbers(values: asked.JointValues | str) -> asked.JointValues | None:
-    return None if isinstance(values, str) else values
-
-
-class TakeoffTable(Table):
-    """``takeoff = { frame = "foot", position = [0, 0] }``."""
-
-    frame: str
-    position: Place = (0.0, 0.0)
-
-    def takeoff(self) -> asked.Takeoff:
-        """Return what the table says."""
-        return asked.Takeoff.unchecked(frame=self.frame, position=self.position)
-
-
-class LandingTable(Table):
-    """``landing = { frame = "hand", height = 0 }``."""
-
-    frame: str
-    height: Number | None = None
-
-    def landing(self) -> asked.Landing:
-        """Return what the table says."""
-        return asked.Landing.unchecked(frame=self.frame, height=self.height)
-
-
-class FlightTable(Table):
-    """``[flight]``."""
-
-    duration: Number
-    angular_momentum: AngularMomentum = "midpoint"
-    takeoff: TakeoffTable | None = None
-    landing: LandingTable | None = None
-    horizontal_velocity: Number = 0.0
-    gravity: Number = 9.81
-
-    def flight(self) -> asked.Flight:
-        """Return what the table says."""
-        return asked.Flight.unchecked(
-            duration=self.duration,
-            angular_momentum=self.angular_momentum,
-            takeoff=self.takeoff.takeoff() if self.takeoff else None,
-            landing=self.landing.landing() if self.landing else None,
-            horizontal_velocity=self.horizontal_velocity,
-            gravity=self.gravity,
-        )
-
-
-class MotionTable(Table):
-    """``[motion]``."""
-
-    degree: Degree = 7
-    objective: Objective = "coefficients"
-
-    def motion(self) -> asked.Motion:
-        """Return what the table says."""
-        return asked.Motion.unchecked(degree=self.degree, objective=self.objective)
-
-
-class MotorTable(Table):
-    """``{ stall = 8, slope = 0.4 }``."""
-
-    stall: Number
-    slope: Number
-
-
-class LimitsTable(Table):
-    """``[limits]``."""
-
-    position: PositionLimits = "urdf"
-    velocity: AngularLimits = "none"
-    acceleration: AccelerationLimits = "none"
-    torque: TorqueLimits = "none"
-    motor: dict[str, MotorTable] = Field(default_factory=dict)
-    orientation_rate: Angle | None = None
-
-    def limits(self) -> asked.Limits:
-        """Return what the table says; ``null`` or ``"none"`` in a list is no limit."""
-        by_joint = {row.key: _unlimited(getattr(self, row.key)) for row in LIMIT_TABLE.values() if row.of != "base"}
-        motors = {name: asked.Motor.unchecked(stall=each.stall, slope=each.slope) for name, each in self.motor.items()}
-        return asked.Limits.unchecked(
-            position=self.position, **by_joint, motor=motors, orientation_rate=self.orientation_rate
-        )
-
-
-class RecordedLimitsTable(LimitsTable):
+class RecordedLimitsTable(PartTable[asked.Limits]):
     """``limits`` of a plan file: where a joint has several motors, with the limit of each one's own torque."""
 
     motor_torque: dict[str, Number] | None = None
 
-    def limits(self) -> asked.Limits:
-        """Return what the table says; the motors' own limits contain those of the generalised torques."""
-        limits = super().limits()
-        return limits if self.motor_torque is None else limits.changed(torque=self.motor_torque)
-
-
-def _unlimited(values: Any) -> Any:
-    return [math.inf if value in (None, "none") else value for value in values] if isinstance(values, list) else values
-
-
-class ObstacleTable(Table):
-    """One of ``[[obstacles]]``: its kind, and the fields of that kind's class."""
-
-    kind: str
-
-    def obstacle(self) -> asked.Obstacle:
-        """Return what the table says."""
-        values = {name: getattr(self, name) for name in type(self).model_fields if name != "kind"}
-        return asked.OBSTACLE_KINDS[self.kind].unchecked(**values)
-
-
-_TYPES: dict[Any, Any] = {float: Number, tuple[float, float]: Place, tuple[float, float] | None: Place | None}
-
-
-def _obstacle_table(kind: type[asked.Obstacle]) -> type[ObstacleTable]:
-    """The table whose keys are the fields of a class of obstacles."""
-    hints = get_type_hints(kind)
-    keys: dict[str, Any] = {
-        each.name: (_TYPES[hints[each.name]], ... if each.default is MISSING else each.default) for each in fields(kind)
-    }
-    keys["kind"] = (Literal[kind.kind], ...)
-    table: type[ObstacleTable] = create_model(f"{kind.__name__}Table", __base__=ObstacleTable, **keys)
-    return table
+    def values(self) -> dict[str, Any]:
+        """The fields of the limits; the motors' own contain those of the generalised torques."""
+        values = super().values()
+        return values if self.motor_torque is None else values | {"torque": self.motor_torque}
 
 
 def _obstacle_kind(value: Any) -> str | None:
@@ -248,7 +212,10 @@ def _obstacle_kind(value: Any) -> str | None:
 
 def _any_obstacle() -> Any:
     """The tables of all kinds, told apart by their kind."""
-    tagged = [Annotated[_obstacle_table(known), Tag(f"<{kind}>")] for kind, known in asked.OBSTACLE_KINDS.items()]
+    tagged = [
+        Annotated[_table(known), Tag(f"<{kind}>")]  # type: ignore[arg-type]
+        for kind, known in asked.OBSTACLE_KINDS.items()
+    ]
     *first, last = map(repr, asked.OBSTACLE_KINDS)
     message = f"is not a table with kind = {', '.join(first)} or {last}"
     told = Discriminator(_obstacle_kind, custom_error_type="wrong_kind", custom_error_message=message)
@@ -256,31 +223,31 @@ def _any_obstacle() -> Any:
 
 
 if TYPE_CHECKING:
-    AnyObstacle: TypeAlias = ObstacleTable
+    AnyObstacle: TypeAlias = PartTable[asked.Obstacle]
 else:
     AnyObstacle = _any_obstacle()
 
-
-class SelfClearanceTable(Table):
-    """``[[self_clearance]]``."""
-
-    links: tuple[str, str]
-    margin: Number = 0.0
+Unit: TypeAlias = Annotated[Literal["rad", "deg"], Key("Unit of all angles and rates in this file")]
 
 
 class ProblemTable(Table):
     """A problem file less its ``[robot]``."""
 
-    name: Annotated[str, Field(min_length=1)] | None = None
-    angles: Literal["rad", "deg"] = "rad"
-    ground: Annotated[bool, Field(strict=True)] = False
-    start: PostureTable
-    goal: PostureTable
-    flight: FlightTable
-    motion: MotionTable = Field(default_factory=MotionTable)
-    limits: LimitsTable = Field(default_factory=LimitsTable)
+    name: Annotated[
+        Annotated[str, Field(min_length=1)] | None,
+        Key("Of the problem, and of the folder of its results; the file's name where left out"),
+    ] = None
+    angles: Unit = "rad"
+    ground: Annotated[
+        bool, Field(strict=True), Key("Whether the robot stays above the line that it takes off from")
+    ] = False
+    start: PartTable[asked.Posture]
+    goal: PartTable[asked.Posture]
+    flight: PartTable[asked.Flight]
+    motion: PartTable[asked.Motion] = Field(default_factory=PartTable[asked.Motion])
+    limits: PartTable[asked.Limits] = Field(default_factory=PartTable[asked.Limits])
     obstacles: list[AnyObstacle] = Field(default_factory=list)
-    self_clearance: list[SelfClearanceTable] = Field(default_factory=list)
+    self_clearance: list[PartTable[asked.SelfClearance]] = Field(default_factory=list)
 
 
 class RecordedProblemTable(ProblemTable):
@@ -301,5 +268,5 @@ class RobotFileTable(Table):
     """A file that names a robot, and asks nothing of it yet."""
 
     name: str | None = None
-    angles: Literal["rad", "deg"] = "rad"
+    angles: Unit = "rad"
     robot: RobotTable

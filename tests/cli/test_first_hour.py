@@ -6,7 +6,7 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -222,16 +222,19 @@ class TestSchema:
 
     def test_every_key_is_described(self) -> None:
         """A key that a table gets has to get its meaning too, and a meaning goes with its key."""
-        from floatplan.problem.json_schema import MODELS, problem_schema
-        from floatplan.problem.keys import KEYS, TABLES
+        from floatplan.problem.json_schema import TABLES, Table, keys_of
+        from floatplan.problem.schema import ProblemFileTable
 
-        tables = {name: set(model.model_fields) for name, model in MODELS.items()}
-        tables["goal"] = tables["start"]
-        for name, place in (("CircleTable", "circle"), ("HalfPlaneTable", "half-plane"), ("BarTable", "capsule")):
-            tables[f"obstacles[{place}]"] = set(problem_schema()["$defs"][name]["properties"])
-        top = tables[""] - {name.split(".")[0].split("[")[0] for name in tables if name}
-        assert {place: set(keys) for place, keys in KEYS.items()} == {**tables, "": top}
-        assert set(KEYS) <= set(TABLES)
+        def tables(annotation: Any) -> set[type[Table]]:
+            if not (isinstance(annotation, type) and issubclass(annotation, Table)):
+                return {found for inner in get_args(annotation) for found in tables(inner)}
+            own = [tables(field.annotation) for field in annotation.model_fields.values()]
+            return {annotation}.union(*own)
+
+        assert {table for table, _ in TABLES.values()} == tables(ProblemFileTable)
+        for place, (table, _) in TABLES.items():
+            without = set(table.model_fields) - set(keys_of(table))
+            assert without == (set() if place else {name.split(".")[0].split("[")[0] for name in TABLES if name})
 
     def test_the_command(self, floatplan: Command) -> None:
         from floatplan.problem.json_schema import problem_schema

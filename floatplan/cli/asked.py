@@ -1,0 +1,231 @@
+"""A problem from the command line: a robot with options, or a problem file that options override."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from floatplan.cli.common import Options, RobotChoices
+from floatplan.errors import InputError, ProblemError
+from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
+from floatplan.problem.problem import Problem
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
+from floatplan.tables import REST
+
+PLACE = "command line"
+SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
+
+
+def _chosen_robot(source: str, choices: RobotChoices, degrees: bool) -> Robot:
+    """Load the robot; InputError where an option is wrong."""
+    coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None
+    if choices.coupled is not None:
+        pairs = _pairs("--coupled", choices.coupled, "FOLLOWER=LEADER") if choices.coupled.strip() != "mirror" else None
+        coupled = "mirror" if pairs is None else {name: _leader(name, leader) for name, leader in pairs}
+    locked = None
+    if choices.locked is not None:
+        pairs = _pairs("--locked", choices.locked, "JOINT=ANGLE")
+        locked = {joint: _angle("--locked", value, degrees) for joint, value in pairs}
+    said = {"plane": choices.plane, "joints": None, "coupled": coupled, "locked": locked}
+    return robot_as_asked(source, {**said, "reference": choices.reference}, PLACE, "--")
+
+
+def _refuse_beside_a_file(choices: RobotChoices) -> None:
+    """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
+    for name, value in vars(choices).items():
+        if value is not None:
+            raise InputError(
+                "a problem file says itself how its robot is read",
+                source=PLACE,
+                element=f"--{name}",
+                advice=f"set robot.{name} in the file",
+            )
+
+
+def _leader(follower: str, text: str) -> str | Coupling:
+    """``leader``, ``-leader``, ``0.5*leader``."""
+    ratio, star, leader = text.partition("*")
+    if not star:
+        return text
+    try:
+        return Coupling(leader.strip(), _number("--coupled", ratio))
+    except InputError as error:
+        raise error if error.source else error.within(PLACE, f"--coupled {follower}") from None
+
+
+def _pairs(option: str, text: str, form: str) -> list[tuple[str, str]]:
+    """``a=b,c=d`` as pairs; InputError where one is not, or a name comes twice."""
+    pairs = [tuple(map(str.strip, part.split("=", 1))) for part in text.split(",") if part.strip()]
+    if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
+        raise InputError(f"{text!r} is not {form},..", source=PLACE, element=option, advice=f"give {form}")
+    names = [pair[0] for pair in pairs]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice!r} is given twice", source=PLACE, element=option, advice="keep one of them")
+    return [(name, value) for name, value in pairs]
+
+
+def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the tables of a problem file that the options fill, in radians.
+
+    Raises
+    ------
+    InputError
+        A list holds what is no number, or start or goal have not one number for each joint and the orientation.
+    """
+    tables: dict[str, dict[str, Any]] = {"start": {}, "goal": {}, "flight": {}, "motion": {}}
+    for name, key in options.keys().items():
+        value = getattr(options, name)
+        if value is None:
+            continue
+        option, (place, *inner) = f"--{name.replace('_', '-')}", key.split(".")
+        if not inner:
+            tables[place] |= _posture(option, _numbers(option, value, degrees), joints)
+        elif place in REST:
+            word = REST[place] if inner == ["velocities"] else "free"
+            tables[place][inner[0]] = word if value.strip() == word else _one_or_many(_numbers(option, value, degrees))
+        else:
+            value = READ[name](value) if name in READ else value
+            tables[place][inner[0]] = {inner[1]: value} if inner[1:] else value
+    return tables
+
+
+def _posture(option: str, numbers: Sequence[float], joints: Sequence[str]) -> dict[str, Any]:
+    if len(numbers) != 1 + len(joints):
+        raise InputError(
+            f"{_count(numbers)} where {1 + len(joints)} are wanted",
+            source=PLACE,
+            element=option,
+            advice=f"give orientation, {', '.join(joints)}",
+        )
+    return {"orientation": numbers[0], "positions": numbers[1:]}
+
+
+def _numbers(option: str, text: str, degrees: bool) -> list[float]:
+    return [_angle(option, part, degrees) for part in _parts(text)]
+
+
+def _angle(option: str, text: str, degrees: bool) -> float:
+    return math.radians(_number(option, text)) if degrees else _number(option, text)
+
+
+def is_robot(source: str) -> bool:
+    """Whether the argument names a robot; a problem file otherwise."""
+    return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
+
+
+def named_robot(source: str, choices: RobotChoices, degrees: bool) -> Robot:
+    """Load the robot that is named, or the one of the problem file that is named, which may hold no more than that."""
+    if is_robot(source):
+        return _chosen_robot(source, choices, degrees)
+    _refuse_beside_a_file(choices)
+    return load_robot(source)
+
+
+def asked_problem(source: str, options: Options, choices: RobotChoices, degrees: bool) -> Problem:
+    """Build the problem that the command line asks for.
+
+    Raises
+    ------
+    InputError
+        A file or an option is wrong.
+    """
+    if is_robot(source):
+        robot = _chosen_robot(source, choices, degrees)
+        given = _tables(options, degrees, robot.joints)
+        tables = {name: table for name, table in given.items() if table or name == "flight"}
+        return _from_tables({"name": robot.name, **tables}, robot, options, degrees, PLACE)
+    _refuse_beside_a_file(choices)
+    problem = load_problem(source)
+    if options == Options():
+        return problem
+    content = problem_to_dict(problem)
+    if problem.flight.landing is None:
+        del content["flight"]["landing"]
+    elif problem.flight.landing.height is None:
+        del content["flight"]["landing"]["height"]
+    merged = _merged(content, _tables(options, degrees, problem.robot.joints))
+    return _from_tables(merged, problem.robot, options, degrees, f"{source} with options")
+
+
+def _as_typed(error: InputError, options: Options, place: str) -> InputError:
+    """The same error, about the option that a key of a problem file stands for where it was given, or nothing else."""
+    if isinstance(error, ProblemError):
+        return ProblemError([_as_typed(each, options, place) for each in error.errors])
+    place_in_file = error.element or ""
+    for option, key in options.keys().items():
+        beyond = place_in_file.removeprefix(key).removeprefix(".")
+        if place_in_file.startswith(key) and (place == PLACE or getattr(options, option) is not None):
+            element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))
+            return InputError(error.reason, source=PLACE, element=element, advice=error.advice)
+    return error
+
+
+def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, degrees: bool, place: str) -> Problem:
+    try:
+        return problem_from_dict(content, robot, place)
+    except InputError as found:
+        error = _as_typed(found, options, place)
+        if degrees or not _surely_degrees(options):
+            raise error from None
+        hint = InputError(
+            "angles are in radians here", source=PLACE, element="--radians", advice="give --degrees if they are not"
+        )
+        raise ProblemError([error, hint]) from None
+
+
+def _surely_degrees(options: Options) -> bool:
+    texts = [text for text in (options.start, options.goal) if text is not None]
+    return any(abs(float(part)) > SURELY_DEGREES for text in texts for part in _parts(text))
+
+
+def _parts(text: str) -> list[str]:
+    return [part for part in re.split(r"[,\s]+", text.strip()) if part]
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{text!r} is not a number", source=PLACE, element=option) from None
+
+
+def _count(numbers: Sequence[float]) -> str:
+    return "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
+
+
+def _number_or_word(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _degree(text: str) -> Any:
+    parts = _parts(text)
+    try:
+        degrees = [int(part) for part in parts]
+    except ValueError:
+        return text
+    return _one_or_many(degrees)
+
+
+def _one_or_many(numbers: list[Any]) -> Any:
+    """One number is for all joints."""
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+READ: dict[str, Callable[[str], Any]] = {"angular_momentum": _number_or_word, "degree": _degree}
+
+
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of ``over`` laid over those of ``base``, key by key."""
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
