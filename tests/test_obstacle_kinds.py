@@ -40,5 +40,5 @@ def test_plan_files_hold_every_field_of_its_own(kind):
 
 @pytest.mark.parametrize("other", [Obstacle(), "circle"])
 def test_a_problem_refuses_other_kinds(other):
-    with pytest.raises(fp.InputError, match=r"obstacles\[0\].*must be a Circle or HalfPlane or Bar"):
+    with pytest.raises(fp.InputError, match=r"obstacles\[0\].*is not a Circle, HalfPlane or Bar"):
         replace(fp.load_problem(EXAMPLE), obstacles=(other,))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitRow
 
 ANGLE = "rad or deg"
 RATE = "rad/s or deg/s"
@@ -55,6 +55,13 @@ _OBSTACLE = {
     "window": Key("When it exists: from, to, since takeoff; always, where left out", "s"),
 }
 
+
+def _limit(row: LimitRow) -> Key:
+    words = '"none", "urdf"' if row.in_urdf else '"none"'
+    unit = f"{row.unit} or {row.unit.replace('rad', 'deg')}" if row.unit.startswith("rad") else row.unit
+    return Key(f"{row.description}: {words}, a number, or by {row.of.removesuffix('s')}", unit)
+
+
 KEYS: dict[str, dict[str, Key]] = {
     "": {
         "name": Key("Of the problem, and of the folder of its results; the file's name where left out"),
@@ -101,11 +108,9 @@ KEYS: dict[str, dict[str, Key]] = {
     },
     "limits": {
         "position": Key('Joint ranges: "urdf", "full" (one turn), or [low, high] by joint', ANGLE),
-        "velocity": Key('Largest rate: "none", "urdf", a number, or by joint', RATE),
-        "acceleration": Key('Largest acceleration: "none", a number, or by joint', ACCELERATION),
-        "torque": Key('Each motor\'s largest torque: "none", "urdf", a number, or by motor', "N m"),
+        **{row.key: _limit(row) for row in LIMIT_TABLE.values() if row.of != "base"},
         "motor": Key("Motors' curves, by joint"),
-        "orientation_rate": Key("Largest rate of the base", RATE),
+        "orientation_rate": Key(LIMIT_TABLE["orientation_rate"].description, RATE),
     },
     "limits.motor.*": {
         "stall": Key("Torque at rest", "N m"),

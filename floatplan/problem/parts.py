@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar, Literal, Self, TypeAlias
 
 from floatplan.arguments import (
     FINITE,
@@ -26,6 +26,7 @@ from floatplan.tables import LIMIT_TABLE, OBJECTIVES, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 PLACE = pair(number("place"))
+DIRECTION = pair(number("place"))
 
 SHORTEST_NORMAL = 1e-9  # as written
 LOWEST_DEGREE = 5
@@ -248,7 +249,6 @@ class Obstacle(Checked):
     """
 
     kind: ClassVar[str]
-    bounded: ClassVar[bool] = True
     margin: float = 0.0
     velocity: tuple[float, float] = (0.0, 0.0)
     window: tuple[float, float] | None = None
@@ -258,15 +258,35 @@ class Obstacle(Checked):
         "window": optional(pair(number("window"))),
     }
 
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """Return one at a place, beside a robot of some size, m."""
+        raise NotImplementedError
+
+    @property
+    def pieces(self) -> tuple[Obstacle, ...]:
+        """What it is made of, with its velocity: what is away from all of them is away from it."""
+        return (self,)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether a picture can hold all of it."""
+        return all(piece.bounded for piece in self.pieces)
+
     @property
     def thickness(self) -> float:
         """Least width, m: a point that moves less between two instants cannot have passed through unseen."""
-        raise NotImplementedError
+        return min(piece.thickness for piece in self.pieces)
 
     @property
     def where(self) -> str:
         """Where it stands and how large it is, for a person."""
-        raise NotImplementedError
+        return " and ".join(piece.where for piece in self.pieces)
+
+    @classmethod
+    def places(cls) -> tuple[str, ...]:
+        """Names of the fields that are places, m."""
+        return tuple(name for name, check in cls.checks.items() if check is PLACE)
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle."""
@@ -283,6 +303,12 @@ class Circle(Obstacle):
     center: tuple[float, float]
     radius: float
     checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "center": PLACE, "radius": number("radius")}
+    bounded = True
+
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """A disc of a tenth of the size."""
+        return cls(center=(place.real, place.imag), radius=0.1 * size)
 
     @property
     def thickness(self) -> float:
@@ -300,10 +326,15 @@ class HalfPlane(Obstacle):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-plane"
-    bounded: ClassVar[bool] = False
     point: tuple[float, float] = (0.0, 0.0)
     normal: tuple[float, float] = (0.0, 1.0)
-    checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "point": PLACE, "normal": PLACE}
+    checks: ClassVar[Mapping[str, Check]] = {**Obstacle.checks, "point": PLACE, "normal": DIRECTION}
+    bounded = False
+
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """A ceiling."""
+        return cls(point=(place.real, place.imag), normal=(0.0, -1.0))
 
     @property
     def thickness(self) -> float:
@@ -341,6 +372,13 @@ class Bar(Obstacle):
         "end": PLACE,
         "radius": number("radius"),
     }
+    bounded = True
+
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """A level bar."""
+        ends = (place.real - 0.2 * size, place.imag), (place.real + 0.2 * size, place.imag)
+        return cls(start=ends[0], end=ends[1], radius=0.04 * size)
 
     @property
     def thickness(self) -> float:

@@ -10,19 +10,17 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_mo
 
 from floatplan.problem import parts as asked
 from floatplan.problem.values import (
-    AccelerationLimits,
     Accelerations,
     Angle,
-    AngularLimits,
     AngularMomentum,
     Degree,
     JointAngles,
     Number,
     Place,
     PositionLimits,
-    TorqueLimits,
     Velocities,
     any_of,
+    limits_by_joint,
 )
 from floatplan.robot.robot import Coupling
 from floatplan.tables import LIMIT_TABLE, Objective
@@ -182,23 +180,34 @@ class MotorTable(Table):
     slope: Number
 
 
-class LimitsTable(Table):
-    """``[limits]``."""
+class _Limits(Table):
+    """``[limits]``, less those of the table of limits that are by joint."""
 
     position: PositionLimits = "urdf"
-    velocity: AngularLimits = "none"
-    acceleration: AccelerationLimits = "none"
-    torque: TorqueLimits = "none"
     motor: dict[str, MotorTable] = Field(default_factory=dict)
     orientation_rate: Angle | None = None
 
     def limits(self) -> asked.Limits:
         """Return what the table says; ``null`` or ``"none"`` in a list is no limit."""
-        by_joint = {row.key: _unlimited(getattr(self, row.key)) for row in LIMIT_TABLE.values() if row.of != "base"}
+        by_joint = {key: _unlimited(getattr(self, key)) for key in _BY_JOINT}
         motors = {name: asked.Motor.unchecked(stall=each.stall, slope=each.slope) for name, each in self.motor.items()}
         return asked.Limits.unchecked(
             position=self.position, **by_joint, motor=motors, orientation_rate=self.orientation_rate
         )
+
+
+_BY_JOINT: dict[str, Any] = {
+    row.key: (limits_by_joint(Angle if row.unit.startswith("rad") else Number, row.in_urdf), "none")
+    for row in LIMIT_TABLE.values()
+    if row.of != "base"
+}
+
+if TYPE_CHECKING:
+
+    class LimitsTable(_Limits):
+        """``[limits]``."""
+else:
+    LimitsTable = create_model("LimitsTable", __base__=_Limits, **_BY_JOINT)
 
 
 class RecordedLimitsTable(LimitsTable):

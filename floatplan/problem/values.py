@@ -6,7 +6,7 @@ Validated with the context ``{"degrees": True}``, every angle comes out in radia
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, Union
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
 
@@ -60,33 +60,6 @@ PositionLimits: TypeAlias = Annotated[
     | Annotated[Literal["urdf", "full"], Tag("<word>")],
     any_of("'urdf', 'full', or a table of [low, high] by joint"),
 ]
-AngularLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Angle, Tag("<number>")], any_of("a number or 'none'")
-]
-AngularLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[AngularLimit | None], Tag("<list>")]
-    | Annotated[Literal["urdf", "none"], Tag("<word>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("'urdf', 'none', a number, or a table by joint"),
-]
-AccelerationLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Angle], Tag("<table>")]
-    | Annotated[list[AngularLimit | None], Tag("<list>")]
-    | Annotated[Literal["none"], Tag("<word>")]
-    | Annotated[Angle, Tag("<number>")],
-    any_of("'none', a number, or a table by joint"),
-]
-TorqueLimit: TypeAlias = Annotated[
-    Annotated[Literal["none"], Tag("<word>")] | Annotated[Number, Tag("<number>")], any_of("a number or 'none'")
-]
-TorqueLimits: TypeAlias = Annotated[
-    Annotated[dict[str, Number], Tag("<table>")]
-    | Annotated[list[TorqueLimit | None], Tag("<list>")]
-    | Annotated[Literal["urdf", "none"], Tag("<word>")]
-    | Annotated[Number, Tag("<number>")],
-    any_of("'urdf', 'none', a number, or a table by joint"),
-]
 AngularMomentum: TypeAlias = Annotated[
     Annotated[Literal["midpoint", "free"], Tag("<word>")] | Annotated[Number, Tag("<number>")],
     any_of("a number, 'midpoint' or 'free'"),
@@ -97,3 +70,18 @@ Degree: TypeAlias = Annotated[
     | Annotated[Whole, Tag("<number>")],
     any_of("a whole number, a list of them, or 'auto'"),
 ]
+
+
+def limits_by_joint(each: Any, in_urdf: bool) -> Any:
+    """Return the type of limits, numbers or angles, that the URDF may give."""
+    words = ("urdf", "none") if in_urdf else ("none",)
+    entry = Annotated[
+        Annotated[Literal["none"], Tag("<word>")] | Annotated[each, Tag("<number>")], any_of("a number or 'none'")
+    ]
+    shapes = (
+        Annotated[dict[str, each], Tag("<table>")],
+        Annotated[list[entry | None], Tag("<list>")],
+        Annotated[Literal[words], Tag("<word>")],
+        Annotated[each, Tag("<number>")],
+    )
+    return Annotated[Union[shapes], any_of(f"{', '.join(map(repr, words))}, a number, or a table by joint")]  # noqa: UP007
