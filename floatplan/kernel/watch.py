@@ -62,24 +62,7 @@ class Watch:
         tree = flight.tree
         self.bodies, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.bodies
-        kinds: list[tuple[int, int, int, float, float]] = []
-        obstacles: list[list[float]] = []
-        sums: list[Array] = []
-        for block in blocks:
-            if isinstance(block, SumRows):
-                rows = self.sums(block)
-                kinds += [(SUM, len(sums) + index, 0, 0.0, 1.0) for index in range(len(rows))]
-                sums.extend(rows)
-            elif isinstance(block, PairRows):
-                kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
-            else:
-                capsules = flight.link_shapes.facing(block.obstacle)
-                for piece in block.obstacle.pieces:
-                    sides, numbers = written_obstacle(piece)
-                    kinds += [
-                        (side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules
-                    ]
-                    obstacles.append(numbers)
+        kinds, obstacles, sums = self._listed(blocks)
         self.rows = len(kinds)
         of_sums = np.array(sums).reshape(-1, self.terms)
         accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
@@ -123,6 +106,30 @@ class Watch:
             sums=of_sums,
         )
         self.reference = byref(self._filled.structure)
+
+    def _listed(
+        self, blocks: Sequence[Block]
+    ) -> tuple[list[tuple[int, int, int, float, float]], list[list[float]], list[Array]]:
+        """Kind, two indices, least value and inverse scale of each row; obstacles; sums."""
+        kinds: list[tuple[int, int, int, float, float]] = []
+        obstacles: list[list[float]] = []
+        sums: list[Array] = []
+        for block in blocks:
+            if isinstance(block, SumRows):
+                rows = self.sums(block)
+                kinds += [(SUM, len(sums) + index, 0, 0.0, 1.0) for index in range(len(rows))]
+                sums.extend(rows)
+            elif isinstance(block, PairRows):
+                kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
+            else:
+                capsules = self.flight.link_shapes.facing(block.obstacle)
+                for piece in block.obstacle.pieces:
+                    sides, numbers = written_obstacle(piece)
+                    kinds += [
+                        (side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules
+                    ]
+                    obstacles.append(numbers)
+        return kinds, obstacles, sums
 
     def sums(self, block: SumRows) -> Array:
         """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments."""
