@@ -48,17 +48,7 @@ class CompiledReckoning(Reckoning):
         most = 1 + lawful.MOST_ROWS * (len(rows["block_first"]) - 1)
         of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
         ahead = columns * n + of_instant * instants
-        self._called = {
-            "positions": np.zeros(n),
-            "velocities": np.zeros(n),
-            "map": np.zeros(n + 1),
-            "path": np.zeros(5),
-            "measured_positions": np.zeros(n),
-            "measured_velocities": np.zeros(n),
-            "coefficients": np.zeros((columns, n)),
-            "warm_start": np.zeros((width, n)),
-            "worst": np.zeros(len(rows["aim"])),
-        }
+        self._called = _called(n, columns, width, len(rows["aim"]))
         memory = {
             "rows_real": m * groups,
             "rows_imaginary": m * groups,
@@ -191,6 +181,21 @@ class CompiledReckoning(Reckoning):
 
     def _step(self, step: int) -> None:
         self._kernel.flight(self._flight, step, self._kernel.instructions)
+
+
+def _called(joints: int, columns: int, width: int, blocks: int) -> dict[str, Array]:
+    """What passes between Python and the kernel at every call."""
+    return {
+        "positions": np.zeros(joints),
+        "velocities": np.zeros(joints),
+        "map": np.zeros(joints + 1),
+        "path": np.zeros(5),
+        "measured_positions": np.zeros(joints),
+        "measured_velocities": np.zeros(joints),
+        "coefficients": np.zeros((columns, joints)),
+        "warm_start": np.zeros((width, joints)),
+        "worst": np.zeros(blocks),
+    }
 
 
 def _of_instants(instants: Instants) -> dict[str, Array]:
