@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.errors import import_optional
 from floatplan.files import write_atomically
-from floatplan.optional import import_optional
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot.parts import Plane
