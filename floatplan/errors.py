@@ -1,12 +1,20 @@
-"""The exceptions that floatplan raises on purpose; the command line turns :class:`InputError` into exit code 2."""
+"""The exceptions that floatplan raises on purpose; the command line turns :class:`InputError` into exit code 2.
+
+Packages that floatplan can do without are imported here: a missing one is such an error.
+"""
 
 from __future__ import annotations
 
 import re
+import shlex
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
+CLONE = Path(__file__).resolve().parents[1]  # where pyproject.toml is, unless floatplan was installed as a wheel
 LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
 LONGEST_WORD = 80  # characters of something quoted
 LONGEST_PART = 400  # characters of a reason, an element or an advice
@@ -148,3 +156,46 @@ def _shown_path(path: str | None) -> str | None:
         return None
     shown = escaped(path)
     return shown if len(shown) <= LONGEST_PATH else f"... {shown[-(LONGEST_PATH - 4) :]}"
+
+
+def import_optional(module: str, *, name: str, element: str, extra: str) -> ModuleType:
+    """Import a module.
+
+    Parameters
+    ----------
+    module : str
+    name : str
+        What people call the package.
+    element : str
+        What it is needed for: the option or argument.
+    extra : str
+        The extra of floatplan that it belongs to.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        reason = f'{name} is not installed: it comes with the extra "{extra}"'
+        raise InputError(reason, element=element, advice=install_advice(extra)) from None
+
+
+def install_advice(extra: str) -> str:
+    """The command that installs an extra where floatplan runs from: a clone, or an environment of its user."""
+    if (CLONE / "pyproject.toml").is_file():
+        requirement = f"-e {shlex.quote(f'{near(CLONE)}[{extra}]')}"
+    else:
+        requirement = f"'floatplan[{extra}]'"
+    return f"install it: {shlex.quote(near(Path(sys.executable)))} -m pip install {requirement}"
+
+
+def near(path: Path) -> str:
+    """The path from the working directory, where it leads down from there."""
+    try:
+        near = path.relative_to(Path.cwd())
+    except (ValueError, OSError):
+        return str(path)
+    return str(near) if near != Path() else "."

@@ -60,6 +60,7 @@ class LimitRow:
     Attributes
     ----------
     key : in ``[limits]``; findings are about ``<key> <joint>``, peaks and utilisations begin with it
+    description : for a person
     quantity : what is limited
     unit : of quantity and limit
     title : above its curves
@@ -70,6 +71,7 @@ class LimitRow:
     """
 
     key: LimitKey
+    description: str
     quantity: str
     unit: str
     title: str
@@ -80,10 +82,22 @@ class LimitRow:
 
 
 _LIMITS = (
-    LimitRow("velocity", "velocities", "rad/s", "Rates", "joints", in_urdf=True, always=True, base="orientation_rate"),
-    LimitRow("acceleration", "accelerations", "rad/s^2", "Accelerations", "joints"),
-    LimitRow("torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True),
-    LimitRow("orientation_rate", "orientation_rate", "rad/s", "Rates", "base"),
+    LimitRow(
+        "velocity",
+        "Largest rate",
+        "velocities",
+        "rad/s",
+        "Rates",
+        "joints",
+        in_urdf=True,
+        always=True,
+        base="orientation_rate",
+    ),
+    LimitRow("acceleration", "Largest acceleration", "accelerations", "rad/s^2", "Accelerations", "joints"),
+    LimitRow(
+        "torque", "Each motor's largest torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True
+    ),
+    LimitRow("orientation_rate", "Largest rate of the base", "orientation_rate", "rad/s", "Rates", "base"),
 )
 LIMIT_TABLE: dict[LimitKey, LimitRow] = {row.key: row for row in _LIMITS}
 JOINT_LIMITS: tuple[LimitRow, ...] = tuple(row for row in _LIMITS if row.of == "joints")
@@ -129,7 +143,8 @@ RANGES: dict[str, Range] = {
     "limit": Range(1e-9, 1e12, ""),
     "slope": Range(0.0, 1e12, "N m s/rad"),
 }
-PLACES = ("position", "height", "center", "point", "normal", "start", "end")  # keys of problem files that are places, m
+OBSTACLE_PLACES = ("center", "point", "normal", "start", "end")  # keys of obstacles with two numbers, m
+PLACES = ("position", "height", *OBSTACLE_PLACES)  # keys of problem files that are places, m
 RANGES |= dict.fromkeys(PLACES, RANGES["place"])
 
 

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
+from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio.page import Studio, opened
-from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
 from floatplan.studio.session.saving import Part, Saving
 from floatplan.studio.work.around import COLUMNS, ROWS
@@ -128,7 +128,7 @@ class Drags:
         if count and (count > 3 or self.rng.integers(2)):
             self.session.edit(edits.without_obstacle(int(self.rng.integers(count))))
         else:
-            make = list(NEW.values())[int(self.rng.integers(len(NEW)))]
+            make = list(OBSTACLE_KINDS.values())[int(self.rng.integers(len(OBSTACLE_KINDS)))].example
             self.session.edit(edits.with_obstacle(make(complex(*self.rng.normal(0.0, 2.0, 2)), 1.0)))
 
     def choose(self) -> None:

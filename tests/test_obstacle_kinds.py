@@ -2,30 +2,73 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
+from floatplan.inflight.limits import distance_rows
+from floatplan.kernel.watch import ObstacleRows, SumRows, watch
+from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.plans.schema import OBSTACLES
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.view.surroundings import OUTLINES
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "problems" / "new_configuration.toml"
-REGISTRIES = {
-    "motion": OBSTACLE_DISTANCES,
-    "plan files": OBSTACLES,
-    "certificate": SEPARATIONS,
-    "pictures": OUTLINES,
+MAPS = (Path(fp.__file__).parent / "view" / "report" / "assets" / "flight.js").read_text(encoding="utf-8")
+OF_KINDS = {
+    "plan files": OBSTACLES.keys(),
+    "certificate": SEPARATIONS.keys(),
+    "pages of maps": re.findall(r'^  "?([\w-]+)"?: \(\{', MAPS.split("const CAPSULES = {")[1].split("\n};")[0], re.M),
 }
+OF_PIECES = {"motion": OBSTACLE_DISTANCES, "pictures": OUTLINES}
 
 
-@pytest.mark.parametrize("room", REGISTRIES)
+@dataclass(frozen=True, kw_only=True)
+class Unknown:
+    """Stands for an obstacle of a shape that the kernel does not know."""
+
+    kind: str = "unknown"
+    margin: float = 0.0
+
+    @property
+    def pieces(self):
+        return (self,)
+
+
+@pytest.mark.parametrize("room", OF_KINDS)
 def test_every_room_knows_every_kind(room):
-    assert REGISTRIES[room].keys() == OBSTACLE_KINDS.keys()
+    assert set(OF_KINDS[room]) == OBSTACLE_KINDS.keys()
+
+
+@pytest.mark.parametrize("room", OF_PIECES)
+@pytest.mark.parametrize("kind", OBSTACLE_KINDS)
+def test_every_room_knows_what_every_kind_is_made_of(room, kind):
+    example = OBSTACLE_KINDS[kind].example(1 + 2j, 1.0)
+    assert {piece.kind for piece in example.pieces} <= OF_PIECES[room].keys()
+    assert example.thickness > 0
+    assert example.where
+
+
+@pytest.mark.parametrize(
+    "block",
+    [ObstacleRows(Unknown(), 0.0, 1.0), SumRows(np.ones(1), {"powers": np.ones((1, 2))})],
+    ids=["obstacle", "limit"],
+)
+def test_what_the_kernel_does_not_know_goes_the_general_way(block):
+    assert watch(flight_dynamics(fp.load_problem(EXAMPLE)), [block]) is None
+
+
+def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():
+    problem = SimpleNamespace(obstacles=(Unknown(),), ground=False, self_clearances=())
+    with pytest.raises(fp.InputError, match="corrections in flight do not know obstacles of kind 'unknown'"):
+        distance_rows(problem, ())
 
 
 def test_every_class_is_a_kind():

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from floatplan import optional
-from floatplan.errors import InputError
-from floatplan.optional import import_optional
+from floatplan import errors
+from floatplan.errors import InputError, import_optional
 
 
 def test_a_module_that_is_there_is_returned() -> None:
@@ -27,7 +26,7 @@ def refusal(monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").touch()
-    monkeypatch.setattr(optional, "CLONE", tmp_path)
+    monkeypatch.setattr(errors, "CLONE", tmp_path)
     monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
     monkeypatch.chdir(tmp_path)
     start = 'scene: viser is not installed: it comes with the extra "view"; install it: '
@@ -36,12 +35,12 @@ def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyP
     near = tmp_path.name
     assert refusal(monkeypatch) == f"{start}{near}/.venv/bin/python -m pip install -e '{near}[view]'"
     monkeypatch.chdir("/")
-    words = shlex.split(optional.install_advice("view").partition("install it: ")[2])
+    words = shlex.split(errors.install_advice("view").partition("install it: ")[2])
     assert (Path("/") / words[0]).resolve() == (tmp_path / ".venv" / "bin" / "python").resolve()
     assert words[1:5] == ["-m", "pip", "install", "-e"]
 
 
 def test_from_a_wheel_it_installs_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(optional, "CLONE", tmp_path)
+    monkeypatch.setattr(errors, "CLONE", tmp_path)
     monkeypatch.chdir(tmp_path)
     assert refusal(monkeypatch).endswith(f"install it: {shlex.quote(sys.executable)} -m pip install 'floatplan[view]'")

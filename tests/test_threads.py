@@ -15,7 +15,7 @@ import pytest
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan import threads
+from floatplan.pool import threads
 
 ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = ("obstacle_hard", "moving_hoop")  # their sums are long enough to be shared among threads

@@ -19,10 +19,10 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import Recorded, check_meshes, find_urdf, recorded, recorded_robot
 from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate
+from floatplan.pool.threads import one_thread
 from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.robot.urdf.example_robots import urdf_path
 from floatplan.tables import Range
-from floatplan.threads import one_thread
 
 MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 

@@ -94,7 +94,8 @@ def replay(
 
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
-        fly_many(plan, replan, checked, perturb, flights, budget, seed, feedback, authority, output, json_output)
+        given = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
+        fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
         raise typer.Exit(DONE)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")

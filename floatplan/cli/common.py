@@ -19,8 +19,7 @@ import typer
 from typer.core import TyperGroup
 
 from floatplan.cli import INTERRUPTED
-from floatplan.errors import FloatplanError, InputError, escaped, printable
-from floatplan.optional import near
+from floatplan.errors import FloatplanError, InputError, escaped, near, printable
 from floatplan.tables import OBJECTIVE_TABLE
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2

@@ -15,9 +15,8 @@ from floatplan.cli.summary import print_summary
 from floatplan.errors import escaped
 from floatplan.inflight.authority import Authority, authority
 from floatplan.plans.plan import Plan
-from floatplan.simulation.closed_loop import BANDWIDTH, PERTURBED, closed_loop
+from floatplan.simulation.closed_loop import closed_loop
 from floatplan.simulation.flights import ClosedLoop
-from floatplan.simulation.replay import Engine
 
 PAGE = "flights.html"
 
@@ -25,32 +24,20 @@ PAGE = "flights.html"
 def fly_many(
     plan: Plan,
     rate: float | None,
-    engine: Engine,
-    perturb: str,
-    flights: int,
-    budget: float,
-    seed: int,
-    feedback: float | None,
     with_authority: bool,
     output: Path | None,
     json_output: bool,
+    **options: Any,
 ) -> None:
-    """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print."""
+    """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
+
+    ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
+    """
     if output is not None:
         check_directory(output)
     flown = None
     if rate is not None:
-        bandwidth = BANDWIDTH if feedback is None else feedback
-        flown = closed_loop(
-            plan,
-            rate,
-            perturb=perturb or PERTURBED,
-            flights=flights,
-            seed=seed,
-            engine=engine,
-            feedback=bandwidth,
-            budget=budget,
-        )
+        flown = closed_loop(plan, rate, **{name: value for name, value in options.items() if value is not None})
     found = authority(plan) if with_authority else None
     page = None if output is None else _write(plan, output / PAGE, flown, found)
     if json_output:

@@ -59,7 +59,7 @@ def _facts(source: str) -> dict[str, Any]:
 
 def _lines(usable: list[dict[str, Any]], unusable: list[dict[str, Any]]) -> Iterator[str]:
     """A line for each robot; its name comes last and whole, ready to be copied."""
-    from floatplan.optional import install_advice
+    from floatplan.errors import install_advice
     from floatplan.robot.urdf.example_robots import robots_folder
 
     yield f"{'joints':<9}{'kg':>7}  plane  robot"

@@ -37,7 +37,7 @@ def studio(
     with the flight that floatplan init finds.
     """
     from floatplan.cli.results import default_directory
-    from floatplan.optional import import_optional
+    from floatplan.errors import import_optional
     from floatplan.studio.page import opened
 
     import_optional("viser", name="viser", element="studio", extra="view")

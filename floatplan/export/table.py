@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, import_optional
 from floatplan.files import write_atomically
-from floatplan.optional import import_optional
 from floatplan.plans.plan import Plan
 
 SPACE = ("x", "y", "z")

@@ -22,8 +22,8 @@ from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 from floatplan.plans.plan_file import given_plan
+from floatplan.pool.threads import one_thread
 from floatplan.shown import Outlined
-from floatplan.threads import one_thread
 
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried

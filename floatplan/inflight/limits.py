@@ -14,6 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.errors import InputError
+from floatplan.kernel.watch import can_write
 from floatplan.motion.planar.clearance import Distances, Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.flight import PlanarFlown
 from floatplan.plans.plan import Plan
@@ -24,6 +26,7 @@ from floatplan.tables import JOINT_LIMITS
 
 SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
+RATES = ("velocities", "accelerations", "orientation_rate")  # what :class:`JointRows` knows
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
 
 
@@ -161,8 +164,17 @@ def sensible_rows(plan: Plan) -> tuple[Rows, ...]:
 def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Rows]:
     """Return the rows of all obstacles and pairs of links, measured to ``shapes``."""
     obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
+    for obstacle in obstacles:
+        if not can_write(obstacle):
+            raise InputError(
+                f"corrections in flight do not know obstacles of kind {obstacle.kind!r}",
+                element="obstacles",
+                advice="leave it out, or fly without corrections",
+            )
     blocks: list[Rows] = [
-        DistanceRows(obstacle, obstacle.margin, obstacle.window or (-np.inf, np.inf)) for obstacle in obstacles
+        DistanceRows(piece, obstacle.margin, obstacle.window or (-np.inf, np.inf))
+        for obstacle in obstacles
+        for piece in obstacle.pieces
     ]
     links = [shape.link for shape in shapes]
     for pair in problem.self_clearances:
@@ -200,4 +212,11 @@ def _joint_rows(problem: Problem) -> list[Rows]:
     if problem.limits.orientation_rate is not None:
         limits["orientation_rate"] = np.array([problem.limits.orientation_rate])
     finite = {quantity: np.flatnonzero(np.isfinite(limit)) for quantity, limit in limits.items()}
+    for row in JOINT_LIMITS:
+        if row.quantity not in RATES and finite[row.quantity].size:
+            raise InputError(
+                f"corrections in flight do not know limits of {row.quantity}",
+                element=f"limits.{row.key}",
+                advice="leave it out, or fly without corrections",
+            )
     return [JointRows(name, rows, limits[name][rows]) for name, rows in finite.items() if rows.size]

@@ -23,8 +23,8 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan
 from floatplan.plans.plan_file import given_plan
+from floatplan.pool.threads import one_thread
 from floatplan.shown import outline
-from floatplan.threads import one_thread
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
 FIRST = 8  # [-] evaluations of the first correction, the largest

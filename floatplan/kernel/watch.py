@@ -21,6 +21,7 @@ from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 
 SUM, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
+QUANTITIES = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # of sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,21 +62,7 @@ class Watch:
         tree = flight.tree
         self.bodies, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.bodies
-        kinds: list[tuple[int, int, int, float, float]] = []
-        obstacles: list[list[float]] = []
-        sums: list[Array] = []
-        for block in blocks:
-            if isinstance(block, SumRows):
-                rows = self.sums(block)
-                kinds += [(SUM, len(sums) + index, 0, 0.0, 1.0) for index in range(len(rows))]
-                sums.extend(rows)
-            elif isinstance(block, PairRows):
-                kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
-            else:
-                sides, numbers = written_obstacle(block.obstacle)
-                capsules = flight.link_shapes.facing(block.obstacle)
-                kinds += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
-                obstacles.append(numbers)
+        kinds, obstacles, sums = self._listed(blocks)
         self.rows = len(kinds)
         of_sums = np.array(sums).reshape(-1, self.terms)
         accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
@@ -120,6 +107,30 @@ class Watch:
         )
         self.reference = byref(self._filled.structure)
 
+    def _listed(
+        self, blocks: Sequence[Block]
+    ) -> tuple[list[tuple[int, int, int, float, float]], list[list[float]], list[Array]]:
+        """Kind, two indices, least value and inverse scale of each row; obstacles; sums."""
+        kinds: list[tuple[int, int, int, float, float]] = []
+        obstacles: list[list[float]] = []
+        sums: list[Array] = []
+        for block in blocks:
+            if isinstance(block, SumRows):
+                rows = self.sums(block)
+                kinds += [(SUM, len(sums) + index, 0, 0.0, 1.0) for index in range(len(rows))]
+                sums.extend(rows)
+            elif isinstance(block, PairRows):
+                kinds += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
+            else:
+                capsules = self.flight.link_shapes.facing(block.obstacle)
+                for piece in block.obstacle.pieces:
+                    sides, numbers = written_obstacle(piece)
+                    kinds += [
+                        (side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules
+                    ]
+                    obstacles.append(numbers)
+        return kinds, obstacles, sums
+
     def sums(self, block: SumRows) -> Array:
         """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments."""
         n, tree = self.joints, self.flight.tree
@@ -142,13 +153,18 @@ class Watch:
         return {"velocities": n, "accelerations": n, "torques": n, "motor_torques": motors, "orientation_rate": 1}
 
 
+def can_write(obstacle: Obstacle) -> bool:
+    """Whether the kernel knows all pieces of an obstacle."""
+    return all(isinstance(piece, Circle | Bar | HalfPlane) for piece in obstacle.pieces)
+
+
 def written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
-    """Return kinds of the rows of an obstacle, and its numbers: a place, the end or the normal, velocity, radius."""
+    """Return kinds of the rows of an obstacle's piece, and its numbers: place, end or normal, velocity, radius."""
     if isinstance(obstacle, Circle):
         return (CIRCLE,), [*obstacle.center, 0.0, 0.0, *obstacle.velocity, obstacle.radius]
     if isinstance(obstacle, Bar):
         return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
-    assert isinstance(obstacle, HalfPlane), "the kinds that there are"
+    assert isinstance(obstacle, HalfPlane), "see can_write()"
     normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
     return (HALF_PLANE_START, HALF_PLANE_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
 
@@ -165,5 +181,12 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
 
 
 def watch(flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> Watch | None:
-    """Return what watches rows of a flight; None where it is in space."""
-    return Watch(kernel(), flight, blocks, also) if isinstance(flight, PlanarFlight) else None
+    """Return what watches rows of a flight; None in space, or where the kernel does not know what they measure."""
+    known = all(map(_is_known, blocks)) and also in ("", *QUANTITIES)
+    return Watch(kernel(), flight, blocks, also) if known and isinstance(flight, PlanarFlight) else None
+
+
+def _is_known(block: Block) -> bool:
+    if isinstance(block, ObstacleRows):
+        return can_write(block.obstacle)
+    return isinstance(block, PairRows) or block.weights.keys() <= set(QUANTITIES)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.threads import one_thread
+from floatplan.pool.threads import one_thread
 
 FINENESS = 8  # points of the search grid per node
 NEWTON_STEPS = 4

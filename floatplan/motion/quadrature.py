@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
 from floatplan.arrays import Array, read_only
-from floatplan.threads import one_thread
+from floatplan.pool.threads import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 EIGENVALUES = 256  # nodes up to which NumPy's own way, by eigenvalues, is quick

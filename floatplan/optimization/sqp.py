@@ -86,8 +86,7 @@ def minimise(
     slack_penalty = SLACK_PENALTY * hessian.largest
     metric_norm = math.sqrt(float(np.vdot(program.metric, program.metric)))
     was_reset, slow_steps = True, 0
-    optimal = False
-    iteration = 0
+    optimal, iteration = False, 0
     multipliers = Multipliers(np.zeros(len(current.equality)), np.zeros(len(current.inequality)))
     while x.size and iteration < settings.iterations and not stop():
         iteration += 1

@@ -17,10 +17,10 @@ from floatplan.planning.one_of_many import LONGER, Effort, Task, answers
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.work import DEFAULT_WORK
 from floatplan.plans.plans import SOLVED, Plans
+from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
-from floatplan.threads import one_thread
 
 CHUNK = 2048  # problems of a batch
 WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}

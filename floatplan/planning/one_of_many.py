@@ -13,8 +13,8 @@ from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plans import Answer
 from floatplan.pool import processes
+from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
-from floatplan.threads import one_thread
 
 AT_ONCE = 8  # problems that a process is given at a time
 LONGER = "search=True searches longer"

@@ -9,9 +9,9 @@ from floatplan.arguments import flag
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
+from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
-from floatplan.threads import one_thread
 
 
 @one_thread

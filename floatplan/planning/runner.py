@@ -12,8 +12,8 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.starts import Start
+from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
-from floatplan.threads import one_thread
 
 Run: TypeAlias = Callable[[tuple[int, ...], list[Start], range], Iterator[Outcome]]
 

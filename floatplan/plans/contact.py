@@ -18,11 +18,11 @@ from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact, shared_momentum
 from floatplan.motion.planar.reachable import reachable
 from floatplan.plans.contact_advice import FAST, Momentum, advice, told
+from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 from floatplan.shown import Outlined
 from floatplan.tables import RELATIVE
-from floatplan.threads import one_thread
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
 

@@ -31,11 +31,11 @@ from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import robot_record
 from floatplan.plans.verdicts import Certificate
+from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import leak_along
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
-from floatplan.threads import one_thread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,8 +14,8 @@ from floatplan.plans.reading import load_record
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import check_meshes, recorded_robot
 from floatplan.plans.schema import check_asked
+from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_from_dict
-from floatplan.threads import one_thread
 
 
 @one_thread

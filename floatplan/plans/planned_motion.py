@@ -20,10 +20,10 @@ from floatplan.motion.planar.full_motion import FullMotion
 from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.pool.threads import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
-from floatplan.threads import one_thread
 
 RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
 

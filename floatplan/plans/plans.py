@@ -14,9 +14,9 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.plans.plan import Plan
+from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.shown import Outlined
-from floatplan.threads import one_thread
 
 SOLVED = ("optimal", "feasible")
 GOAL_MET = "The goal is met."

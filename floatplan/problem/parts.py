@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias, get_type_hints
 
 from floatplan.arguments import FINITE, by_joint, number, optional, pair, text, whole
 from floatplan.arrays import Array
@@ -273,22 +273,42 @@ class Obstacle(Keyed):
     """
 
     kind: ClassVar[str]
-    bounded: ClassVar[bool] = True
     margin: Annotated[float, Key("Distance to keep from it", "m")] = 0.0
     velocity: Annotated[
         Pair, Key("Of one that moves: horizontal, vertical; it is where it is written at takeoff", "m/s")
     ] = (0.0, 0.0)
     window: Annotated[Pair | None, Key("When it exists: from, to, since takeoff; always, where left out", "s")] = None
 
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """Return one at a place, beside a robot of some size, m."""
+        raise NotImplementedError
+
+    @property
+    def pieces(self) -> tuple[Obstacle, ...]:
+        """What it is made of, with its velocity: what is away from all of them is away from it."""
+        return (self,)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether a picture can hold all of it."""
+        return all(piece.bounded for piece in self.pieces)
+
     @property
     def thickness(self) -> float:
         """Least width, m: a point that moves less between two instants cannot have passed through unseen."""
-        raise NotImplementedError
+        return min(piece.thickness for piece in self.pieces)
 
     @property
     def where(self) -> str:
         """Where it stands and how large it is, for a person."""
-        raise NotImplementedError
+        return " and ".join(piece.where for piece in self.pieces)
+
+    @classmethod
+    def places(cls) -> tuple[str, ...]:
+        """Names of the fields that are places, m."""
+        hints = get_type_hints(cls)
+        return tuple(name for name, key in cls.keys.items() if hints[name] == Pair and key.unit == "m")
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle."""
@@ -304,6 +324,12 @@ class Circle(Obstacle):
     kind: ClassVar[str] = "circle"
     center: Annotated[Pair, Key("Horizontal, vertical", "m")]
     radius: Annotated[float, Key("Of the disc", "m")]
+    bounded = True
+
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """A disc of a tenth of the size."""
+        return cls(center=(place.real, place.imag), radius=0.1 * size)
 
     @property
     def thickness(self) -> float:
@@ -321,9 +347,14 @@ class HalfPlane(Obstacle):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-plane"
-    bounded: ClassVar[bool] = False
     point: Annotated[Pair, Key("A place on the line: horizontal, vertical", "m")] = (0.0, 0.0)
     normal: Annotated[Pair, Key("Direction away from what is solid: horizontal, vertical; of any length")] = (0.0, 1.0)
+    bounded = False
+
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """A ceiling."""
+        return cls(point=(place.real, place.imag), normal=(0.0, -1.0))
 
     @property
     def thickness(self) -> float:
@@ -355,6 +386,13 @@ class Bar(Obstacle):
     start: Annotated[Pair, Key("One end of its middle line: horizontal, vertical", "m")]
     end: Annotated[Pair, Key("The other end", "m")]
     radius: Annotated[float, Key("Of the bar", "m")]
+    bounded = True
+
+    @classmethod
+    def example(cls, place: complex, size: float) -> Self:
+        """A level bar."""
+        ends = (place.real - 0.2 * size, place.imag), (place.real + 0.2 * size, place.imag)
+        return cls(start=ends[0], end=ends[1], radius=0.04 * size)
 
     @property
     def thickness(self) -> float:

@@ -15,6 +15,7 @@ from typing import ClassVar
 from floatplan.arguments import Check, Checked, flag, made, many, optional, text
 from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
+from floatplan.pool.threads import one_thread
 from floatplan.problem.checks import (
     check_contact,
     check_counts,
@@ -51,7 +52,6 @@ from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
-from floatplan.threads import one_thread
 
 PAIRS = many(made(SelfClearance), "SelfClearance")
 

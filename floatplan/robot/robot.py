@@ -16,6 +16,7 @@ from floatplan.arguments import FINITE, by_name, made, many, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.pool.threads import one_thread
 from floatplan.robot.parts import Coupling, Frame, LinkCapsule, Plane
 from floatplan.robot.planar.choice import Choice, choose_joints, largest_turn, with_axes_in_plane
 from floatplan.robot.planar.layout import TreeLayout, lay_out, named_frames, planar_tree
@@ -33,7 +34,6 @@ from floatplan.robot.urdf.example_robots import urdf_path
 from floatplan.robot.urdf.read import UrdfText, read_urdf
 from floatplan.robot.urdf.srdf import reference_posture
 from floatplan.robot.urdf.tree import UrdfTree
-from floatplan.threads import one_thread
 
 NAME = optional(text)
 NAMES = many(text, "names")

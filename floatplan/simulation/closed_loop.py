@@ -25,6 +25,7 @@ from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.plans.plan import Plan
 from floatplan.plans.plan_file import given_plan
+from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.feedback import FASTEST, feedback_of
 from floatplan.simulation.flights import ClosedLoop, Landings, Path
@@ -41,7 +42,6 @@ from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeo
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.replay import Engine, check_engine
 from floatplan.tables import Range
-from floatplan.threads import one_thread
 
 PERIOD = 1e-3  # [s] of the joints' control
 BANDWIDTH = 100.0  # [rad/s] of their feedback

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray
-from floatplan.errors import InputError
-from floatplan.optional import import_optional
+from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink, UrdfTree

@@ -21,6 +21,7 @@ from floatplan.errors import InputError
 from floatplan.files import plain
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.recorded_robot import Recorded, recorded, recorded_robot
+from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.shown import html_table, outline
@@ -39,7 +40,6 @@ from floatplan.simulation.perturbation import MEASURED, Perturbation, parse_pert
 from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
-from floatplan.threads import one_thread
 
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array, IntArray
-from floatplan.optional import import_optional
+from floatplan.errors import import_optional
 
 ROW_GROUP = 65_536  # rows
 WORDS = ("status", "explanation", "verdict")  # columns

@@ -9,8 +9,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from typing import Any, Protocol
 
-from floatplan.errors import FloatplanError, InputError
-from floatplan.optional import import_optional
+from floatplan.errors import FloatplanError, InputError, import_optional
 from floatplan.planning.search import MOST_JOBS
 from floatplan.pool import processes, same_modules
 

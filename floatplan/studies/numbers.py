@@ -7,10 +7,11 @@ import re
 from dataclasses import dataclass
 
 from floatplan.errors import InputError
-from floatplan.tables import LIMIT_TABLE, RANGES, Range
+from floatplan.tables import LIMIT_TABLE, OBSTACLE_PLACES, RANGES, Range
 
 _JOINT, _INDEX, _AXIS = r"\.[^.]+", r"\.\d+", r"\.[01]"
 _LIMIT_WORDS = "|".join(row.key for row in LIMIT_TABLE.values() if row.of != "base")
+_OBSTACLE_WORDS = "|".join((*OBSTACLE_PLACES, "velocity", "window"))
 _PATHS = {  # path -> key of RANGES; None for the number that the path names
     rf"(?:start|goal)\.(?P<key>orientation|(?:positions|velocities|accelerations)(?:{_JOINT})?)": None,
     r"flight\.(?P<key>duration|angular_momentum|horizontal_velocity|gravity)": None,
@@ -22,7 +23,7 @@ _PATHS = {  # path -> key of RANGES; None for the number that the path names
     rf"limits\.(?P<key>motor{_JOINT}\.stall)": "limit",
     rf"limits\.(?P<key>motor{_JOINT}\.slope)": "slope",
     rf"obstacles{_INDEX}\.(?P<key>radius|margin)": None,
-    rf"obstacles{_INDEX}\.(?P<key>(?:center|point|normal|start|end|velocity|window){_AXIS})": None,
+    rf"obstacles{_INDEX}\.(?P<key>(?:{_OBSTACLE_WORDS}){_AXIS})": None,
     rf"self_clearance{_INDEX}\.(?P<key>margin)": None,
 }
 DEGREE = Range(0, 100, "")  # the problem itself refuses what it cannot have

@@ -19,13 +19,13 @@ from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.many import plan_many
 from floatplan.plans.measures import Utilisation
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
+from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
 from floatplan.studies.columns import arrow, as_column, chosen, read_table, taken, written
 from floatplan.studies.file import StudyFile, family, versions
 from floatplan.studies.sampling import Values
 from floatplan.tables import OBJECTIVE_TABLE
-from floatplan.threads import one_thread
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 VERDICTS = ("", "proved", "undecided", "refuted")

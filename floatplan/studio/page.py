@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import floatplan as fp
-from floatplan.optional import import_optional
+from floatplan.errors import import_optional
 from floatplan.studio.panel.controls import Controls
 from floatplan.studio.player import Player
 from floatplan.studio.session.actions import Actions

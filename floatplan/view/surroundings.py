@@ -64,13 +64,13 @@ def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
     for index, time in enumerate(times):
         strength = 0.35 + 0.65 * (index + 1) / len(times)
         edge = faded(INK, strength)
-        body = obstacle_outline(obstacle, time, 0.0)
-        solid = PolyCollection([body], facecolors=[faded(SOLID, strength)], edgecolors=[edge], linewidths=0.6)
+        body = obstacle_outlines(obstacle, time, 0.0)
+        solid = PolyCollection(body, facecolors=[faded(SOLID, strength)], edgecolors=[edge], linewidths=0.6)
         axes.add_collection(solid, autolim=False)
         solid.set_zorder(1.5)
         if obstacle.margin > 0:
             ring = PolyCollection(
-                [obstacle_outline(obstacle, time, obstacle.margin)],
+                obstacle_outlines(obstacle, time, obstacle.margin),
                 facecolors="none",
                 edgecolors=[edge],
                 linewidths=0.6,
@@ -88,9 +88,10 @@ def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
     return np.linspace(max(low, 0.0), min(high, duration), 5)
 
 
-def obstacle_outline(obstacle: Obstacle, time: float, margin: float) -> Array:
-    """Outline (points, 2) of an obstacle grown by a margin, at a time, m."""
-    return OUTLINES[obstacle.kind](obstacle, complex(*obstacle.velocity) * time, margin)
+def obstacle_outlines(obstacle: Obstacle, time: float, margin: float) -> list[Array]:
+    """Outlines (points, 2) of an obstacle's pieces grown by a margin, at a time, m."""
+    shift = complex(*obstacle.velocity) * time
+    return [OUTLINES[piece.kind](piece, shift, margin) for piece in obstacle.pieces]
 
 
 def _circle(obstacle: Circle, shift: complex, margin: float) -> Array:
@@ -122,5 +123,9 @@ def obstacle_corners(obstacle: Obstacle, duration: float) -> Array:
     if not obstacle.bounded:
         return np.empty((0, 2))
     return np.concatenate(
-        [obstacle_outline(obstacle, time, obstacle.margin) for time in obstacle_times(obstacle, duration)]
+        [
+            outline
+            for time in obstacle_times(obstacle, duration)
+            for outline in obstacle_outlines(obstacle, time, obstacle.margin)
+        ]
     )

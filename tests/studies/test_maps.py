@@ -15,7 +15,7 @@ from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
 from floatplan.view.map import STATUS_COLOURS, STATUS_NAMES, heatmap
-from floatplan.view.surroundings import obstacle_outline
+from floatplan.view.surroundings import obstacle_outlines
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """
@@ -203,8 +203,8 @@ class TestPage:
         browser.open(study.folder / "map.html")
         browser.run("delete CAPSULES.capsule; floatplan.choose(3); floatplan.player.pause()")
         obstacles = browser.run("return floatplan.stage.motion.data.obstacles")
-        circle, ground, bar = (np.array(each["outline"]) for each in obstacles)
+        circle, ground, bar = (np.array(each["outlines"][0]) for each in obstacles)
         np.testing.assert_allclose(np.linalg.norm(circle - [1.485, 3.342], axis=1), 0.15)
         normal = np.array([0.1, 1.0]) / np.hypot(0.1, 1.0)
         assert ((ground - [0.0, -9.0]) @ normal).max() == pytest.approx(0.0, abs=1e-9)
-        np.testing.assert_allclose(bar, obstacle_outline(study.plan(3).problem.obstacles[2], 0.0, 0.0), atol=1e-9)
+        np.testing.assert_allclose(bar, obstacle_outlines(study.plan(3).problem.obstacles[2], 0.0, 0.0)[0], atol=1e-9)

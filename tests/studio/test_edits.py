@@ -8,6 +8,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.studio.session import edits
+from floatplan.tables import LimitKey
 
 ROOT = Path(__file__).parents[2]
 
@@ -34,7 +35,7 @@ def test_words_and_the_ground(problem: fp.Problem) -> None:
 
 
 @pytest.mark.parametrize("key", ["velocity", "torque"])
-def test_limits_by_hand_begin_with_what_the_motion_needs(problem: fp.Problem, key: edits.LimitKey) -> None:
+def test_limits_by_hand_begin_with_what_the_motion_needs(problem: fp.Problem, key: LimitKey) -> None:
     needed = {joint: 2.0 + index for index, joint in enumerate(problem.robot.motors)}
     changed = edits.limit(key, edits.BY_HAND, needed)(problem)
     assert edits.limit_choice(changed, key) == edits.BY_HAND
@@ -76,17 +77,13 @@ def test_obstacles_are_added_moved_and_taken_away(problem: fp.Problem, obstacle:
     assert more.obstacles[-1] is far
     last = len(more.obstacles) - 1
     put = edits.put_obstacle(last, edits.moved(far, -1 + 2j))(more)
-    places = [getattr(put.obstacles[-1], name) for name in edits.ANCHORS if hasattr(obstacle, name)]
-    first = [getattr(obstacle, name) for name in edits.ANCHORS if hasattr(obstacle, name)]
+    places = [getattr(put.obstacles[-1], name) for name in obstacle.places()]
+    first = [getattr(obstacle, name) for name in obstacle.places()]
     assert np.allclose(np.array(places) - np.array(first), [49.0, 62.0])
-    assert replace(put.obstacles[-1], **dict(zip(_places(obstacle), first, strict=True))) == obstacle
+    assert replace(put.obstacles[-1], **dict(zip(obstacle.places(), first, strict=True))) == obstacle
     assert edits.without_obstacle(last)(put).obstacles == problem.obstacles
 
 
 def test_an_obstacle_that_is_gone_is_not_moved(problem: fp.Problem) -> None:
     assert edits.put_obstacle(7, problem.obstacles[0])(problem) is problem
     assert edits.without_obstacle(7)(problem).obstacles == problem.obstacles
-
-
-def _places(obstacle: fp.Circle) -> list[str]:
-    return [name for name in edits.ANCHORS if hasattr(obstacle, name)]

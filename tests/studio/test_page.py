@@ -14,9 +14,9 @@ from needed import skip_or_fail
 from studio_page import grip_places
 
 import floatplan as fp
+from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio.page import Studio, is_own_page, opened
-from floatplan.studio.panel.tabs import NEW
 from floatplan.studio.session import edits
 from floatplan.studio.session.actions import Actions
 from floatplan.view.scene.bodies import Bodies, in_plane, in_space
@@ -151,7 +151,7 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
     assert isinstance(first[0], fp.Circle)
     assert np.subtract(moved.center, first[0].center) == pytest.approx([0.25, -0.5])
     answered(fresh)
-    for make in NEW.values():
+    for make in (kind.example for kind in OBSTACLE_KINDS.values()):
         fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_place())))
         answered(fresh)
     for index in (2, 0, 1, 0):

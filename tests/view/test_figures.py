@@ -23,7 +23,7 @@ from floatplan.view.figures.kinogram import COLUMNS, kinogram, kinogram_times
 from floatplan.view.figures.snapshots import snapshot_times, worst_passage
 from floatplan.view.postures import postures, stadium
 from floatplan.view.style import COLUMN, OKABE_ITO, palette, styled
-from floatplan.view.surroundings import ground_lines, obstacle_outline
+from floatplan.view.surroundings import ground_lines, obstacle_outlines
 
 ALWAYS = ["snapshots", "kinogram", "configuration", "rates", "torques", "momentum", "inertia"]
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
@@ -301,7 +301,7 @@ def test_obstacles_are_drawn_with_their_margins(hindered: fp.Plan, compared: dic
     outlines = [np.asarray(path.vertices) for each in collections for path in each.get_paths()]
 
     def shown(obstacle: Obstacle, time: float, margin: float) -> bool:
-        outline = obstacle_outline(obstacle, time, margin)
+        outline = obstacle_outlines(obstacle, time, margin)[0]
         return any(np.allclose(each[:-1], outline) for each in outlines if len(each) == len(outline) + 1)
 
     fixed, moving, ground, bar = hindered.problem.obstacles
@@ -320,7 +320,7 @@ def test_outlines_surround_what_they_outline() -> None:
     points = outline @ [1, 1j] - (1 + 1j)
     share = np.clip((points * along.conjugate()).real / abs(along) ** 2, 0, 1)
     np.testing.assert_allclose(np.abs(points - share * along), 0.25)
-    wall = obstacle_outline(fp.HalfPlane(point=(1.0, 0.0), normal=(3.0, 4.0), velocity=(0.5, 0.0)), 2.0, 0.1)
+    wall = obstacle_outlines(fp.HalfPlane(point=(1.0, 0.0), normal=(3.0, 4.0), velocity=(0.5, 0.0)), 2.0, 0.1)[0]
     heights = (wall - [2.0, 0.0]) @ [0.6, 0.8]
     assert heights.max() == pytest.approx(0.1)
     assert heights.min() < -100

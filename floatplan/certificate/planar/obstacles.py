@@ -186,6 +186,13 @@ def _bar(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any)
     return Separation(join_pairs([of_start, of_end, of_shapes]), crossings)
 
 
+def together(separations: Sequence[Separation]) -> Separation:
+    """Return what separates from an obstacle made of several pieces, none of which is a half-plane."""
+    pairs = [each.pairs for each in separations if isinstance(each.pairs, PointSegments)]
+    assert len(pairs) == len(separations), "half-planes have no ends"
+    return Separation(join_pairs(pairs), tuple(crossing for each in separations for crossing in each.crossings))
+
+
 SEPARATIONS: dict[str, Callable[[Surroundings, Mapping[str, Any], Any], Separation]] = {
     "circle": _circle,
     "half-plane": _half_plane,

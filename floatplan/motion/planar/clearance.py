@@ -5,8 +5,9 @@ Points are complex, horizontal + i vertical. A distance is between surfaces and 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, TypeVar
 
 import numpy as np
@@ -148,14 +149,39 @@ class Distances:
 
 
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
-    """Distances of links to an obstacle: one row per capsule, or ``ends`` rows, as its kind says."""
+    """Distances of links to an obstacle, piece after piece: one row per capsule, or ``ends`` rows, as its kind says."""
     shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
-    return OBSTACLE_DISTANCES[obstacle.kind].to_links(segments.facing(obstacle), obstacle, shift)
+    facing = segments.facing(obstacle)
+    of_pieces = [OBSTACLE_DISTANCES[piece.kind].to_links(facing, piece, shift) for piece in obstacle.pieces]
+    return of_pieces[0] if len(of_pieces) == 1 else _side_by_side(of_pieces)
+
+
+def distance_rows(obstacle: Obstacle) -> int:
+    """How many rows per capsule :func:`obstacle_distances` has."""
+    return sum(OBSTACLE_DISTANCES[piece.kind].ends for piece in obstacle.pieces)
+
+
+def _side_by_side(parts: Sequence[Distances]) -> Distances:
+    segments = [part.segments for part in parts]
+    return Distances(
+        np.concatenate([part.values for part in parts], axis=1),
+        replace(
+            segments[0],
+            start=np.concatenate([each.start for each in segments], axis=1),
+            end=np.concatenate([each.end for each in segments], axis=1),
+            start_weights=np.concatenate([each.start_weights for each in segments]),
+            end_weights=np.concatenate([each.end_weights for each in segments]),
+            radius=np.concatenate([each.radius for each in segments]),
+        ),
+        np.concatenate([part.direction for part in parts], axis=1),
+        np.concatenate([part.fraction for part in parts], axis=1),
+    )
 
 
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
     """Distances of points, of any shape, to the surface of an obstacle as it is at takeoff, m; negative inside."""
-    return OBSTACLE_DISTANCES[obstacle.kind].to_points(obstacle, points)
+    pieces = (OBSTACLE_DISTANCES[piece.kind].to_points(piece, points) for piece in obstacle.pieces)
+    return np.asarray(reduce(np.minimum, pieces))
 
 
 def _circle_to_links(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:

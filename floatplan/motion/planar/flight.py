@@ -17,10 +17,10 @@ from floatplan.motion.dynamics import Grid, MomentumSet, Partials
 from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import (
-    OBSTACLE_DISTANCES,
     Distances,
     LinkShapes,
     Segments,
+    distance_rows,
     obstacle_distances,
     pair_distances,
 )
@@ -99,7 +99,7 @@ class PlanarFlight:
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
         """Return each capsule's link; for a half-plane each twice, since it is measured to both ends."""
         links = self.link_shapes.hull_links if isinstance(obstacle, Ground) else self.links
-        return links * OBSTACLE_DISTANCES[obstacle.kind].ends
+        return links * distance_rows(obstacle)
 
     def grid(self, level: int) -> GaussGrid:
         """Return the Gauss-Legendre nodes of a level."""

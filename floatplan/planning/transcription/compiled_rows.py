@@ -58,7 +58,7 @@ def _name(quantity: Quantity) -> str:
 
 @lru_cache(maxsize=16)
 def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> Watch | None:
-    """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel cannot."""
+    """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel does not know one."""
     blocks = [block_of(constraint) for constraint in constraints]
     known = [block for block in blocks if block is not None]
     return watch(flight, known, also=also) if len(known) == len(blocks) else None

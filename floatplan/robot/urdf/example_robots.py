@@ -10,9 +10,8 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from floatplan.errors import InputError
+from floatplan.errors import InputError, install_advice
 from floatplan.files import is_file
-from floatplan.optional import install_advice
 
 PREFIX = "example-robot-data:"
 FOLDER = Path("share", "example-robot-data", "robots")

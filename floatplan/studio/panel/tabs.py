@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 import floatplan as fp
-from floatplan.problem.parts import Obstacle
+from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio.panel.cards import limits_card, put
 from floatplan.studio.panel.dials import Choices, Dial, Dials
 from floatplan.studio.session.actions import Actions, on
 from floatplan.studio.session.edits import (
-    ANCHORS,
     BY_HAND,
     Edit,
-    LimitKey,
     limit,
     limit_choice,
     limit_of,
@@ -27,26 +25,21 @@ from floatplan.studio.session.edits import (
     without_obstacle,
 )
 from floatplan.studio.session.session import Session, View
-from floatplan.tables import LIMIT_TABLE
+from floatplan.tables import LIMIT_TABLE, LimitKey
 
 LEAST = 0.01  # [-] of a slider's end
 WIDE = 3.0  # [-] of what the first motion needs, where the URDF has no limit: a slider's end
 REACH = 2.0  # [m] that a place's slider reaches, to both sides
-NEW: dict[str, Callable[[complex, float], Obstacle]] = {
-    "circle": lambda place, size: fp.Circle(center=(place.real, place.imag), radius=0.1 * size),
-    "bar": lambda place, size: fp.Bar(
-        start=(place.real - 0.2 * size, place.imag), end=(place.real + 0.2 * size, place.imag), radius=0.04 * size
-    ),
-    "half-plane": lambda place, size: fp.HalfPlane(point=(place.real, place.imag), normal=(0.0, -1.0)),
-}
 
 
 class LimitsTab:
-    """Limits of velocities and torques."""
+    """Limits of joints and motors."""
 
     def __init__(self, gui: Any, session: Session, dials: Dials, choices: Choices) -> None:
         self._session, self._choices, self._dials = session, choices, dials
-        self._sliders: dict[LimitKey, list[Any]] = {key: self._add(key) for key in get_args(LimitKey)}
+        self._sliders: dict[LimitKey, list[Any]] = {
+            key: self._add(key) for key, row in LIMIT_TABLE.items() if row.of != "base"
+        }
         self._table = gui.add_html("")
 
     def draw(self, view: View) -> None:
@@ -60,7 +53,8 @@ class LimitsTab:
 
     def _add(self, key: LimitKey) -> list[Any]:
         robot = self._session.view.problem.robot
-        of_urdf = getattr(robot, f"motor_{key}_limits")
+        in_urdf = LIMIT_TABLE[key].in_urdf
+        of_urdf = getattr(robot, f"motor_{key}_limits") if in_urdf else np.full(len(robot.motors), math.inf)
         words = ("none", "urdf", BY_HAND) if np.isfinite(of_urdf).any() else ("none", BY_HAND)
         self._choices.add(
             f"{key} limit",
@@ -102,9 +96,9 @@ class ObstaclesTab:
         self._kinds: list[str] = []
         self._folders: list[Any] = []
         self._sliders: list[Any] = []
-        for label, make in NEW.items():
-            button = gui.add_button(f"Add a {label}", color="gray")
-            on(button.on_click, partial(self._edit, with_obstacle(make(*free_place))))
+        for kind, known in OBSTACLE_KINDS.items():
+            button = gui.add_button(f"Add a {kind}", color="gray")
+            on(button.on_click, partial(self._edit, with_obstacle(known.example(*free_place))))
 
     def draw(self, view: View) -> None:
         """List the obstacles anew where there are others."""
@@ -134,8 +128,8 @@ class ObstaclesTab:
 def obstacle_dials(index: int, obstacle: Obstacle) -> list[Dial]:
     """Sliders of an obstacle: its places, radius and margin."""
     dials = []
-    for name in ANCHORS:
-        for axis, place in enumerate(getattr(obstacle, name, ())):
+    for name in obstacle.places():
+        for axis, place in enumerate(getattr(obstacle, name)):
             label = f"{name} {'→↑'[axis]}, m"
             dials.append(_dial(index, f"{name}.{axis}", label, float(place) - REACH, float(place) + REACH))
     if hasattr(obstacle, "radius"):

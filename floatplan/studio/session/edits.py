@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 import floatplan as fp
 from floatplan.problem.parts import JointState, Obstacle
+from floatplan.tables import LimitKey
 
 Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
-LimitKey: TypeAlias = Literal["velocity", "torque"]
 
 BY_HAND = "by hand"
 AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
@@ -85,12 +85,9 @@ def put_obstacle(index: int, obstacle: Obstacle) -> Edit:
     return edit
 
 
-ANCHORS = ("center", "point", "start", "end")  # fields of obstacles that are places
-
-
 def moved(obstacle: Obstacle, by: complex) -> Obstacle:
     """Return an obstacle that stands elsewhere, m."""
-    places = {name: getattr(obstacle, name) for name in ANCHORS if hasattr(obstacle, name)}
+    places = {name: getattr(obstacle, name) for name in obstacle.places()}
     changes: dict[str, Any] = {name: (x + by.real, y + by.imag) for name, (x, y) in places.items()}
     return replace(obstacle, **changes)
 
@@ -103,7 +100,7 @@ def limit_choice(problem: fp.Problem, key: LimitKey) -> str:
 
 def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:
     """The limit of a planned joint's own motor; infinite where there is none."""
-    limits = problem.motor_torque_limits if key == "torque" else problem.joint_limits["velocity"]
+    limits = problem.motor_torque_limits if key == "torque" else problem.joint_limits[key]
     return float(limits[problem.robot.joints.index(joint)])
 
 

@@ -20,7 +20,7 @@ from floatplan.problem.parts import Obstacle
 from floatplan.view.figures.curves import plan_names
 from floatplan.view.postures import Postures, com_path, posture_at, postures, robot_size, stadium
 from floatplan.view.style import COLUMN, GREY, INK, faded, legend_above, new_figure, palette, round_below
-from floatplan.view.surroundings import draw_ground, draw_obstacle, obstacle_corners, obstacle_outline, obstacle_times
+from floatplan.view.surroundings import draw_ground, draw_obstacle, obstacle_corners, obstacle_outlines, obstacle_times
 
 STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
 FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] snapshots along the path
@@ -218,7 +218,7 @@ def _close_up(own: Postures, other: Postures, obstacle: Obstacle | None, time: f
     corners = np.concatenate((own.low, own.high, other.low, other.high))
     points = np.stack((corners.real, corners.imag), axis=1)
     if obstacle is not None and obstacle.bounded:
-        points = np.concatenate((points, obstacle_outline(obstacle, time, obstacle.margin)))
+        points = np.concatenate((points, *obstacle_outlines(obstacle, time, obstacle.margin)))
     low, high = points.min(axis=0), points.max(axis=0)
     room = CLOSE_UP * float(np.max(high - low))
     return complex(low[0] - room, low[1] - room), complex(high[0] + room, high[1] + room)

@@ -21,7 +21,7 @@ from floatplan.view.charts import NEAR, Chart, Curve, SampledPlan, clearance_cei
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import drawn_part, drawn_radius, postures
 from floatplan.view.style import ALARM, INK, OBSTACLES, TRAILS, palette
-from floatplan.view.surroundings import ground_lines, obstacle_outline
+from floatplan.view.surroundings import ground_lines, obstacle_outlines
 
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
 SAMPLE_RATE = 300  # [Hz]
@@ -125,8 +125,10 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             {
                 "bounded": obstacle.bounded,
                 "colour": OBSTACLES[index % len(OBSTACLES)],
-                "outline": rounded(obstacle_outline(obstacle, 0.0, 0.0)),
-                "margin": rounded(obstacle_outline(obstacle, 0.0, obstacle.margin)) if obstacle.margin > 0 else None,
+                "outlines": [rounded(each) for each in obstacle_outlines(obstacle, 0.0, 0.0)],
+                "margins": [rounded(each) for each in obstacle_outlines(obstacle, 0.0, obstacle.margin)]
+                if obstacle.margin > 0
+                else [],
                 "velocity": list(obstacle.velocity),
                 "window": None if obstacle.window is None else list(obstacle.window),
             }

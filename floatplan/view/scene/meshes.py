@@ -15,8 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.errors import InputError
-from floatplan.optional import import_optional
+from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.errors import import_optional
 from floatplan.files import write_atomically
-from floatplan.optional import import_optional
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot.parts import Plane
@@ -26,7 +26,7 @@ from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import body_poses, com_path, postures, robot_size
 from floatplan.view.scene.bodies import FINE_SECTIONS, Bodies, in_space
 from floatplan.view.style import TRAILS, rgb_bytes
-from floatplan.view.surroundings import ground_lines, obstacle_outline
+from floatplan.view.surroundings import ground_lines, obstacle_outlines
 
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
@@ -147,9 +147,16 @@ def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
     """
+    solids = [_piece_slab(plan, piece, low, high) for piece in obstacle.pieces]
+    firsts = np.cumsum([0, *(len(corners) for corners, _ in solids)])
+    triangles = [first + part for first, (_, part) in zip(firsts[:-1], solids, strict=True)]
+    return np.concatenate([corners for corners, _ in solids]), np.concatenate(triangles)
+
+
+def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> tuple[Array, IntArray]:
     size = robot_size(plan)
     if not isinstance(obstacle, HalfPlane):
-        outline = obstacle_outline(obstacle, 0.0, 0.0)
+        outline = obstacle_outlines(obstacle, 0.0, 0.0)[0]
         return prism(plan.robot.plane, outline[:, 0] + 1j * outline[:, 1], WIDTH * size)
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
     point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal

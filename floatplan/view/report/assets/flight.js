@@ -142,7 +142,7 @@ class Flight {
     }
     if (shown.ground.length && box[1] < shown.ground[0][0] - 0.15 * (box[3] - box[1])) shown.ground.pop();
     for (const obstacle of shown.obstacles) {
-      if (obstacle.bounded) for (const [x, y] of obstacle.outline) add(x, y, 0);
+      if (obstacle.bounded) for (const [x, y] of obstacle.outlines.flat()) add(x, y, 0);
     }
     const room = 0.04 * Math.max(box[2] - box[0], box[3] - box[1]);
     return [box[0] - room, box[1] - room, box[2] + room, box[3] + room];
@@ -153,13 +153,13 @@ function dot(row, values) {
   return row.reduce((sum, share, index) => sum + share * values[index], 0);
 }
 
-/* The capsule, two ends and a radius, that an obstacle is; a half-plane's is so large that its side is the edge. */
+/* The capsules, two ends and a radius each, that an obstacle is; a half-plane's is so large that its side is the edge. */
 const CAPSULES = {
-  circle: ({ center, radius }) => [center, center, radius],
-  capsule: ({ start, end, radius }) => [start, end, radius],
+  circle: ({ center, radius }) => [[center, center, radius]],
+  capsule: ({ start, end, radius }) => [[start, end, radius]],
   "half-plane": ({ point, normal }) => {
     const [nx, ny] = normal.map((part) => (FAR * part) / Math.hypot(...normal));
-    return [[point[0] - nx + ny, point[1] - ny - nx], [point[0] - nx - ny, point[1] - ny + nx], FAR];
+    return [[[point[0] - nx + ny, point[1] - ny - nx], [point[0] - nx - ny, point[1] - ny + nx], FAR]];
   },
 };
 
@@ -167,14 +167,17 @@ const CAPSULES = {
 function rowObstacle(base, obstacle) {
   const changed = { ...base, velocity: obstacle.velocity || [0, 0], window: obstacle.window || null };
   if (!CAPSULES[obstacle.kind]) return changed;
-  const [start, end, radius] = CAPSULES[obstacle.kind](obstacle);
+  const outlines = (margin) => CAPSULES[obstacle.kind](obstacle).map((capsule) => stadium(...capsule, margin));
+  return { ...changed, outlines: outlines(0), margins: obstacle.margin > 0 ? outlines(obstacle.margin) : [] };
+}
+
+function stadium(start, end, radius, margin) {
   const along = Math.atan2(end[1] - start[1], end[0] - start[0]);
-  const outline = (size) =>
-    [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
-      Array.from({ length: ARC + 1 }, (_, index) => {
-        const angle = along + Math.PI * (from + index / ARC);
-        return [x + size * Math.cos(angle), y + size * Math.sin(angle)];
-      }),
-    );
-  return { ...changed, outline: outline(radius), margin: obstacle.margin > 0 ? outline(radius + obstacle.margin) : null };
+  const size = radius + margin;
+  return [[end, -0.5], [start, 0.5]].flatMap(([[x, y], from]) =>
+    Array.from({ length: ARC + 1 }, (_, index) => {
+      const angle = along + Math.PI * (from + index / ARC);
+      return [x + size * Math.cos(angle), y + size * Math.sin(angle)];
+    }),
+  );
 }

@@ -119,15 +119,19 @@ class Stage {
     pen.fillStyle = tone(obstacle.bounded ? "stone" : "wall");
     pen.strokeStyle = shade(obstacle.colour);
     pen.lineWidth = 1.5;
-    this.trace(pen, obstacle.outline, shift);
-    pen.fill();
-    pen.stroke();
-    if (obstacle.margin && this.shown.margins) {
+    for (const outline of obstacle.outlines) {
+      this.trace(pen, outline, shift);
+      pen.fill();
+      pen.stroke();
+    }
+    if (this.shown.margins) {
       pen.strokeStyle = tone("alarm");
       pen.lineWidth = 1;
       pen.setLineDash([4, 3]);
-      this.trace(pen, obstacle.margin, shift);
-      pen.stroke();
+      for (const outline of obstacle.margins) {
+        this.trace(pen, outline, shift);
+        pen.stroke();
+      }
       pen.setLineDash([]);
     }
     pen.globalAlpha = 1;

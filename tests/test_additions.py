@@ -1,0 +1,293 @@
+"""A limit and a kind of obstacle, added to a copy of the package as CONTRIBUTING says, work in every room."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 8
+
+Edits = Mapping[str, tuple[tuple[str, str], ...]]  # file -> what is there once, and what is put in its place
+
+POWER: Edits = {
+    "floatplan/tables.py": (
+        ('Literal["velocity", "acceleration", "torque",', 'Literal["velocity", "acceleration", "torque", "power",'),
+        (
+            '    LimitRow("orientation_rate"',
+            '    LimitRow("power", "Largest mechanical power", "powers", "W", "Powers", "joints"),\n    LimitRow("orientation_rate"',
+        ),
+    ),
+    "floatplan/problem/parts.py": (
+        (
+            "    acceleration: Annotated[",
+            '    power: Annotated[\n        Literal["none"] | JointValues,\n'
+            '        Key("Largest mechanical power", "W", "limit", "\'none\', a number, or a table by joint"),\n'
+            '    ] = "none"\n    acceleration: Annotated[',
+        ),
+    ),
+    "floatplan/motion/flight_state.py": (
+        (
+            "    def shaped(self",
+            "    @property\n    def powers(self) -> Array:\n"
+            '        """Mechanical powers (..., n) of the joints, W."""\n'
+            "        return self.torques * self.velocities\n\n    def shaped(self",
+        ),
+    ),
+    "floatplan/planning/transcription/quantities.py": (
+        (
+            '    "orientation_rate": Quantity(',
+            '    "powers": Quantity(\n'
+            "        lambda it: it.torques * it.motion.velocities,\n"
+            "        lambda it: it.torques[..., None] * it.velocity_jacobian\n"
+            "        + it.motion.velocities[..., None] * it.torque_jacobian,\n    ),\n"
+            '    "orientation_rate": Quantity(',
+        ),
+    ),
+    "floatplan/certificate/planar/flight.py": (
+        ("    rate: Taylor\n", "    powers: Taylor\n    rate: Taylor\n"),
+        (
+            "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)",
+            "    powers = body_torques.linear(robot.turns.transposed) * dq\n"
+            "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), powers, rate, cos, sin)",
+        ),
+    ),
+    "floatplan/plans/measures.py": (
+        (
+            "    position_low: float\n",
+            "    power_peak: float\n    power_limit: float | None\n    power_utilisation: float | None\n"
+            "    power_instant: float\n    position_low: float\n",
+        ),
+    ),
+}
+
+BEND: Edits = {
+    "floatplan/problem/parts.py": (
+        (
+            "OBSTACLE_KINDS: dict[str, type[Obstacle]] =",
+            '@dataclass(frozen=True, kw_only=True)\nclass Bend(Obstacle):\n    """A bar with a corner."""\n\n'
+            '    kind: ClassVar[str] = "bend"\n'
+            '    start: Annotated[Pair, Key("One end", "m")]\n'
+            '    corner: Annotated[Pair, Key("Where it bends", "m")]\n'
+            '    end: Annotated[Pair, Key("The other end", "m")]\n'
+            '    radius: Annotated[float, Key("Of the bar", "m")]\n\n'
+            "    @classmethod\n    def example(cls, place: complex, size: float) -> Self:\n"
+            "        x, y, arm = place.real, place.imag, 0.2 * size\n"
+            "        return cls(start=(x - arm, y), corner=(x, y), end=(x, y + arm), radius=0.04 * size)\n\n"
+            "    @property\n    def pieces(self) -> tuple[Obstacle, ...]:\n"
+            "        ends = (self.start, self.corner), (self.corner, self.end)\n"
+            "        shared = {'radius': self.radius, 'velocity': self.velocity}\n"
+            "        return tuple(Bar(start=start, end=end, **shared) for start, end in ends)\n\n\n"
+            "OBSTACLE_KINDS: dict[str, type[Obstacle]] =",
+        ),
+        ("(Circle, HalfPlane, Bar)}", "(Circle, HalfPlane, Bar, Bend)}"),
+    ),
+    "floatplan/problem/json_schema.py": (
+        (
+            '    "self_clearance[]": (',
+            '    "obstacles[bend]": (PartTable[asked.Bend], "A bar with a corner"),\n    "self_clearance[]": (',
+        ),
+    ),
+    "floatplan/plans/schema.py": (
+        (
+            '    "capsule": {"start"',
+            '    "bend": {"start": POINT, "corner": POINT, "end": POINT, "radius": non_negative},\n'
+            '    "capsule": {"start"',
+        ),
+    ),
+    "floatplan/tables.py": (('OBSTACLE_PLACES = ("center",', 'OBSTACLE_PLACES = ("corner", "center",'),),
+    "floatplan/__init__.pyi": (
+        (
+            "from floatplan.problem.parts import Circle",
+            "from floatplan.problem.parts import Bend as Bend\nfrom floatplan.problem.parts import Circle",
+        ),
+    ),
+    "docs/api.md": ((".. autoclass:: Bar\n", ".. autoclass:: Bar\n.. autoclass:: Bend\n"),),
+    "floatplan/certificate/planar/obstacles.py": (
+        (
+            "SEPARATIONS: dict[",
+            "def _bend(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:\n"
+            '    ends = {"end": obstacle["corner"]}, {"start": obstacle["corner"]}\n'
+            "    return together([_bar(surroundings, {**obstacle, **end}, velocity) for end in ends])\n\n\n"
+            "SEPARATIONS: dict[",
+        ),
+        ('    "capsule": _bar,\n', '    "capsule": _bar,\n    "bend": _bend,\n'),
+    ),
+    "floatplan/view/report/assets/flight.js": (
+        (
+            "  capsule: (",
+            "  bend: ({ start, corner, end, radius }) => [[start, corner, radius], [corner, end, radius]],\n"
+            "  capsule: (",
+        ),
+    ),
+}
+
+COMMON = """
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+import numpy as np
+import floatplan as fp
+from floatplan.problem.json_schema import problem_schema
+from floatplan.studies.numbers import quantity
+from floatplan.studio.session import edits
+from floatplan.studio.session.session import View
+from floatplan.view.figures.figures import figures
+from floatplan.view.report.report import report
+
+assert Path(fp.__file__).parents[1] == Path.cwd()
+
+def saved(problem):
+    fp.save_problem(problem, "problem.toml")
+    return fp.load_problem("problem.toml")
+
+def verdicts(plan, kind):
+    plan.save("plan.json")
+    return {each.label: each.verdict for each in fp.certify("plan.json").findings if each.kind == kind}
+"""
+
+LIMIT_WORKS = """
+from floatplan.studio.panel.tabs import LimitsTab
+from floatplan.plans.measures import told_limits
+from floatplan.tables import LIMIT_TABLE
+
+problem = fp.load_problem(ROOT / "problems" / "somersault.toml")
+free = fp.plan(problem)
+most = float(0.8 * free.peaks.joints["power"].max())
+limited = saved(replace(problem, limits=replace(problem.limits, power=most)))
+assert limited.joint_limits["power"].tolist() == [most] * len(problem.robot.joints)
+plan = fp.plan(limited, prove=True)
+assert plan.ok and plan.certificate.proved
+assert plan.peaks.joints["power"].max() <= most * (1 + 1e-9) < free.peaks.joints["power"].max()
+names = [f"power {joint}" for joint in problem.robot.joints]
+assert verdicts(plan, "power") == dict.fromkeys(names, "proved")
+content = json.loads(Path("plan.json").read_text())
+content["problem"]["limits"]["power"] = [0.5 * most] * len(names)
+Path("tampered.json").write_text(json.dumps(content))
+assert "refuted" in {each.verdict for each in fp.certify("tampered.json").findings if each.kind == "power"}
+assert "Powers" in report(plan) and "powers" in figures(plan)
+assert LIMIT_TABLE["power"] in told_limits(plan.utilisation)
+assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
+assert quantity("limits.power", False).unit == "W"
+by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
+assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
+dials = MagicMock()
+LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), dials, MagicMock())
+assert f"{problem.robot.joints[0]}, W" in [call.args[0].label for call in dials.add.call_args_list]
+try:
+    fp.Replanner(plan)
+except fp.InputError as error:
+    assert "corrections in flight do not know limits of powers" in str(error)
+else:
+    raise AssertionError("a correction in flight does not know powers")
+"""
+
+OBSTACLE_WORKS = """
+from floatplan.kernel.watch import ObstacleRows, watch
+from floatplan.motion.flight import flight_dynamics
+from floatplan.planning.attempt import Attempts
+from floatplan.planning.transcription import compiled_rows
+from floatplan.planning.transcription.program import FlightProgram, objective, watching
+from floatplan.problem.parts import OBSTACLE_KINDS
+from floatplan.studio.panel.tabs import ObstaclesTab, obstacle_dials
+from floatplan.view.scene.scene import obstacle_slab
+
+problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
+x, y = problem.obstacles[0].center
+bend = fp.Bend(start=(x - 0.3, y + 0.1), corner=(x, y), end=(x - 0.1, y + 0.4), radius=0.25, margin=0.02)
+asked = saved(replace(problem, obstacles=(bend,)))
+assert asked.obstacles == (bend,)
+times = np.linspace(0, problem.flight.duration, 200)
+free = fp.plan(replace(problem, obstacles=()))
+assert free.clearances(times, [bend]).min() < 0
+assert np.array_equal(free.clearances(times, [bend]), free.clearances(times, bend.pieces))
+
+assert watch(flight_dynamics(asked), [ObstacleRows(bend, 0.0, 1.0)]).rows == 2 * len(problem.robot.shapes)
+plan = fp.plan(asked, prove=True)
+assert plan.ok and plan.certificate.proved
+assert plan.clearances(times).min() >= 0.02 - 1e-8
+
+def rows():
+    ready = Attempts(asked, 0)
+    variables = ready.plain_start.variables
+    nodes = ready.model.nodes(4, variables.polynomials.form)
+    aim = objective(asked, ready.model, variables, nodes)
+    sampling = watching(nodes, ready.constraints, np.array([0.3]))
+    found = FlightProgram(ready.model, variables, sampling, aim, ready.constraints).evaluate(ready.plain_start.x)
+    return found.inequality, found.inequality_jacobian
+
+of_kernel = rows()
+compiled_rows.watch = lambda *arguments, **options: None
+compiled_rows.watch_of.cache_clear()
+for one, other in zip(of_kernel, rows(), strict=True):
+    assert np.allclose(one, other, rtol=1e-10, atol=1e-10) and np.abs(one).max() > 0
+other = fp.plan(asked, prove=True)
+assert other.ok and other.certificate.proved
+
+assert verdicts(plan, "obstacle") == {"obstacles[0] bend": "proved"}
+for shift in np.linspace(-0.5, 0.5, 11):
+    elsewhere = edits.moved(bend, 1j * shift)
+    content = json.loads(Path("plan.json").read_text())
+    content["problem"]["obstacles"][0] |= {name: list(getattr(elsewhere, name)) for name in elsewhere.places()}
+    Path("tampered.json").write_text(json.dumps(content))
+    found = [each.verdict for each in fp.certify("tampered.json").findings if each.kind == "obstacle"]
+    finely = plan.clearances(np.linspace(0, plan.duration, 4000), [elsewhere]).min()
+    if abs(finely - 0.02) > 1e-4:
+        assert found == ["proved" if finely > 0.02 else "refuted"], (shift, finely, found)
+
+replanner = fp.Replanner(plan)
+assert sum(type(rows).__name__ == "DistanceRows" for rows in replanner.views.rows) == 2
+flown = fp.closed_loop(plan, perturb=fp.Perturbation(h=0.1), flights=4, budget=None)
+assert flown.uncorrected.clearance.min() < 0.9 * bend.margin < flown.corrected.clearance.min()
+
+slab, *slabs = (obstacle_slab(plan, each, 0j, 1 + 1j) for each in (bend, *bend.pieces))
+assert np.array_equal(slab[0], np.concatenate([corners for corners, _ in slabs]))
+assert "bend" in report(plan) and figures(plan)
+assert "BendTable" in problem_schema()["$defs"]
+assert quantity("obstacles.0.corner.1", False).unit == "m"
+
+assert [dial.label for dial in obstacle_dials(0, bend)] == [
+    "start →, m", "start ↑, m", "corner →, m", "corner ↑, m", "end →, m", "end ↑, m", "radius, m", "margin, m"
+]
+gui = MagicMock()
+ObstaclesTab(gui, MagicMock(), MagicMock(), MagicMock(), MagicMock(), (1 + 1j, 2.0))
+assert [call.args[0] for call in gui.add_button.call_args_list] == [f"Add a {kind}" for kind in OBSTACLE_KINDS]
+assert "bend" in OBSTACLE_KINDS and OBSTACLE_KINDS["bend"].example(1 + 1j, 2.0).thickness == 0.16
+"""
+
+
+def added(edits: Edits, folder: Path) -> Path:
+    """Return a folder with the package and its reference, edited."""
+    shutil.copytree(ROOT / "floatplan", folder / "floatplan", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "docs", folder / "docs")
+    for name, changes in edits.items():
+        text = (folder / name).read_text(encoding="utf-8")
+        for before, after in changes:
+            assert text.count(before) == 1, f"{name} does not hold {before!r} once"
+            text = text.replace(before, after)
+        (folder / name).unlink()
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("edits", "most", "works"),
+    [(POWER, MOST_FILES_OF_A_LIMIT, LIMIT_WORKS), (BEND, MOST_FILES_OF_AN_OBSTACLE, OBSTACLE_WORKS)],
+    ids=["limit", "obstacle"],
+)
+def test_an_addition_works_in_every_room(edits: Edits, most: int, works: str, tmp_path: Path) -> None:
+    assert len(edits) <= most
+    folder = added(edits, tmp_path)
+    program = folder / "works.py"
+    program.write_text(f"ROOT = __import__('pathlib').Path({str(ROOT)!r})\n{COMMON}{works}", encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    run = subprocess.run([sys.executable, program], cwd=folder, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr  # its last lines name the place that is left
