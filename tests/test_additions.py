@@ -21,7 +21,8 @@ POWER: Edits = {
         ('Literal["velocity", "acceleration", "torque",', 'Literal["velocity", "acceleration", "torque", "power",'),
         (
             '    LimitRow("orientation_rate"',
-            '    LimitRow("power", "Largest mechanical power", "powers", "W", "Powers", "joints"),\n    LimitRow("orientation_rate"',
+            '    LimitRow("power", "Largest mechanical power", "powers", "W", "Powers", "joints"),\n'
+            '    LimitRow("orientation_rate"',
         ),
     ),
     "floatplan/problem/parts.py": (
