@@ -101,8 +101,11 @@ def positive(most: float = math.inf, unit: str = "") -> Check:
 
 def whole(allowed: Range, advice: str | None = None) -> Check:
     """A whole number in a range."""
+    low, high = allowed.low, allowed.high
 
     def check(value: Any, element: str) -> int:
+        if type(value) is int and low <= value <= high:
+            return value
         if isinstance(value, bool) or not isinstance(value, Integral):
             raise InputError(f"{value!r} is not a whole number", element=element)
         check_number(int(value), element, allowed, advice)

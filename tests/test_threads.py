@@ -130,7 +130,7 @@ def test_public_calls_hold_numpys_library_and_give_it_back(
     compute: Callable[[fp.Problem], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (blas, *_) = threads._libraries()
-    problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
+    problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     seen = []
     monkeypatch.setattr(type(blas), "set_num_threads", lambda _, count: seen.append(count))
     monkeypatch.setattr(type(blas), "num_threads", 4)

@@ -19,6 +19,7 @@ from floatplan.planning.explanation import explain, proven_impossible
 from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SAME, SearchOptions, SearchResult, search
 from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
+from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
@@ -63,6 +64,14 @@ def planned(problem: Problem, options: SearchOptions, attempts: int | None = Non
         plan = followed.plan(problem, options.seed, time.perf_counter() - began)
         LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, COUNTS), plan.status)
         return Planned(plan, followed, work=followed.work)
+    return _searched(problem, options, attempts, followed, began)
+
+
+@one_thread
+def _searched(
+    problem: Problem, options: SearchOptions, attempts: int | None, followed: Followed | None, began: float
+) -> Planned:
+    """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
         refuse(motion_into_ground(problem, prepared.momentum.centre))

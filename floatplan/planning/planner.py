@@ -9,12 +9,10 @@ from floatplan.arguments import flag
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
-from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 
 
-@one_thread
 def plan(
     problem: Problem | str | Path,
     *,

@@ -19,6 +19,7 @@ from floatplan.certificate.certify import certify
 from floatplan.planning.planned import Planned, alternatives, polished
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
+from floatplan.pool.threads import one_thread
 from floatplan.problem.parts import Motor
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
@@ -35,6 +36,7 @@ ORIENTATION: tuple[Kind, Subject] = ("goal", ("orientation",))
 Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
 
 
+@one_thread
 def proved_plan(found: Planned) -> Plan:
     """Prove a plan that the search found, or the next best one, and return it with its certificate.
 

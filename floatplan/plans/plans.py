@@ -14,7 +14,6 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.plans.plan import Plan
-from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.shown import Outlined
 
@@ -55,7 +54,6 @@ class Answer:
             certificate=plan.record.certificate,
         )
 
-    @one_thread
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
         """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
         low, high = problem.position_limits.T

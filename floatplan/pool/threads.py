@@ -11,6 +11,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _lock = threading.Lock()
+_here = threading.local()  # ``held``: whether this thread is in such a call already
 _calls = 0  # under way, in all threads of this process: BLAS has one number of threads for all of them
 _held: list[tuple[Any, int]] = []  # libraries, and the threads that each had before
 
@@ -55,7 +56,13 @@ def one_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
-        with _ONE_THREAD:
+        if getattr(_here, "held", False):
             return function(*args, **kwargs)
+        with _ONE_THREAD:
+            _here.held = True
+            try:
+                return function(*args, **kwargs)
+            finally:
+                _here.held = False
 
     return held
