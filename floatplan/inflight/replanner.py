@@ -135,7 +135,6 @@ class Replanner:
         """When the robot lands, s since takeoff, as far as is known."""
         return self._landing
 
-    @one_thread
     def reference(self, t: float) -> Reference:
         """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
         time = _time(t)
@@ -145,7 +144,6 @@ class Replanner:
         n = positions.shape[1]
         return Reference(positions[0], velocities[0], accelerations[0], torques[:n], torques[n:])
 
-    @one_thread
     def update(
         self,
         t: float,

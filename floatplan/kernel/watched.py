@@ -64,6 +64,7 @@ class Motion:
         self._watch = watch = instants.watch
         joints = flown.joints
         self._structure, self._memory = instants.fresh()
+        self._begin = address(self._memory)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
         self._call(RATES)
@@ -77,7 +78,7 @@ class Motion:
 
     def _kept(self, name: str, *shape: int) -> Array:
         """What the kernel has written there."""
-        begin = (getattr(self._structure, name) - address(self._memory)) // self._memory.itemsize
+        begin = (getattr(self._structure, name) - self._begin) // self._memory.itemsize
         return self._memory[begin : begin + math.prod(shape)].reshape(shape)
 
     def _call(self, asked: int, given: int = 0, count: int = 0, result: int = 0) -> None:
