@@ -94,7 +94,7 @@ class Contact(Outlined):
 
     @property
     def angular_momentum(self) -> float | None:
-        """About the centre of mass, kg m^2/s: as asked; where it is free, the one that suits both ends best."""
+        """As asked, or the one that suits both ends best where it is free; about the centre of mass, kg m^2/s."""
         return None if self.found is None else self.found.angular_momentum
 
     @property

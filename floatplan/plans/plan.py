@@ -56,7 +56,7 @@ class Plan(PlannedMotion):
     coefficients : (n, k+1)
         b of (12), powers of t in seconds.
     angular_momentum : kg m^2/s
-    ballistics : path of the centre of mass
+    ballistics : Ballistics
     angular_momentum_bounds : (low, high) of (9), kg m^2/s
     status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
     ok : whether every constraint holds
