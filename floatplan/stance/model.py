@@ -1,0 +1,155 @@
+"""CasADi expressions of a planar robot: places of its points, and inverse dynamics with contact forces.
+
+The coordinates are y = (theta_0, q): orientation of the base and planned joints, rad; the base's place follows from the
+point that is at rest, or from the centre of mass. With the rotations e_k = exp(i sigma phi_k) of the bodies a point is
+at ``sum_k W_k e_k`` from a reference point, W from :meth:`floatplan.robot.PlanarTree.point_weights`. Places are pairs
+(horizontal, vertical). Virtual work with body k's angle gives
+
+``Q_k = sum_b m_b <i sigma W_bk e_k, c_b'' + i g> + I_k phi_k'' - sum_f <i sigma W_fk e_k, F_f>``,
+
+W from the base's origin, c_b the bodies' centres, F_f forces at points f. Motors' torques are ``motor_turns^T Q``,
+and ``sum_k Q_k = 0`` is the balance of moments about the base's origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from floatplan.arrays import ComplexArray
+from floatplan.errors import import_optional
+from floatplan.robot import Robot
+
+Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical part, CasADi expressions
+Spot: TypeAlias = tuple[int, complex]  # a body, and a place in its frame, m
+
+
+def casadi() -> Any:
+    """The module CasADi.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    return import_optional("casadi", name="CasADi", element="jump", extra="jump")
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarModel:
+    """Symbols ``y, v, a`` (n+1) of a robot's coordinates with their derivatives, and expressions of them.
+
+    Attributes
+    ----------
+    robot : Robot
+    gravity : m/s^2
+    """
+
+    robot: Robot
+    gravity: float = 9.81
+
+    @cached_property
+    def _sx(self) -> Any:
+        return casadi().SX
+
+    @cached_property
+    def y(self) -> Any:
+        """Orientation and joints, rad."""
+        return self._sx.sym("y", 1 + len(self.robot.joints))
+
+    @cached_property
+    def v(self) -> Any:
+        """Derivative of ``y``, rad/s."""
+        return self._sx.sym("v", 1 + len(self.robot.joints))
+
+    @cached_property
+    def a(self) -> Any:
+        """Second derivative of ``y``, rad/s^2."""
+        return self._sx.sym("a", 1 + len(self.robot.joints))
+
+    @cached_property
+    def _rates(self) -> Any:
+        """Derivatives (m, n+1) of the bodies' angles by y."""
+        return self._sx(np.column_stack((np.ones(len(self.robot.tree.mass)), self.robot.tree.turns)))
+
+    @cached_property
+    def _rotations(self) -> tuple[Pair, Pair, Pair]:
+        """Rotations e of the bodies, e' and e''."""
+        ca, turn = casadi(), self.robot.tree.turn
+        phi = ca.mtimes(self._rates, self.y) + self.robot.tree.offsets
+        rate, acceleration = turn * ca.mtimes(self._rates, self.v), turn * ca.mtimes(self._rates, self.a)
+        c, s = ca.cos(phi), turn * ca.sin(phi)
+        first = (-rate * s, rate * c)
+        return (c, s), first, (-acceleration * s - rate * first[1], acceleration * c + rate * first[0])
+
+    def weights(self, spots: Sequence[Spot], reference: Spot | None = None) -> ComplexArray:
+        """Weights W (points, m) of places relative to a reference; to the centre of mass where there is none."""
+        bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots])
+        found = self.robot.tree.point_weights(bodies, local.astype(np.complex128))
+        return found if reference is None else found - self.weights([reference])
+
+    @cached_property
+    def centers(self) -> list[Spot]:
+        """Centres of mass of the bodies."""
+        return [(body, complex(place)) for body, place in enumerate(self.robot.tree.center)]
+
+    def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
+        """Places (points,) m of weights (points, m), or their first or second derivatives."""
+        ca, (c, s) = casadi(), self._rotations[derivative]
+        real, imaginary = self._constant(weights.real), self._constant(weights.imag)
+        return ca.mtimes(real, c) - ca.mtimes(imaginary, s), ca.mtimes(imaginary, c) + ca.mtimes(real, s)
+
+    def _constant(self, values: Any) -> Any:
+        ca = casadi()
+        return ca.sparsify(ca.DM(np.where(np.abs(values) > 1e-14, values, 0.0)))
+
+    def com_from(self, reference: Spot, derivative: int = 0) -> Pair:
+        """Place of the centre of mass relative to a point, or a derivative, m."""
+        x, z = self.places(-self.weights([reference]), derivative)
+        return x, z
+
+    def moments(self, reference: Spot | None, forces: Sequence[tuple[Spot, Pair]]) -> Any:
+        """Q (m,) N m of the bodies' angles, where a reference point does not accelerate.
+
+        Parameters
+        ----------
+        reference : a point of the robot on the ground; None in flight, where the centre of mass falls freely
+        forces : points of the robot, and the forces that the ground exerts there, N
+        """
+        ca, tree = casadi(), self.robot.tree
+        gravity = 0.0 if reference is None else self.gravity
+        x, z = self.places(self.weights(self.centers, reference), 2)
+        moments = self._moments(self.centers, tree.mass * x, tree.mass * (z + gravity))
+        inertia = tree.inertia * ca.mtimes(self._rates, self.a)
+        for spot, (horizontal, vertical) in forces:
+            moments -= self._moments([spot], horizontal, vertical)
+        return moments + inertia
+
+    def _moments(self, spots: Sequence[Spot], x: Any, z: Any) -> Any:
+        """Virtual work (m,) of forces (x, z) at points with the bodies' angles, the base's origin at rest."""
+        ca, (c, s), turn = casadi(), self._rotations[0], self.robot.tree.turn
+        weights = self.weights(spots, (0, 0j)).T
+        real, imaginary = self._constant(weights.real), self._constant(weights.imag)
+        along = ca.mtimes(real, z) - ca.mtimes(imaginary, x)
+        across = ca.mtimes(real, x) + ca.mtimes(imaginary, z)
+        return turn * (c * along - s * across)
+
+    def motor_torques(self, moments: Any) -> Any:
+        """Torques (motors,) N m, each motor's own, of moments Q."""
+        return casadi().mtimes(self._constant(self.robot.tree.motor_turns.T), moments)
+
+    def momentum(self) -> Any:
+        """Angular momentum about the centre of mass and the plane's normal, kg m^2/s."""
+        ca, tree = casadi(), self.robot.tree
+        weights = self.weights(self.centers)
+        (x, z), (vx, vz) = self.places(weights), self.places(weights, 1)
+        orbital = tree.turn * ca.dot(ca.DM(tree.mass), x * vz - z * vx)
+        return orbital + ca.dot(ca.DM(tree.inertia), ca.mtimes(self._rates, self.v))
+
+    def function(self, name: str, outputs: Sequence[Any], *more: Any) -> Any:
+        """A CasADi function of y, v, a and ``more`` symbols; arrays (size, N) are N evaluations."""
+        return casadi().Function(name, [self.y, self.v, self.a, *more], list(outputs))
