@@ -1,0 +1,181 @@
+"""What a robot stands on: feet that are points, soles with heel and toe, and what has to stay above the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray
+from floatplan.errors import InputError
+from floatplan.robot import Robot
+from floatplan.stance.model import Spot
+
+SAME = 2e-3  # [m] by which places of left and right may differ
+LEVEL = 0.02  # [m] by which feet that stand together may differ in the reference posture
+SOLE = 0.05  # [m] a foot that is shorter is a point
+FLAT = 5e-3  # [m] within which corners of a sole are on the ground
+STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
+ROOM = 0.01  # [m] that what does not stand keeps from the ground, or half its height where the robot stands
+DIRECTIONS = 8  # [-] in which the farthest corner of a hull is watched
+NAMED = (".heel", ".toe")
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A point that the robot can stand on, with those that are coupled to it, left and right.
+
+    Attributes
+    ----------
+    name : of the frame; with ".heel" or ".toe" for an end of a sole that has no frame of its own
+    frame : the frame itself
+    spots : the point, then its followers'
+    names : their names, in that order
+    depth : its height over the ground where it stands, m
+    vertical : whether only its vertical force is used: a heel, whose toe holds the foot
+    """
+
+    name: str
+    frame: str
+    spots: tuple[Spot, ...]
+    names: tuple[str, ...]
+    depth: float
+    vertical: bool = False
+
+
+def heights_over_com(robot: Robot, spots: Sequence[Spot], orientation: float, positions: Array) -> ComplexArray:
+    """Places (points,) relative to the centre of mass in a posture, m: horizontal + i vertical."""
+    tree = robot.tree
+    angles = tree.absolute_angles(np.array(orientation), positions)
+    bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots], np.complex128)
+    return np.asarray(tree.point_weights(bodies, local) @ tree.rotations(angles))
+
+
+def contact_at(robot: Robot, frame: str, positions: Array) -> tuple[Contact, ...]:
+    """Return the contact of a frame, a point; or toe and heel where its link has a sole.
+
+    Parameters
+    ----------
+    frame : name of a link or joint
+    positions : (n,) rad, of the posture, the base level, in which soles are flat
+
+    Raises
+    ------
+    InputError
+        The frame is unknown, or on the base itself.
+    """
+    if frame not in robot.frames:
+        raise InputError(f'no frame "{frame}" is known', element="jump.contacts", advice="name a link or a joint")
+    home = robot.frames[frame]
+    if home.body == 0:
+        raise InputError(f'"{frame}" is on the base, which cannot stand', element="jump.contacts", advice="name a foot")
+    link = robot.contact_link(home.link)
+    shapes = [] if link is None else robot.link_hulls[link]
+    corners = [(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
+    place = heights_over_com(robot, [(home.body, home.local)], 0.0, positions)[0]
+    if not corners:
+        return (_contact(robot, frame, frame, (home.body, home.local), 0.0),)
+    found = heights_over_com(robot, [corner[:2] for corner in corners], 0.0, positions)
+    under = found.imag - [corner[2] for corner in corners]
+    low = np.flatnonzero(under < under.min() + FLAT)
+    rear, front = low[found.real[low].argmin()], low[found.real[low].argmax()]
+    if found.real[front] - found.real[rear] <= SOLE:
+        return (_contact(robot, frame, frame, (home.body, home.local), float(place.imag - under.min())),)
+    ends = zip(NAMED, (rear, front), (True, False), strict=True)
+    heel, toe = (
+        _contact(robot, frame + name, frame, corners[at][:2], float(found[at].imag - under.min()), vertical)
+        for name, at, vertical in ends
+    )
+    return toe, heel
+
+
+def _contact(robot: Robot, name: str, frame: str, spot: Spot, depth: float, vertical: bool = False) -> Contact:
+    suffix = name.removeprefix(frame)
+    twins = [(other, twin) for other, twin in _twins(robot, frame, spot)]
+    return Contact(
+        name,
+        frame,
+        (spot, *(twin for _, twin in twins)),
+        (name, *(other + suffix for other, _ in twins)),
+        depth,
+        vertical,
+    )
+
+
+def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
+    """Links on other bodies that move as the frame does, and the point of each that is where ``spot`` is."""
+    tree, home = robot.tree, robot.frames[frame]
+    alike = [
+        (name, each)
+        for name, each in robot.frames.items()
+        if name == each.link and each.body != home.body and (tree.turns[each.body] == tree.turns[home.body]).all()
+    ]
+    found: dict[int, tuple[str, Spot]] = {}
+    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(robot.joints)))
+    for name, each in alike:
+        pair = [heights_over_com(robot, [(home.body, home.local), (each.body, each.local)], 0.0, q) for q in postures]
+        turned = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[each.body]))
+        if max(abs(first - second) for first, second in pair) < SAME:
+            found.setdefault(each.body, (name, (each.body, each.local + (spot[1] - home.local) * turned)))
+    return list(found.values())
+
+
+def standing_feet(robot: Robot, frame: str, positions: Array) -> list[str]:
+    """Return the frames on which the robot stands beside ``frame``, and itself, the rearmost first.
+
+    They are the limbs' ends that reach as low as it does in the posture ``positions`` (n,) with the base level.
+    """
+    home = robot.frames[frame]
+    heights = {link: _lowest(robot, link, positions) for link in robot.limb_ends}
+    own = min([height for link, height in heights.items() if robot.layout.body_of[link] == home.body], default=None)
+    chosen = {tuple(robot.tree.turns[home.body].tolist()): frame}
+    for link in sorted(heights, key=lambda link: heights[link]):
+        if own is not None and heights[link] < own + LEVEL:
+            chosen.setdefault(tuple(robot.tree.turns[robot.frames[link].body].tolist()), link)
+    places = {
+        each: heights_over_com(robot, [(robot.frames[each].body, robot.frames[each].local)], 0.0, positions)[0].real
+        for each in chosen.values()
+    }
+    return sorted(places, key=lambda each: places[each])
+
+
+def _lowest(robot: Robot, link: str, positions: Array) -> float:
+    shapes = robot.link_hulls[link]
+    spots = [(each.body, end) for each in shapes for end in (each.start, each.end)]
+    radii = np.repeat([each.radius for each in shapes], 2)
+    return float((heights_over_com(robot, spots, 0.0, positions).imag - radii).min())
+
+
+@dataclass(frozen=True)
+class Watched:
+    """Points that stay above the ground: places on bodies, and the heights (P,) m of their centres at least."""
+
+    spots: tuple[Spot, ...]
+    least: Array
+
+
+def watched_points(robot: Robot, ground: float, positions: Array) -> Watched:
+    """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
+
+    Parameters
+    ----------
+    ground : height over the centre of mass, m, in the posture ``positions`` (n,), the base level
+    """
+    kept: dict[tuple[float, ...], list[tuple[Spot, float]]] = {}
+    for shape in robot.hulls([]):
+        group = kept.setdefault(tuple(robot.tree.turns[shape.body].tolist()), [])
+        group += [((shape.body, shape.start), shape.radius), ((shape.body, shape.end), shape.radius)]
+    spots, least = [], []
+    ways = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+    for members in kept.values():
+        places = np.array([spot[1] for spot, _ in members])
+        radii = np.array([radius for _, radius in members])
+        farthest = {int(((places * way.conj()).real + radii).argmax()) for way in ways}
+        heights = heights_over_com(robot, [spot for spot, _ in members], 0.0, positions).imag - ground
+        for index in sorted(farthest):
+            above = heights[index] - radii[index]
+            if above > STANDING:
+                spots.append(members[index][0])
+                least.append(radii[index] + min(ROOM, above / 2))
+    return Watched(tuple(spots), np.array(least))
