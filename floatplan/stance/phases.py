@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ INTERVALS = {"takeoff": (14, 12), "flight": 16, "landing": (12, 14)}
 SINGLE = 24  # [-] intervals of a stance that has one phase
 WIDEST = {"takeoff": (0.5, 1.6), "flight": (0.8, 1.5), "landing": (0.5, 1.6)}  # [-] of a phase's guessed duration, unless bounds are given
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
+DENSER = 1.5  # [-] power by which nodes are denser near the flight
 STILL = 1e-6  # [m] what counts as level
 
 Side = Literal["takeoff", "flight", "landing"]
@@ -48,6 +50,14 @@ class Phase:
     def anchor(self) -> Contact:
         """The contact from which places are measured."""
         return self.contacts[0]
+
+    @cached_property
+    def shares(self) -> Array:
+        """Times (intervals + 1,) of its nodes over its duration: denser near the flight where more than one stands."""
+        even = np.arange(self.intervals + 1) / self.intervals
+        if not self.others:
+            return even
+        return 1 - (1 - even) ** DENSER if self.side == "takeoff" else even**DENSER
 
     @property
     def others(self) -> tuple[Contact, ...]:

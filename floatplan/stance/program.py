@@ -216,7 +216,8 @@ class JumpProgram:
             (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "balance of moments")
         ]
         for contact, pair in zip(phase.others, pairs, strict=True):
-            rows += [(each, 0.0, 0.0, f"{contact.name} stands") for each in self._closure(phase, contact)]
+            kinds = self._closure(phase, contact)
+            rows += [(each, 0.0, 0.0, f"{contact.name} {kind}") for kind, values in kinds.items() for each in values]
             rows += _cone(pair, bounds.friction, self.weight, contact.name, unilateral=False)
         rows += _cone(own, bounds.friction, self.weight, phase.anchor.name, unilateral=True)
         rows += [(own[k] / self.weight, 0.0, 0.0, "release") for k in (0, 1)]
@@ -233,18 +234,18 @@ class JumpProgram:
         cost = self._cost(moments)
         return model.function("stance", [output, cost], forces), [row[1:] for row in rows]
 
-    def _closure(self, phase: Phase, contact: Contact) -> list[Any]:
-        """Damped acceleration of a contact beside the anchor, m/s^2; of a heel the vertical one."""
-        anchor, model = phase.anchor.spots[0], self.model
-        sign = 1.0 if phase.side == "takeoff" else -1.0
+    def _closure(self, phase: Phase, contact: Contact) -> dict[str, list[Any]]:
+        """Damped acceleration of a contact beside the anchor, and its place and rate; of a heel the vertical ones."""
+        anchor, model, unit = phase.anchor.spots[0], self.model, self.unit
         weights = model.weights(contact.spots[:1], anchor)
         place, rate, acceleration = (model.places(weights, order) for order in range(3))
         home = self._span(phase, contact)
-        axes = (1,) if contact.vertical else (0, 1)
-        return [
-            (acceleration[k] + 2 * sign * DAMPING * rate[k] + DAMPING**2 * (place[k] - home[k])) * self.unit**2
-            for k in axes
-        ]
+        found: dict[str, list[Any]] = {"stands": [], "meets": []}
+        for k in (1,) if contact.vertical else (0, 1):
+            away = place[k] - home[k]
+            found["stands"].append((acceleration[k] + 2 * DAMPING * rate[k] + DAMPING**2 * away) * unit**2)
+            found["meets"] += [away, rate[k] * unit]
+        return found
 
     def _span(self, phase: Phase, contact: Contact) -> tuple[float, float]:
         """Where a contact is from the anchor where the robot stands, m."""
@@ -322,15 +323,18 @@ class JumpProgram:
         rows, costs = _Rows(), []
         for index, phase in enumerate(self.phases):
             start, end = self.starts[index], self.starts[index + 1]
-            step = durations[index] / phase.intervals
+            step = durations[index] * ca.DM(np.diff(phase.shares)).T
             if phase.side == "flight":
                 cost = self._add_flight(rows, (y, v, a), durations[index], momentum)
             else:
-                self._add_links(rows, [each[:, start : end + 1] for each in (y, v, a)], step, phase.side)
-                cost = self._add_stance(rows, phase, [each[:, start : end + 1] for each in (y, v, a)], forces[index])
-            weights = np.ones(phase.intervals + 1)
-            weights[[0, -1]] = 0.5
-            costs.append(step * ca.dot(ca.DM(weights), ca.vec(cost)))
+                parts = [each[:, start : end + 1] for each in (y, v, a)]
+                if phase.others:
+                    self._add_links(rows, parts, step, phase.side)
+                else:
+                    self._add_links(rows, [each[1:, :] for each in parts], step, phase.side)
+                    self._add_turn(rows, phase, parts, step)
+                cost = self._add_stance(rows, phase, parts, forces[index])
+            costs.append(ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2))
         total, values = ca.sum1(ca.vertcat(*costs)), ca.vertcat(*rows.values)
         options = {
             "print_time": __import__("os").environ.get("PT")=="1",
@@ -349,9 +353,22 @@ class JumpProgram:
     def _add_links(self, rows: _Rows, parts: Sequence[Any], step: Any, label: str) -> None:
         """Between nodes accelerations are linear."""
         y, v, a = parts
+        step = casadi().repmat(step, y.shape[0], 1)
         rows.add((v[:, 1:] - v[:, :-1] - step / 2 * (a[:, :-1] + a[:, 1:])) * self.unit, 0.0, 0.0, f"motion in {label}")
         ahead = y[:, :-1] + step * v[:, :-1] + step**2 / 6 * (2 * a[:, :-1] + a[:, 1:])
         rows.add(y[:, 1:] - ahead, 0.0, 0.0, f"motion in {label}")
+
+    def _add_turn(self, rows: _Rows, phase: Phase, parts: Sequence[Any], step: Any) -> None:
+        """On one point gravity alone changes the angular momentum about it; the orientation by Hermite's rule."""
+        model, (y, v, a) = self.model, parts
+        anchor, mass, turn = phase.anchor.spots[0], model.robot.mass, model.robot.tree.turn
+        (x, z), (vx, vz) = model.com_from(anchor), model.com_from(anchor, 1)
+        momentum = model.momentum() + turn * mass * (x * vz - z * vx)
+        outputs = [momentum, -turn * self.weight * x, -turn * self.weight * vx]
+        momenta, pulls, changes = model.function("about", outputs).map(phase.intervals + 1)(y, v, a)
+        ahead = _hermite(momenta, pulls, changes, step)
+        rows.add((momenta[:, 1:] - ahead) / self._scales[-1], 0.0, 0.0, f"balance of moments ({phase.side})")
+        rows.add(y[0, 1:] - _hermite(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn in {phase.side}")
 
     def _add_stance(self, rows: _Rows, phase: Phase, parts: Sequence[Any], forces: Any) -> Any:
         """Rows of a stance's nodes; a node between two phases of a side is that of the one with more contacts."""
@@ -362,16 +379,19 @@ class JumpProgram:
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         labels = [row[2] for row in bounds]
         released = -1 if phase.side == "takeoff" else 0
+        free = [1, 2] if phase.side == "takeoff" else [-2, -3]
         flies = self.phases[index + (1 if phase.side == "takeoff" else -1)].side == "flight" if phase.side else False
         shared = (phase.side == "takeoff" and index > 0, 0), (
             phase.side == "landing" and index + 1 < len(self.phases),
             -1,
         )
         for row, label in enumerate(labels):
-            if label == "release":
+            if label == "release" or label.endswith(" meets"):
                 low[row], high[row] = -np.inf, np.inf
-                if flies:
+                if flies or label != "release":
                     low[row, released] = high[row, released] = 0.0
+            if label.endswith(" stands"):  # two nodes are left free for what the joints drift between nodes
+                low[row, free], high[row, free] = -np.inf, np.inf
             for belongs, node in shared:
                 if belongs:
                     low[row, node], high[row, node] = -np.inf, np.inf
@@ -393,11 +413,10 @@ class JumpProgram:
         """Rows of the flight: joints, orientation, momentum, parabola, limits and heights."""
         ca, model, phase = casadi(), self.model, self.phases[self.flight]
         start, end, count = self.starts[self.flight], self.starts[self.flight + 1], phase.intervals + 1
-        step = duration / phase.intervals
+        step = duration * ca.DM(np.diff(phase.shares)).T
         y, v, a = (each[:, start : end + 1] for each in parts)
         self._add_links(rows, [each[1:, :] for each in (y, v, a)], step, "flight")
-        turned = step / 2 * (v[0, :-1] + v[0, 1:]) + step**2 / 12 * (a[0, :-1] - a[0, 1:])
-        rows.add(y[0, 1:] - y[0, :-1] - turned, 0.0, 0.0, "turn in flight")
+        rows.add(y[0, 1:] - _hermite(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, "turn in flight")
         ends = []
         for index, node in ((self.flight - 1, 0), (self.flight + 1, count - 1)):
             anchor = self.phases[index].anchor
@@ -465,8 +484,9 @@ class JumpProgram:
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
         times = np.zeros(self.nodes)
         for index, phase in enumerate(self.phases):
-            grid = np.linspace(0, durations[index], phase.intervals + 1)
-            times[self.starts[index] : self.starts[index + 1] + 1] = times[self.starts[index]] + grid
+            times[self.starts[index] : self.starts[index + 1] + 1] = (
+                times[self.starts[index]] + durations[index] * phase.shares
+            )
         begin, end = times[self.starts[self.flight - 1]], times[self.starts[self.flight + 2]]
         share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
         turn = self.ends[1, 0] - self.ends[0, 0]
@@ -476,6 +496,12 @@ class JumpProgram:
         forces = [np.zeros(shape) for shape in self._shapes[3 : 3 + len(self.phases)]]
         momentum = np.zeros((1, 1))
         return self.join([y, v, np.zeros_like(y), *forces, durations[:, None], momentum])
+
+
+def _hermite(values: Any, rates: Any, changes: Any, step: Any) -> Any:
+    """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
+    mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
+    return values[:, :-1] + mean + step**2 / 12 * (changes[:, :-1] - changes[:, 1:])
 
 
 def spread(contacts: Sequence[Contact], forces: Sequence[Any]) -> list[tuple[Any, Any]]:

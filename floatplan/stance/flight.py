@@ -1,0 +1,92 @@
+"""The flight of a jump: an ordinary problem whose both ends are those of the stances, planned by :func:`plan`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from floatplan.planning.planner import plan
+from floatplan.plans.plan import Plan
+from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
+from floatplan.problem.problem import Problem
+from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.stance.program import JumpProgram, Solution
+
+DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
+UNDER = 4e-3  # [m] under what stands, that the flight's ground is: a foot that is a point turns there
+
+
+def takeoff_place(program: JumpProgram, solution: Solution) -> complex:
+    """Place of the takeoff's anchor in the flight's world, m: the takeoff frame's origin is at (0, 0)."""
+    index = program.flight
+    return _from_frame(program, program.phases[index - 1].anchor, solution.y[:, program.starts[index]])
+
+
+def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
+    """Place of a contact relative to its frame's origin, m."""
+    robot = program.model.robot
+    home = robot.frames[contact.frame]
+    spots = [contact.spots[0], (home.body, home.local)]
+    place, origin = heights_over_com(robot, spots, float(y[0]), y[1:])
+    return complex(place - origin)
+
+
+def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -> Problem:
+    """Return the problem of the flight between the stances of a solution.
+
+    Joints, rates, accelerations, angular momentum and duration are pinned, so that the feet are at rest, in velocity
+    and acceleration, at both ends, where no force acts.
+    """
+    index = program.flight
+    first, last = program.starts[index], program.starts[index + 1]
+    start, goal = (
+        Posture(
+            float(solution.y[0, node]), solution.y[1:, node].copy(), solution.v[1:, node], solution.a[1:, node]
+        )
+        for node in (first, last)
+    )
+    before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor
+    ground = takeoff_place(program, solution).imag - before.depth
+    height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
+    model = program.model
+    speed = model.function("speed", model.com_from(before.spots[0], 1))
+    horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
+    return replace(
+        problem,
+        start=start,
+        goal=goal,
+        flight=Flight(
+            float(solution.durations[index]),
+            angular_momentum=solution.momentum,
+            takeoff=Takeoff(before.frame),
+            landing=Landing(after.frame, height=height),
+            horizontal_velocity=float(horizontal),
+            gravity=model.gravity,
+        ),
+        obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
+        ground=False,
+        written=None,
+    )
+
+
+def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> HalfPlane:
+    """The half-plane below the links' capsules at both ends, which are thicker than what stands."""
+    index, depth = program.flight, 0.0
+    shapes = problem.robot.shapes
+    for side, node in ((index - 1, program.starts[index]), (index + 1, program.starts[index + 1])):
+        anchor = program.phases[side].anchor
+        spots = [anchor.spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
+        places = heights_over_com(problem.robot, spots, float(solution.y[0, node]), solution.y[1:, node]).imag
+        lowest = (places[1:] - np.repeat([each.radius for each in shapes], 2)).min()
+        depth = max(depth, float(places[0] - anchor.depth - lowest))
+    return HalfPlane(point=(0.0, round(ground - depth - UNDER, 4)))
+
+
+def planned_flight(problem: Problem, seed: int) -> Plan:
+    """Return the plan of a flight's problem: of a low degree where that does, else of higher ones."""
+    for degree in DEGREES:
+        found = plan(replace(problem, motion=replace(problem.motion, degree=degree)), seed=seed, starts=2)
+        if found.ok:
+            break
+    return found
