@@ -28,20 +28,33 @@ class Contact:
 
     Attributes
     ----------
-    name : of the frame; with ".heel" or ".toe" for an end of a sole that has no frame of its own
-    frame : the frame itself
-    spots : the point, then its followers'
-    names : their names, in that order
+    frames : the frame, then its followers'
+    suffix : ".heel" or ".toe" for an end of a sole, which has no frame of its own; else nothing
+    spots : the points, in the order of the frames
     depth : its height over the ground where it stands, m
     vertical : whether only its vertical force is used: a heel, whose toe holds the foot
     """
 
-    name: str
-    frame: str
+    frames: tuple[str, ...]
+    suffix: str
     spots: tuple[Spot, ...]
-    names: tuple[str, ...]
     depth: float
     vertical: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the points, by which forces are listed."""
+        return tuple(frame + self.suffix for frame in self.frames)
+
+    @property
+    def frame(self) -> str:
+        """The first frame."""
+        return self.frames[0]
+
+    @property
+    def name(self) -> str:
+        """The first point's name."""
+        return self.frame + self.suffix
 
 
 def heights_over_com(robot: Robot, spots: Sequence[Spot], orientation: float, positions: Array) -> ComplexArray:
@@ -75,32 +88,24 @@ def contact_at(robot: Robot, frame: str, positions: Array) -> tuple[Contact, ...
     corners = [(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
     place = heights_over_com(robot, [(home.body, home.local)], 0.0, positions)[0]
     if not corners:
-        return (_contact(robot, frame, frame, (home.body, home.local), 0.0),)
+        return (_contact(robot, frame, "", (home.body, home.local), 0.0),)
     found = heights_over_com(robot, [corner[:2] for corner in corners], 0.0, positions)
     under = found.imag - [corner[2] for corner in corners]
     low = np.flatnonzero(under < under.min() + FLAT)
     rear, front = low[found.real[low].argmin()], low[found.real[low].argmax()]
     if found.real[front] - found.real[rear] <= SOLE:
-        return (_contact(robot, frame, frame, (home.body, home.local), float(place.imag - under.min())),)
+        return (_contact(robot, frame, "", (home.body, home.local), float(place.imag - under.min())),)
     ends = zip(NAMED, (rear, front), (True, False), strict=True)
     heel, toe = (
-        _contact(robot, frame + name, frame, corners[at][:2], float(found[at].imag - under.min()), vertical)
+        _contact(robot, frame, name, corners[at][:2], float(found[at].imag - under.min()), vertical)
         for name, at, vertical in ends
     )
     return toe, heel
 
 
-def _contact(robot: Robot, name: str, frame: str, spot: Spot, depth: float, vertical: bool = False) -> Contact:
-    suffix = name.removeprefix(frame)
-    twins = [(other, twin) for other, twin in _twins(robot, frame, spot)]
-    return Contact(
-        name,
-        frame,
-        (spot, *(twin for _, twin in twins)),
-        (name, *(other + suffix for other, _ in twins)),
-        depth,
-        vertical,
-    )
+def _contact(robot: Robot, frame: str, suffix: str, spot: Spot, depth: float, vertical: bool = False) -> Contact:
+    twins = _twins(robot, frame, spot)
+    return Contact((frame, *(name for name, _ in twins)), suffix, (spot, *(twin for _, twin in twins)), depth, vertical)
 
 
 def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:

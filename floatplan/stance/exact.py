@@ -9,7 +9,6 @@ All this is done on a fine grid, between which quintics are as good as exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +19,7 @@ from scipy.optimize import root
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.stance.contacts import Contact
+from floatplan.stance.grid import Grid, hermite
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.phases import Phase
 from floatplan.stance.program import JumpProgram, Solution, spread
@@ -29,38 +29,6 @@ SUBSTEPS = 4  # [-] of the differential equation in a step of the grid
 NEWTON = 8  # [-] steps for the closure of a chain
 CLOSED = 1e-11  # [m]
 MET = 1e-9  # [-] what a residual of a junction may be
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """A stance on G instants, quintics between them.
-
-    Attributes
-    ----------
-    times : (G,) s, from the jump's start
-    y, v, a : (n+1, G) orientation and joints with their derivatives
-    ratios : (others, G) horizontal over vertical force of the contacts beside the anchor, linear between instants
-    """
-
-    times: Array
-    y: Array
-    v: Array
-    a: Array
-    ratios: Array
-
-    @cached_property
-    def curve(self) -> Any:
-        """Piecewise polynomial of y."""
-        return hermite(self.times, self.y, self.v, self.a)
-
-    def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """y, y', y'' (n+1, N) at times (N,)."""
-        return self.curve(times).T, self.curve.derivative()(times).T, self.curve.derivative(2)(times).T
-
-
-def hermite(times: Array, y: Array, v: Array, a: Array) -> Any:
-    """Quintics through values (rows, G), first and second derivatives."""
-    return BPoly.from_derivatives(times, np.stack((y.T, v.T, a.T), axis=1))
 
 
 class StanceDynamics:

@@ -1,0 +1,253 @@
+"""A whole jump: stance, flight, stance, found by one program, with its flight planned and its stances made exact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from floatplan.arguments import SEED, made, optional, whole
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.plans.plan import Plan
+from floatplan.pool.threads import one_thread
+from floatplan.problem.file import given_problem
+from floatplan.problem.problem import Problem
+from floatplan.stance.check import JumpCheck, check_jump
+from floatplan.stance.exact import exact_side
+from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
+from floatplan.stance.model import casadi
+from floatplan.stance.motion import JumpState, Stance
+from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.request import JumpRequest
+from floatplan.stance.setup import Setup, jump_setup
+from floatplan.tables import Range
+
+TIGHTENED = ((0.9, 0.99, 0.7), (0.82, 0.97, 0.6))  # [-] of torque, rate and friction: room for what is between nodes
+STARTS = 4
+MOST_STARTS = Range(1, 1000, "")
+
+
+@dataclass(frozen=True)
+class JumpPhase:
+    """A time of a jump in which contacts do not change.
+
+    Attributes
+    ----------
+    kind : "stance" or "flight"
+    contacts : names of all points that stand, followers' too
+    begin, end : s, from the jump's start
+    """
+
+    kind: str
+    contacts: tuple[str, ...]
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Jump:
+    """A jump from standing to standing.
+
+    Attributes
+    ----------
+    problem : Problem, as given
+    request : JumpRequest
+    status : "found" or "not_found"
+    explanation : sentences for a person
+    flight : the Plan in its middle, whose t = 0 is the takeoff; None where nothing was found
+    before, after : stances of takeoff and landing, in order of time
+    """
+
+    problem: Problem
+    request: JumpRequest
+    status: str
+    explanation: str
+    flight: Plan | None = None
+    before: tuple[Stance, ...] = ()
+    after: tuple[Stance, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether a jump was found, and its stances passed the check."""
+        return self.status == "found" and self.check.ok
+
+    @cached_property
+    @one_thread
+    def check(self) -> JumpCheck:
+        """The stances, judged at 2 kHz; see :func:`floatplan.stance.check.check_jump`."""
+        if self.flight is None:
+            return JumpCheck(False, {}, ("no jump was found",))
+        return check_jump(self)
+
+    @property
+    def stances(self) -> tuple[Stance, ...]:
+        """All stances."""
+        return (*self.before, *self.after)
+
+    @property
+    def takeoff_time(self) -> float:
+        """When the flight begins, s from the jump's start."""
+        return self.before[-1].span[1] if self.before else 0.0
+
+    @property
+    def duration(self) -> float:
+        """From standing to standing, s."""
+        return self.after[-1].span[1] if self.after else 0.0
+
+    @property
+    def phases(self) -> tuple[JumpPhase, ...]:
+        """Phases in order of time."""
+        if self.flight is None:
+            return ()
+        before, after = (
+            [JumpPhase("stance", tuple(n for c in each.contacts for n in c.names), *each.span) for each in side]
+            for side in (self.before, self.after)
+        )
+        flight = JumpPhase("flight", (), self.takeoff_time, self.takeoff_time + self.flight.duration)
+        return (*before, flight, *after)
+
+    @one_thread
+    def flight_state(self, times: Array) -> JumpState:
+        """State at times (N,) s of the flight, from its takeoff, as of a stance."""
+        assert self.flight is not None
+        robot, state = self.problem.robot, self.flight.at(times)
+        tree, base = robot.tree, tree_base(robot)
+        rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
+        rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
+        turned = self.flight.dynamics.base_acceleration(
+            state.positions, state.velocities, state.accelerations, state.orientation_rate
+        )[:, 2]
+        changes = turned[:, None] + state.accelerations @ tree.turns.T
+        first = (1j * tree.turn * rates * rotations) @ base
+        second = ((1j * tree.turn * changes - rates**2) * rotations) @ base
+        gravity = float(self.problem.flight.gravity)
+        places = state.base_position
+        speeds = state.com_velocity + np.stack((first.real, first.imag), axis=1)
+        pushes = np.stack((second.real, second.imag - gravity), axis=1)
+        full = [
+            np.concatenate((planar, turn[:, None], (joints @ robot.selection.T)[:, 3:]), axis=1)
+            for planar, turn, joints in (
+                (places, state.orientation, state.positions),
+                (speeds, state.orientation_rate, state.velocities),
+                (pushes, turned, state.accelerations),
+            )
+        ]
+        full[0][:, 3:] += robot.reference[3:]
+        torques = self.flight.dynamics.full_forces(
+            state.positions, state.velocities, state.accelerations, state.orientation_rate
+        )
+        return JumpState(np.asarray(times), *full, {}, torques)
+
+    def __repr__(self) -> str:
+        checked = "" if self.flight is None else f", stances {'checked' if self.check.ok else 'not within limits'}"
+        return f"Jump({self.status}{checked}, {self.duration:.3g} s)\n  {self.explanation[:300]}"
+
+
+def tree_base(robot: object) -> Array:
+    """Weights (m,) of the base's origin relative to the centre of mass."""
+    tree = robot.tree  # type: ignore[attr-defined]
+    return np.asarray(tree.point_weights(np.array([0]), np.array([0j]))[0])
+
+
+@one_thread
+def jump(
+    problem: Problem | str | Path,
+    request: JumpRequest | None = None,
+    *,
+    seed: int = 0,
+    starts: int = STARTS,
+    progress: Callable[[str], None] | None = None,
+) -> Jump:
+    """Plan a whole jump: from standing through a flight to standing again.
+
+    The goal's orientation fixes the whole turns; postures, durations and momentum of the flight are optimised unless
+    the request fixes them. The sum of the motors' squared torques is least.
+
+    Parameters
+    ----------
+    problem : Problem, or path of a problem file
+    request : JumpRequest, optional
+    seed : int
+        Of the starts after the first, which is generic, and of the flight's plan.
+    starts : int
+        How many are tried, until one is found.
+    progress : callable, optional
+        Told in a few words what is done.
+
+    Returns
+    -------
+    Jump
+        Always: ``ok``, ``status``, ``explanation``.
+
+    Raises
+    ------
+    InputError
+        The problem or the request is wrong, nothing can stand as asked, or CasADi is not installed.
+    """
+    casadi()
+    problem = given_problem(problem)
+    request = optional(made(JumpRequest))(request, "request") or JumpRequest()
+    seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
+    say = progress or (lambda _: None)
+    setup = jump_setup(problem, request)
+    best: tuple[float, str] = (np.inf, "")
+    answer: Jump | None = None
+    program = setup.program(*TIGHTENED[0])
+    for start in range(starts):
+        say(f"start {start + 1} of {starts}")
+        rng = np.random.default_rng((seed, start)) if start else None
+        solution = program.solve(program.guess(rng))
+        if not solution.converged:
+            best = min(best, solution.worst)
+            continue
+        answer = completed(setup, program, solution, seed)
+        if answer.ok:
+            return answer
+        tighter = setup.program(*TIGHTENED[1])
+        again = tighter.solve(solution.raw)
+        if again.converged:
+            answer = completed(setup, tighter, again, seed)
+            if answer.ok:
+                return answer
+    if answer is not None:
+        return answer
+    return Jump(problem, request, "not_found", f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.")
+
+
+def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
+    """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
+    problem, request = setup.problem, setup.request
+    try:
+        plan = planned_flight(flight_problem(problem, program, solution), seed)
+    except InputError as error:
+        return Jump(problem, request, "not_found", f"The flight between the stances cannot be planned: {error}")
+    if not plan.ok:
+        return Jump(problem, request, "not_found", f"No flight between the stances was found: {plan.explanation}")
+    sides = {side: exact_side(program, solution, plan, side) for side in ("takeoff", "landing")}
+    model = program.model
+    end = plan.at(plan.duration)
+    landing = program.phases[program.flight + 1].anchor
+    tree, (body, local) = model.robot.tree, landing.spots[0]
+    turned = tree.rotations(tree.absolute_angles(np.asarray(end.orientation), end.positions))
+    from_com = turned @ tree.point_weights(np.array([body]), np.array([local], np.complex128))[0]
+    places = {"takeoff": takeoff_place(program, solution), "landing": complex(*end.com_position) + complex(from_com)}
+    stances = {
+        side: tuple(
+            Stance(model.robot, model.gravity, phase.contacts, places[side], grid)
+            for phase, grid in zip([each for each in program.phases if each.side == side], sides[side], strict=True)
+        )
+        for side in sides
+    }
+    found = Jump(problem, request, "found", "", plan, stances["takeoff"], stances["landing"])
+    return replace(found, explanation=_explained(found))
+
+
+def _explained(found: Jump) -> str:
+    if found.check.ok:
+        return "The stances hold at 2 kHz."
+    return f"The stances do not hold between the program's nodes: {found.check.sentences[0]}."

@@ -1,0 +1,153 @@
+"""The motion of a jump's stances: place of the base, forces of the contacts, torques; by Pinocchio, from what is saved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.robot import Robot
+from floatplan.stance.contacts import Contact
+from floatplan.stance.grid import Grid
+
+BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
+
+
+@dataclass(frozen=True, eq=False)
+class JumpState:
+    """A robot at N instants of a jump.
+
+    Attributes
+    ----------
+    times : (N,) s, from the jump's start
+    positions, velocities, accelerations : (N, nv) of all coordinates of ``robot.model``
+        The base's horizontal, vertical place and orientation, then all joints, m and rad.
+    forces : point's name -> (N, 2) N, horizontal and vertical, of the points in contact
+    torques : (N, nv) N m, inverse dynamics less the forces; the base's first three are what is out of balance
+    """
+
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    forces: dict[str, Array]
+    torques: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """One stance phase: a grid of orientation and joints, and the point from which the base hangs.
+
+    Attributes
+    ----------
+    robot : Robot
+    gravity : m/s^2
+    contacts : the anchor first
+    place : of the anchor in the jump's world, m, horizontal + i vertical
+    grid : Grid
+    """
+
+    robot: Robot
+    gravity: float
+    contacts: tuple[Contact, ...]
+    place: complex
+    grid: Grid
+
+    def at(self, times: Array) -> JumpState:
+        """State at times (N,) s from the jump's start."""
+        robot, tree = self.robot, self.robot.tree
+        y, v, a = self.grid.at(times)
+        rotations = tree.rotations(tree.absolute_angles(y[0], y[1:].T))
+        rates, changes = (each[0][:, None] + each[1:].T @ tree.turns.T for each in (v, a))
+        weights = self._from_base(self.contacts[0])[0]
+        first = 1j * tree.turn * rates * rotations
+        second = (1j * tree.turn * changes - rates**2) * rotations
+        base = [self.place - rotations @ weights, -(first @ weights), -(second @ weights)]
+        full = []
+        for own, joints, orientation in zip(base, (y, v, a), (y[0], v[0], a[0]), strict=True):
+            values = joints[1:].T @ robot.selection.T
+            values[:, 0], values[:, 1], values[:, 2] = own.real, own.imag, orientation
+            full.append(values)
+        full[0][:, BASE:] += robot.reference[BASE:]
+        wrench = self._wrench(full)
+        forces = self._forces(times, wrench, rotations)
+        torques = wrench - self._pushed(full[0], forces)
+        return JumpState(read_only(times), *map(read_only, full), forces, read_only(torques))
+
+    def _from_base(self, contact: Contact) -> ComplexArray:
+        """Weights (points, m) of a contact's points relative to the base's origin."""
+        spots = [*contact.spots, (0, 0j)]
+        bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots])
+        weights = self.robot.tree.point_weights(bodies, local.astype(np.complex128))
+        return np.asarray(weights[:-1] - weights[-1])
+
+    def _wrench(self, full: list[Array]) -> Array:
+        """Forces (N, nv) on all coordinates that the motion takes, by RNEA, gravity's included."""
+        model, data = self.robot.model, self.robot.model.createData()
+        lifted = full[2].copy()
+        lifted[:, 1] += self.gravity
+        rows = zip(full[0], full[1], lifted, strict=True)
+        return np.array([pin.rnea(model, data, q, v, a) for q, v, a in rows])
+
+    def _forces(self, times: Array, wrench: Array, rotations: ComplexArray) -> dict[str, Array]:
+        """Forces of all points: the others' by the balance of moments, the anchor's what is left."""
+        turn, anchor, others = self.robot.tree.turn, self.contacts[0], self.contacts[1:]
+        arms = {each: (rotations @ self._from_base(each).T).mean(axis=1) for each in self.contacts}
+        left = wrench[:, 0] + 1j * wrench[:, 1]
+        moment = wrench[:, 2] - turn * (arms[anchor].conj() * left).imag
+        forces: dict[str, Array] = {}
+        for row, contact in enumerate(others):
+            ratio = np.interp(times, self.grid.times, self.grid.ratios[row])
+            arm = arms[contact] - arms[anchor]
+            vertical = moment / (turn * (arm.conj() * (ratio + 1j)).imag)
+            force = vertical * (ratio + 1j)
+            left = left - force
+            forces |= _shared(contact, force)
+        return _shared(anchor, left) | forces
+
+    def _pushed(self, positions: Array, forces: dict[str, Array]) -> Array:
+        """Forces (N, nv) of the contacts on all coordinates."""
+        robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
+        axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
+        pushed = np.zeros_like(positions)
+        points = [(name, at) for contact in self.contacts for name, at in zip(contact.names, self._places(contact), strict=True)]
+        for row, q in enumerate(positions):
+            pin.computeJointJacobians(model, data, q)
+            for name, (joint, local) in points:
+                jacobian = pin.getFrameJacobian(model, data, joint, pin.SE3(np.eye(3), local), pin.LOCAL_WORLD_ALIGNED)
+                pushed[row] += forces[name][row] @ axes @ jacobian[:3]
+        return pushed
+
+    def _places(self, contact: Contact) -> list[tuple[int, Array]]:
+        """Pinocchio's joint and the place (3,) m in it of each of a contact's points."""
+        return [point_in_joint(self.robot, frame, spot[1]) for frame, spot in zip(contact.frames, contact.spots, strict=True)]
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """Begin and end, s."""
+        return float(self.grid.times[0]), float(self.grid.times[-1])
+
+
+def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array]:
+    """Return the joint of ``robot.model`` that carries a frame, and a point's place (3,) m in the joint's axes.
+
+    The point is at ``local`` in the plane of the frame's body, as far out of the plane as the frame's origin.
+    """
+    model, home = robot.model, robot.frames[frame]
+    held = model.frames[model.getFrameId(frame)]
+    joint = held.parentJoint
+    data = model.createData()
+    zero = robot.reference.copy()
+    pin.forwardKinematics(model, data, zero)
+    turned = (local - home.local) * np.exp(1j * robot.tree.turn * robot.tree.offsets[home.body])
+    shift = turned.real * robot.plane.horizontal + turned.imag * robot.plane.vertical
+    own = held.placement.translation + data.oMi[joint].rotation.T @ shift
+    return joint, np.asarray(own)
+
+
+def _shared(contact: Contact, force: ComplexArray) -> dict[str, Array]:
+    part = force / len(contact.frames)
+    return {name: np.stack((part.real, part.imag), axis=1) for name in contact.names}
