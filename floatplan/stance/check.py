@@ -23,7 +23,10 @@ SPEED = 0.02  # [m/s] of a foot that stands
 GROUND = -1e-3  # [m] of what does not stand
 SEAM = 1e-6  # [rad, rad/s; over the time unit rad/s^2]
 PULL = -1e-3  # [-] of the weight
+SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
+LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
 DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
+APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
 
@@ -37,7 +40,7 @@ class JumpCheck:
     figures : name -> value, of stances:
         ``residual``, of the balance of forces and moments, over weight (and height); ``torque``, ``torque_speed``,
         ``velocity``, shares of the limits; ``held_torque``, the same of joints that are held or follow; ``range``,
-        least distance from the ends of joint ranges, rad; ``friction``, largest ratio; ``pull``, least vertical force
+        least distance from the ends of joint ranges, rad; ``friction``, largest ratio of forces; ``slip``, horizontal force beyond the cone over weight; ``pull``, least vertical force
         over weight; ``drift``, m, and ``foot_speed``, m/s, of feet that stand; ``ground``, least height of all else,
         m; ``obstacles``, least distance, m; ``derivative``, disagreement of places, rates and accelerations;
         ``torque_step``, largest step of a torque at a change of contact over its limit; ``takeoff_seam``,
@@ -56,8 +59,11 @@ def check_jump(jump: Jump) -> JumpCheck:
     for stance in jump.stances:
         begin, end = stance.span
         times = np.linspace(begin, end, max(int(np.ceil((end - begin) * RATE)), 8) + 1)
+        kinks = stance.grid.times  # there third derivatives may step
+        apart = np.abs(times - kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]) > APART
+        times = np.sort(np.concatenate((times[apart], kinks)))
         state = stance.at(times)
-        for found in (_dynamics(jump, stance, state), _feet(stance, state), _surroundings(jump, stance, state)):
+        for found in (_dynamics(jump, stance, state), _feet(stance, state, jump.request.friction), _surroundings(jump, stance, state)):
             for name, value in found.items():
                 best = min if name in ("range", "pull", "ground", "obstacles") else max
                 figures[name] = best(figures.get(name, value), value)
@@ -111,13 +117,13 @@ def _points(stance: Stance) -> list[tuple[str, tuple[int, Array]]]:
     ]
 
 
-def _feet(stance: Stance, state: JumpState) -> dict[str, float]:
+def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]:
     """Cone, drift and speed of the feet that stand, by forward kinematics."""
     robot = stance.robot
     model, data = robot.model, robot.model.createData()
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     weight = robot.mass * stance.gravity
-    found = {"friction": 0.0, "pull": np.inf, "drift": 0.0, "foot_speed": 0.0}
+    found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf, "drift": 0.0, "foot_speed": 0.0}
     for (name, (joint, local)), contact in zip(
         _points(stance), [each for each in stance.contacts for _ in each.names], strict=True
     ):
@@ -132,9 +138,9 @@ def _feet(stance: Stance, state: JumpState) -> dict[str, float]:
         found["drift"] = max(found["drift"], float(np.ptp(places[:, used], axis=0).max()))
         found["foot_speed"] = max(found["foot_speed"], float(np.abs(speeds[:, used]).max()))
         horizontal, vertical = state.forces[name].T
-        pressed = vertical > -PULL * weight
-        if pressed.any():
-            found["friction"] = max(found["friction"], float(np.abs(horizontal[pressed] / vertical[pressed]).max()))
+        pressed = vertical > LIGHT * weight
+        found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
+        found["slip"] = max(found["slip"], float((np.abs(horizontal) - friction * np.maximum(vertical, 0)).max() / weight))
         found["pull"] = min(found["pull"], float(vertical.min() / weight))
     return found
 
@@ -200,6 +206,7 @@ def _judged(jump: Jump, figures: dict[str, float]) -> JumpCheck:
         ("held_torque", 1.0, "joints that are held take {:.0%} of their efforts"),
         ("velocity", velocity, "rates take {:.0%} of their limits"),
         ("friction", friction, "friction is {:.2f}"),
+        ("slip", SLIP, "horizontal forces leave the cone by {:.2g} of the weight"),
         ("drift", DRIFT, "feet that stand drift by {:.2g} m"),
         ("foot_speed", SPEED, "feet that stand move at {:.2g} m/s"),
         ("derivative", DERIVATIVE, "rates and differences of places differ by {:.2g}"),

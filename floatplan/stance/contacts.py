@@ -18,7 +18,6 @@ SOLE = 0.05  # [m] a foot that is shorter is a point
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
 ROOM = 0.01  # [m] that what does not stand keeps from the ground, or half its height where the robot stands
-DIRECTIONS = 8  # [-] in which the farthest corner of a hull is watched
 NAMED = (".heel", ".toe")
 
 
@@ -160,19 +159,20 @@ class Watched:
     least: Array
 
 
-def watched_points(robot: Robot, ground: float, positions: Array) -> Watched:
+def watched_points(robot: Robot, ground: float, positions: Array, directions: int) -> Watched:
     """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
 
     Parameters
     ----------
     ground : height over the centre of mass, m, in the posture ``positions`` (n,), the base level
+    directions : how many; of four the first is between the axes, so that boxes have all their corners
     """
     kept: dict[tuple[float, ...], list[tuple[Spot, float]]] = {}
     for shape in robot.hulls([]):
         group = kept.setdefault(tuple(robot.tree.turns[shape.body].tolist()), [])
         group += [((shape.body, shape.start), shape.radius), ((shape.body, shape.end), shape.radius)]
     spots, least = [], []
-    ways = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+    ways = np.exp(2j * np.pi * (np.arange(directions) + 0.5) / directions)
     for members in kept.values():
         places = np.array([spot[1] for spot, _ in members])
         radii = np.array([radius for _, radius in members])

@@ -86,7 +86,7 @@ def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: 
 def planned_flight(problem: Problem, seed: int) -> Plan:
     """Return the plan of a flight's problem: of a low degree where that does, else of higher ones."""
     for degree in DEGREES:
-        found = plan(replace(problem, motion=replace(problem.motion, degree=degree)), seed=seed, starts=2)
+        found = plan(replace(problem, motion=replace(problem.motion, degree=degree)), seed=seed)
         if found.ok:
             break
     return found

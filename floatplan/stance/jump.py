@@ -24,10 +24,10 @@ from floatplan.stance.model import casadi
 from floatplan.stance.motion import JumpState, Stance
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.request import JumpRequest
-from floatplan.stance.setup import Setup, jump_setup
+from floatplan.stance.setup import Room, Setup, jump_setup
 from floatplan.tables import Range
 
-TIGHTENED = ((0.9, 0.99, 0.7), (0.82, 0.97, 0.6))  # [-] of torque, rate and friction: room for what is between nodes
+ROOMS = (Room(0.9, 0.99, 0.7, 4), Room(0.82, 0.97, 0.6, 8))  # the first, and where its jumps fail the check
 STARTS = 4
 MOST_STARTS = Range(1, 1000, "")
 
@@ -197,7 +197,7 @@ def jump(
     setup = jump_setup(problem, request)
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    program = setup.program(*TIGHTENED[0])
+    program = setup.program(ROOMS[0])
     for start in range(starts):
         say(f"start {start + 1} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
@@ -208,7 +208,7 @@ def jump(
         answer = completed(setup, program, solution, seed)
         if answer.ok:
             return answer
-        tighter = setup.program(*TIGHTENED[1])
+        tighter = setup.program(ROOMS[1])
         again = tighter.solve(solution.raw)
         if again.converged:
             answer = completed(setup, tighter, again, seed)

@@ -30,6 +30,7 @@ RANGE_ROOM = 0.1  # [rad] inside joint ranges
 LOWEST_FORCE = 0.0
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
+ROUGHNESS = float(__import__("os").environ.get("RO","1e-6"))  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # IPOPT's, scaled
 ITERATIONS = 400
 
@@ -320,7 +321,7 @@ class JumpProgram:
         raw = ca.MX.sym("w", sum(rows * columns for rows, columns in self._shapes))
         y, v, a, *rest = self.split(raw)
         forces, durations, momentum = rest[:-2], rest[-2], rest[-1]
-        rows, costs = _Rows(), []
+        rows, costs, rough = _Rows(), [], 0.0
         for index, phase in enumerate(self.phases):
             start, end = self.starts[index], self.starts[index + 1]
             step = durations[index] * ca.DM(np.diff(phase.shares)).T
@@ -335,6 +336,16 @@ class JumpProgram:
                     self._add_turn(rows, phase, parts, step)
                 cost = self._add_stance(rows, phase, parts, forces[index])
             costs.append(ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2))
+            parts = [each[1:, start : end + 1] for each in (v, a)]
+            jumps = (parts[1][:, 1:] - parts[1][:, :-1]) * self.unit**2
+            rough += self.unit * ROUGHNESS * ca.sumsqr(jumps)
+            middle = (parts[0][:, 1:] + parts[0][:, :-1]) / 2 + ca.repmat(step, self.size - 1, 1) / 8 * (
+                parts[1][:, :-1] - parts[1][:, 1:]
+            )
+            fastest = self.bounds.velocity
+            limited = np.flatnonzero(np.isfinite(fastest)).tolist()
+            if limited:
+                rows.add(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), middle[limited, :]), -1.0, 1.0, f"rate ({phase.side})")
         total, values = ca.sum1(ca.vertcat(*costs)), ca.vertcat(*rows.values)
         options = {
             "print_time": __import__("os").environ.get("PT")=="1",
@@ -347,7 +358,7 @@ class JumpProgram:
                 "mu_strategy": __import__("os").environ.get("MU","adaptive"),
             },
         }
-        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": total / self.unit, "g": values}, options)
+        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": (total + rough) / self.unit, "g": values}, options)
         return solver, ca.Function("rows", [raw], [values, total]), rows
 
     def _add_links(self, rows: _Rows, parts: Sequence[Any], step: Any, label: str) -> None:

@@ -22,6 +22,22 @@ MOST = 2  # [-] contacts of a phase
 TURN = 2 * math.pi
 
 
+@dataclass(frozen=True)
+class Room:
+    """How much stricter the program is than the check, since it looks at its nodes alone.
+
+    Attributes
+    ----------
+    torque, velocity, friction : shares of what is allowed
+    directions : in which each body's hull is watched
+    """
+
+    torque: float
+    velocity: float
+    friction: float
+    directions: int
+
+
 @dataclass(frozen=True, eq=False)
 class Setup:
     """A jump as it is asked: all but the tightening of limits by which it is planned.
@@ -41,20 +57,20 @@ class Setup:
     standing: Array
     ground: float
 
-    def program(self, torque: float, velocity: float, friction: float) -> JumpProgram:
-        """Return the program with shares of what the request lets the stances use."""
+    def program(self, room: Room) -> JumpProgram:
+        """Return the program with some room between what the request lets the stances use and the nodes."""
         problem, request = self.problem, self.request
-        share = request.margin["torque"] * torque
+        share = request.margin["torque"] * room.torque
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
             slope=problem.motor_slope * share,
-            velocity=request.margin["velocity"] * velocity * problem.velocity_limits,
+            velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
             position=np.asarray(problem.position_limits),
-            friction=friction * request.friction,
+            friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
-        watched = watched_points(problem.robot, self.ground, self.standing[0, 1:])
+        watched = watched_points(problem.robot, self.ground, self.standing[0, 1:], room.directions)
         return JumpProgram(model, self.phases, watched, bounds, self.standing)
 
 
