@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,7 +21,8 @@ RATE = 2000.0  # [1/s]
 RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing height
 DRIFT = 1e-3  # [m]
 SPEED = 0.02  # [m/s] of a foot that stands
-GROUND = -1e-3  # [m] of what does not stand
+GROUND = -1e-6  # [m] of what never stands
+FEET = -4e-3  # [m] of feet, which turn about their frames as if they were round
 SEAM = 1e-6  # [rad, rad/s; over the time unit rad/s^2]
 PULL = -1e-3  # [-] of the weight
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
@@ -37,14 +39,14 @@ class JumpCheck:
     Attributes
     ----------
     ok : bool
-    figures : name -> value, of stances:
-        ``residual``, of the balance of forces and moments, over weight (and height); ``torque``, ``torque_speed``,
-        ``velocity``, shares of the limits; ``held_torque``, the same of joints that are held or follow; ``range``,
-        least distance from the ends of joint ranges, rad; ``friction``, largest ratio of forces; ``slip``, horizontal force beyond the cone over weight; ``pull``, least vertical force
-        over weight; ``drift``, m, and ``foot_speed``, m/s, of feet that stand; ``ground``, least height of all else,
-        m; ``obstacles``, least distance, m; ``derivative``, disagreement of places, rates and accelerations;
-        ``torque_step``, largest step of a torque at a change of contact over its limit; ``takeoff_seam``,
-        ``landing_seam``
+    figures : name -> value, the worst of all stances
+        ``residual``: balance of forces and moments, over weight (and height). ``torque``, ``torque_speed``,
+        ``velocity``: shares of the limits; ``held_torque``: of the efforts of joints that are locked. ``range``: least
+        distance from the ends of joint ranges, rad. ``friction``: largest ratio of forces; ``slip``: horizontal force
+        beyond the cone, and ``pull``: least vertical force, over weight. ``drift``, m, and ``foot_speed``, m/s: of feet
+        that stand. ``ground``: least height of all but feet, ``feet``: of their shapes, ``obstacles``: least distance
+        beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations. ``takeoff_seam``,
+        ``landing_seam``: steps there, rad, and over the time unit. ``torque_step``: where contacts change, over limits.
     sentences : for a person, what does not hold first
     """
 
@@ -63,9 +65,13 @@ def check_jump(jump: Jump) -> JumpCheck:
         apart = np.abs(times - kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]) > APART
         times = np.sort(np.concatenate((times[apart], kinks)))
         state = stance.at(times)
-        for found in (_dynamics(jump, stance, state), _feet(stance, state, jump.request.friction), _surroundings(jump, stance, state)):
+        for found in (
+            _dynamics(jump, stance, state),
+            _feet(stance, state, jump.request.friction),
+            _surroundings(jump, stance, state),
+        ):
             for name, value in found.items():
-                best = min if name in ("range", "pull", "ground", "obstacles") else max
+                best = min if name in ("range", "pull", "ground", "feet", "obstacles") else max
                 figures[name] = best(figures.get(name, value), value)
     figures |= _seams(jump)
     return _judged(jump, figures)
@@ -98,7 +104,9 @@ def _dynamics(jump: Jump, stance: Stance, state: JumpState) -> dict[str, float]:
     efforts = np.where(robot.model.effortLimit > 0, robot.model.effortLimit, np.inf)
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     found["held_torque"] = float((np.abs(wrench[:, locked]) / efforts[locked]).max(initial=0.0))
-    joints = (state.positions - robot.reference) @ (robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection))
+    joints = (state.positions - robot.reference) @ (
+        robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection)
+    )
     low, high = np.asarray(problem.position_limits).T
     found["range"] = float(np.minimum(joints - low, high - joints).min())
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
@@ -140,7 +148,9 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
         horizontal, vertical = state.forces[name].T
         pressed = vertical > LIGHT * weight
         found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
-        found["slip"] = max(found["slip"], float((np.abs(horizontal) - friction * np.maximum(vertical, 0)).max() / weight))
+        found["slip"] = max(
+            found["slip"], float((np.abs(horizontal) - friction * np.maximum(vertical, 0)).max() / weight)
+        )
         found["pull"] = min(found["pull"], float(vertical.min() / weight))
     return found
 
@@ -150,26 +160,29 @@ def _surroundings(jump: Jump, stance: Stance, state: JumpState) -> dict[str, flo
     robot = stance.robot
     tree = robot.tree
     theta, base = state.positions[:, 2], state.positions[:, 0] + 1j * state.positions[:, 1]
-    joints = (state.positions - robot.reference) @ (robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection))
+    joints = (state.positions - robot.reference) @ (
+        robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection)
+    )
     angles = tree.absolute_angles(theta, joints)
     rotations = tree.rotations(angles)
     com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
-    standing = {robot.contact_link(robot.frames[frame].link) for each in stance.contacts for frame in each.frames}
+    contacts = [contact for each in jump.stances for contact in each.contacts]
+    standing = {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
     line = stance.place.imag - stance.contacts[0].depth
-    least = np.inf
+    found = {"ground": np.inf, "feet": np.inf}
     for link, hull in robot.link_hulls.items():
-        if link in standing:
-            continue
         bodies = np.array([each.body for each in hull for _ in range(2)])
         ends = np.array([end for each in hull for end in (each.start, each.end)])
         radii = np.repeat([each.radius for each in hull], 2)
         heights = (rotations @ tree.point_weights(bodies, ends).T + com[:, None]).imag - radii - line
-        least = min(least, float(heights.min()))
-    found = {"ground": least}
+        kind = "feet" if link in standing else "ground"
+        found[kind] = min(found[kind], float(heights.min()))
     if jump.problem.obstacles:
         segments = LinkShapes(tree, robot.shapes).place(com, angles)
         since = state.times - jump.takeoff_time
-        distances = [obstacle_distances(segments, each, since).values.min() - each.margin for each in jump.problem.obstacles]
+        distances = [
+            obstacle_distances(segments, each, since).values.min() - each.margin for each in jump.problem.obstacles
+        ]
         found["obstacles"] = float(min(distances))
     return found
 
@@ -181,7 +194,10 @@ def _seams(jump: Jump) -> dict[str, float]:
     robot = jump.problem.robot
     limits = jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
-    for name, stance, time in (("takeoff_seam", jump.before[-1], 0.0), ("landing_seam", jump.after[0], jump.flight.duration)):
+    for name, stance, time in (
+        ("takeoff_seam", jump.before[-1], 0.0),
+        ("landing_seam", jump.after[0], jump.flight.duration),
+    ):
         instant = stance.span[1 if name == "takeoff_seam" else 0]
         own, other = stance.at(np.array([instant])), jump.flight_state(np.array([time]))
         for power, quantity in enumerate(("positions", "velocities", "accelerations")):
@@ -190,7 +206,7 @@ def _seams(jump: Jump) -> dict[str, float]:
         step = np.abs((own.torques - other.torques) @ robot.transmission) / limits
         found["torque_step"] = max(found["torque_step"], float(step.max()))
     for side in (jump.before, jump.after):
-        for first, second in zip(side[:-1], side[1:], strict=True):
+        for first, second in itertools.pairwise(side):
             pair = [each.at(np.array([first.span[1]])).torques @ robot.transmission for each in (first, second)]
             found["torque_step"] = max(found["torque_step"], float((np.abs(pair[0] - pair[1]) / limits).max()))
     return found
@@ -217,6 +233,7 @@ def _judged(jump: Jump, figures: dict[str, float]) -> JumpCheck:
         ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),
         ("pull", PULL, "the least vertical force is {:.2g} of the weight"),
         ("ground", GROUND, "everything else is at least {:.2g} m above the ground"),
+        ("feet", FEET, "the feet's shapes are at least {:.2g} m above the ground"),
         ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
     ]
     held, broken = [], []

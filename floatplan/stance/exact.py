@@ -22,7 +22,8 @@ from floatplan.stance.contacts import Contact
 from floatplan.stance.grid import Grid, hermite
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.phases import Phase
-from floatplan.stance.program import JumpProgram, Solution, spread
+from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.rows import axes_of, balanced, closures, spread
 
 REFINED = 4  # [-] steps of the grid in an interval of the program
 SUBSTEPS = 4  # [-] of the differential equation in a step of the grid
@@ -37,30 +38,24 @@ class StanceDynamics:
     def __init__(self, model: PlanarModel, phase: Phase, home: Array) -> None:
         ca = casadi()
         self.model, self.phase = model, phase
-        anchor = phase.anchor.spots[0]
         forces = ca.SX.sym("forces", 2 * len(phase.others))
-        pairs = [(forces[2 * k], forces[2 * k + 1]) for k in range(len(phase.others))]
-        x, z = model.com_from(anchor, 2)
-        mass = model.robot.mass
-        own = (mass * x - sum(p[0] for p in pairs), mass * (z + model.gravity) - sum(p[1] for p in pairs))
-        moments = model.moments(anchor, spread([phase.anchor, *phase.others], [own, *pairs]))
+        own, pairs = balanced(model, phase, forces)
+        moments = model.moments(phase.anchor.spots[0], spread(phase.contacts, [own, *pairs]))
         self.moment = model.function("moment", [ca.sum1(moments)], forces)
-        self.anchor_force = model.function("anchor", [ca.vertcat(*own)], forces)
         parts = [self._closure(contact, home) for contact in phase.others]
         closure = ca.vertcat(*parts) if parts else ca.SX(0, 1)
         rate = ca.jtimes(closure, model.y, model.v)
         self.closure = model.function("closure", [closure, ca.jacobian(closure, model.y)])
         drift = ca.jtimes(rate, model.y, model.v)
         self.drift = model.function("drift", [drift])
-        self.size = closure.numel()
+        self.size = closures(phase)
 
     def _closure(self, contact: Contact, home: Array) -> Any:
         """Place of a contact less where it stands, m; of a heel its height."""
         model, anchor = self.model, self.phase.anchor.spots[0]
         places = model.places(model.weights(contact.spots[:1], anchor))
         at_home = model.function("place", places)(home, 0 * home, 0 * home)
-        axes = (1,) if contact.vertical else (0, 1)
-        return casadi().vertcat(*[places[k] - at_home[k] for k in axes])
+        return casadi().vertcat(*[places[k] - at_home[k] for k in axes_of(contact)])
 
     @cached_property
     def dependent(self) -> list[int]:
@@ -112,17 +107,6 @@ class StanceDynamics:
         values = np.asarray(value).reshape(self.size, count, order="F").T
         blocks = np.asarray(jacobian).reshape(self.size, count, size) if count == 1 else np.asarray(jacobian)
         return values, blocks.reshape(self.size, count, size).transpose(1, 0, 2)
-
-    def forces(self, y: Array, v: Array, a: Array, ratios: Array) -> Array:
-        """Forces (2 contacts, N) N, the anchor's first, by the balances of moments and forces."""
-        count = y.shape[1]
-        others = np.zeros((2 * len(self.phase.others), count))
-        if len(others):
-            unit = others.copy()
-            unit[0], unit[1] = ratios[0], 1.0
-            rest, one = (np.asarray(self.moment(y, v, a, each)).ravel() for each in (others, unit))
-            others = unit * (-rest / (one - rest))
-        return np.concatenate((np.asarray(self.anchor_force(y, v, a, others)).reshape(2, count), others))
 
 
 class OnePoint:
@@ -237,7 +221,7 @@ def _nodes(program: JumpProgram, solution: Solution, index: int) -> Grid:
     fine = np.interp(np.arange(REFINED * phase.intervals + 1) / REFINED, np.arange(len(coarse)), coarse)
     forces = solution.forces[index]
     horizontal, vertical = forces[0::2], forces[1::2]
-    small = vertical < 1e-3 * program.weight
+    small = vertical < 1e-3 * program.node.weight
     ratios = np.where(small, 0.0, horizontal / np.where(small, 1.0, vertical))
     for row, lost in zip(ratios, small, strict=True):
         row[lost] = np.interp(np.flatnonzero(lost), np.flatnonzero(~lost), row[~lost]) if (~lost).any() else 0.0

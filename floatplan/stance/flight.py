@@ -41,9 +41,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
     index = program.flight
     first, last = program.starts[index], program.starts[index + 1]
     start, goal = (
-        Posture(
-            float(solution.y[0, node]), solution.y[1:, node].copy(), solution.v[1:, node], solution.a[1:, node]
-        )
+        Posture(float(solution.y[0, node]), solution.y[1:, node].copy(), solution.v[1:, node], solution.a[1:, node])
         for node in (first, last)
     )
     before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from floatplan.arguments import SEED, made, optional, whole
 from floatplan.arrays import Array
@@ -27,7 +26,10 @@ from floatplan.stance.request import JumpRequest
 from floatplan.stance.setup import Room, Setup, jump_setup
 from floatplan.tables import Range
 
-ROOMS = (Room(0.9, 0.99, 0.7, 4), Room(0.82, 0.97, 0.6, 8))  # the first, and where its jumps fail the check
+ROOM = Room(0.9, 0.97, 0.7, 4)  # of the first program; the next depends on what its jump breaks
+CORRECTIONS = 2  # [-] programs after the first
+FINER = 1.4  # [-] times the nodes in each
+STRICTER = 0.97  # [-] beyond what a figure shows
 STARTS = 4
 MOST_STARTS = Range(1, 1000, "")
 
@@ -197,7 +199,7 @@ def jump(
     setup = jump_setup(problem, request)
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    program = setup.program(ROOMS[0])
+    program = setup.program(ROOM)
     for start in range(starts):
         say(f"start {start + 1} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
@@ -205,18 +207,47 @@ def jump(
         if not solution.converged:
             best = min(best, solution.worst)
             continue
-        answer = completed(setup, program, solution, seed)
+        answer = _corrected(setup, program, solution, seed)
         if answer.ok:
             return answer
-        tighter = setup.program(ROOMS[1])
-        again = tighter.solve(solution.raw)
-        if again.converged:
-            answer = completed(setup, tighter, again, seed)
-            if answer.ok:
-                return answer
     if answer is not None:
         return answer
-    return Jump(problem, request, "not_found", f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.")
+    return Jump(
+        problem,
+        request,
+        "not_found",
+        f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
+    )
+
+
+def _corrected(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
+    """The jump of a solution, or of one with more nodes, stricter where the check fails."""
+    room, answer = ROOM, completed(setup, program, solution, seed)
+    for _ in range(CORRECTIONS):
+        if answer.ok:
+            break
+        room = _stricter(room, answer)
+        finer = setup.program(room)
+        again = finer.solve(finer.resampled(solution, program.phases))
+        if not again.converged:
+            break
+        program, solution = finer, again
+        answer = completed(setup, program, solution, seed)
+    return answer
+
+
+def _stricter(room: Room, answer: Jump) -> Room:
+    """More nodes, and less of what the check finds too much of."""
+    margin, figures = answer.request.margin, answer.check.figures
+
+    def share(name: str, limit: float, now: float) -> float:
+        over = figures.get(name, 0.0) / limit
+        return now if over <= 1 else now * STRICTER / min(over, 1.25)
+
+    torque = min(share("torque", margin["torque"], room.torque), share("torque_speed", margin["torque"], room.torque))
+    velocity = share("velocity", margin["velocity"], room.velocity)
+    friction = share("friction", answer.request.friction, room.friction)
+    return Room(torque, velocity, friction, 2 * room.directions, FINER * room.finer)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

@@ -1,4 +1,4 @@
-"""The motion of a jump's stances: place of the base, forces of the contacts, torques; by Pinocchio, from what is saved."""
+"""The motion of a jump's stances, from what is saved: place of the base, forces of the contacts, and torques."""
 
 from __future__ import annotations
 
@@ -113,7 +113,11 @@ class Stance:
         robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
         axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
         pushed = np.zeros_like(positions)
-        points = [(name, at) for contact in self.contacts for name, at in zip(contact.names, self._places(contact), strict=True)]
+        points = [
+            (name, at)
+            for contact in self.contacts
+            for name, at in zip(contact.names, self._places(contact), strict=True)
+        ]
         for row, q in enumerate(positions):
             pin.computeJointJacobians(model, data, q)
             for name, (joint, local) in points:
@@ -123,7 +127,10 @@ class Stance:
 
     def _places(self, contact: Contact) -> list[tuple[int, Array]]:
         """Pinocchio's joint and the place (3,) m in it of each of a contact's points."""
-        return [point_in_joint(self.robot, frame, spot[1]) for frame, spot in zip(contact.frames, contact.spots, strict=True)]
+        return [
+            point_in_joint(self.robot, frame, spot[1])
+            for frame, spot in zip(contact.frames, contact.spots, strict=True)
+        ]
 
     @cached_property
     def span(self) -> tuple[float, float]:

@@ -17,11 +17,15 @@ from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact, heights_over_com
 
 SHARES = {"takeoff": ((1.7, 1.03), (2.73,)), "flight": (2.57,), "landing": ((0.86, 2.3), (3.16,))}  # [sqrt(H/g)]
-INTERVALS = {"takeoff": (14, 12), "flight": 16, "landing": (12, 14)}
-SINGLE = 24  # [-] intervals of a stance that has one phase
-WIDEST = {"takeoff": (0.5, 1.6), "flight": (0.8, 1.5), "landing": (0.5, 1.6)}  # [-] of a phase's guessed duration, unless bounds are given
+INTERVALS = {"takeoff": (14, 14), "flight": 16, "landing": (14, 14)}
+SINGLE = 28  # [-] intervals of a stance that has one phase
+WIDEST = {
+    "takeoff": (0.5, 1.6),
+    "flight": (0.8, 1.5),
+    "landing": (0.5, 1.6),
+}  # [-] of a phase's guessed duration, unless bounds are given
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
-DENSER = 1.5  # [-] power by which nodes are denser near the flight
+DENSER = 1.3  # [-] power by which nodes are denser near the flight
 STILL = 1e-6  # [m] what counts as level
 
 Side = Literal["takeoff", "flight", "landing"]
@@ -53,9 +57,9 @@ class Phase:
 
     @cached_property
     def shares(self) -> Array:
-        """Times (intervals + 1,) of its nodes over its duration: denser near the flight where more than one stands."""
+        """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
         even = np.arange(self.intervals + 1) / self.intervals
-        if not self.others:
+        if self.side == "flight":
             return even
         return 1 - (1 - even) ** DENSER if self.side == "takeoff" else even**DENSER
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact, contact_at, heights_over_com, standing_feet, watched_points
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, phases_of, standing_posture
-from floatplan.stance.program import Bounds, JumpProgram
+from floatplan.stance.program import JumpProgram
 from floatplan.stance.request import JumpRequest
+from floatplan.stance.rows import Bounds, NodeRows
 
 MOST = 2  # [-] contacts of a phase
 TURN = 2 * math.pi
@@ -30,12 +31,14 @@ class Room:
     ----------
     torque, velocity, friction : shares of what is allowed
     directions : in which each body's hull is watched
+    finer : by which factor nodes are more than usual
     """
 
     torque: float
     velocity: float
     friction: float
     directions: int
+    finer: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,23 @@ class Setup:
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         watched = watched_points(problem.robot, self.ground, self.standing[0, 1:], room.directions)
-        return JumpProgram(model, self.phases, watched, bounds, self.standing)
+        phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
+        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
+        return JumpProgram(
+            NodeRows(model, phases, watched, bounds, self.standing),
+            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in request.fixed],
+            self._momentum,
+        )
+
+    @property
+    def _momentum(self) -> float | None:
+        """The flight's angular momentum, kg m^2/s, where the request keeps it."""
+        asked = self.problem.flight.angular_momentum
+        if "angular_momentum" not in self.request.fixed:
+            return None
+        if isinstance(asked, str):
+            raise InputError(f"{asked!r} is no number to keep", element="flight.angular_momentum", advice="give one")
+        return float(asked)
 
 
 def jump_setup(problem: Problem, request: JumpRequest) -> Setup:

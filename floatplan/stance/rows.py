@@ -1,0 +1,236 @@
+"""Rows of a jump's program at one node: what a stance holds, and what a flight holds, as functions of the node."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.stance.contacts import Contact, Watched
+from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
+from floatplan.stance.phases import Phase
+
+Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
+Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
+BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
+CLEAR = "clear of the ground"
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What the program holds, margins taken off.
+
+    Attributes
+    ----------
+    torque, stall, slope : (motors,) N m, N m, N m s/rad, of each motor; infinite where there is none
+    velocity : (n,) rad/s
+    position : (n, 2) rad
+    friction : coefficient
+    """
+
+    torque: Array
+    stall: Array
+    slope: Array
+    velocity: Array
+    position: Array
+    friction: float
+
+
+@dataclass
+class Rows:
+    """Constraints as they are gathered: expressions with bounds, and what each is about."""
+
+    values: list[Any] = field(default_factory=list)
+    low: list[Array] = field(default_factory=list)
+    high: list[Array] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+
+    def add(self, value: Any, low: float, high: float, label: str) -> None:
+        """Values of any shape with the same bounds."""
+        size = value.numel()
+        self.values.append(casadi().vec(value))
+        self.low.append(np.broadcast_to(low, size))
+        self.high.append(np.broadcast_to(high, size))
+        self.labels += [label] * size
+
+    def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
+        """Rows (rows, nodes) of nodes, with bounds of that shape; those without bounds are left out."""
+        nodes, index = np.nonzero((np.isfinite(low) | np.isfinite(high)).T)
+        at = index + nodes * len(bounds)
+        self.values.append(casadi().vec(values)[at.tolist()])
+        self.low.append(low[index, nodes])
+        self.high.append(high[index, nodes])
+        self.labels += [f"{bounds[row][2]} ({side})" for row in index]
+
+
+class NodeRows:
+    """Rows of single nodes, in units of the robot: its weight, its standing height, and the time of a fall by it.
+
+    Parameters
+    ----------
+    model : PlanarModel
+    phases : of the jump
+    watched : what stays above the ground
+    bounds : Bounds
+    ends : (2, n+1) y where the robot stands before and after
+    """
+
+    def __init__(
+        self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
+    ) -> None:
+        self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
+        self.weight = model.robot.mass * model.gravity  # [N]
+        com = model.function("com", model.com_from(self.phases[0].anchor.spots[0]))
+        place = [float(value) for value in com(ends[0], 0 * ends[0], 0 * ends[0])]
+        self.height = place[1] + self.phases[0].anchor.depth  # [m] of the centre of mass, standing
+        self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
+        self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
+
+    def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
+        """Function (y, v, a, forces over weight, drifts) -> (rows, cost) of a stance's node, and the rows' bounds.
+
+        The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
+        """
+        ca, model, friction = casadi(), self.model, self.bounds.friction
+        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", closures(phase))
+        anchor = phase.anchor.spots[0]
+        own, pairs = balanced(model, phase, forces * self.weight)
+        moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
+        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, BALANCE)]
+        rows += self._closures(phase, drifts)
+        for contact, pair in zip(phase.contacts, [own, *pairs], strict=True):
+            for sign in (1.0, -1.0):
+                held = (friction * pair[1] + sign * pair[0]) / self.weight
+                rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
+        rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
+        rows += self._torque_rows(moments)
+        ground = -phase.anchor.depth
+        if self.watched.spots:
+            heights = model.places(model.weights(self.watched.spots, anchor))[1]
+            pairs_of = enumerate(self.watched.least)
+            rows += [(heights[index] - ground, float(least), np.inf, CLEAR) for index, least in pairs_of]
+        for contact in self.feet:
+            if contact not in phase.contacts:
+                height = model.places(model.weights(contact.spots[:1], anchor))[1]
+                rows.append((height - ground, contact.depth, np.inf, f"{contact.name} above the ground"))
+        output = ca.vertcat(*[row[0] for row in rows])
+        function = model.function("stance", [output, self._cost(moments)], forces, drifts)
+        return function, [row[1:] for row in rows]
+
+    def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
+        """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
+        anchor, model, unit = phase.anchor.spots[0], self.model, self.unit
+        stand: list[Row] = []
+        meet: list[Row] = []
+        for contact in phase.others:
+            weights = model.weights(contact.spots[:1], anchor)
+            place, rate, acceleration = (model.places(weights, order) for order in range(3))
+            home = self._span(phase, contact)
+            for k in axes_of(contact):
+                still = acceleration[k] * unit**2 - drifts[len(stand)]
+                stand.append((still, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
+        return [*stand, *meet]
+
+    def _span(self, phase: Phase, contact: Contact) -> tuple[float, float]:
+        """Where a contact is from the anchor where the robot stands, m."""
+        model, end = self.model, self.ends[0 if phase.side == "takeoff" else 1]
+        place = model.function("span", model.places(model.weights(contact.spots[:1], phase.anchor.spots[0])))
+        x, z = place(end, 0 * end, 0 * end)
+        return float(x), float(z)
+
+    @cached_property
+    def feet(self) -> list[Contact]:
+        """All contacts, each once."""
+        return list({each.name: each for phase in self.phases for each in phase.contacts}.values())
+
+    @cached_property
+    def _distinct(self) -> list[int]:
+        """Motors whose torques are not always those of one before."""
+        turns, tree = self.model.robot.tree.motor_turns, self.model.robot.tree
+        seen: list[tuple[int, Any]] = []
+        for motor in range(turns.shape[1]):
+            bodies = np.flatnonzero(turns[:, motor])
+            key = np.array([[tree.mass[b], tree.center[b], tree.inertia[b], *tree.turns[b]] for b in bodies])
+            if not any(k.shape == key.shape and np.allclose(k, key, rtol=1e-6, atol=1e-6) for _, k in seen):
+                seen.append((motor, key))
+        return [motor for motor, _ in seen]
+
+    def _torque_rows(self, moments: Any) -> list[Row]:
+        """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
+        bounds, robot, rows = self.bounds, self.model.robot, []
+        torques = self.model.motor_torques(moments)
+        rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
+        for motor in self._distinct:
+            name, torque = robot.motors[motor], torques[motor]
+            if np.isfinite(bounds.torque[motor]):
+                rows.append((torque / bounds.torque[motor], -1.0, 1.0, f"torque of {name}"))
+            if np.isfinite(bounds.stall[motor]):
+                for sign in (1.0, -1.0):
+                    value = (torque + sign * bounds.slope[motor] * rates[motor]) / bounds.stall[motor]
+                    rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
+        return rows
+
+    def _cost(self, moments: Any) -> Any:
+        torques = self.model.motor_torques(moments)
+        return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
+
+    def flight(self) -> tuple[Any, list[Bound]]:
+        """Function (y, v, a, height of the centre of mass, h) -> (rows, cost) of the flight's nodes."""
+        ca, model = casadi(), self.model
+        height, lift, momentum = ca.SX.sym("height"), ca.SX.sym("lift"), ca.SX.sym("momentum")
+        moments = model.moments(None, [])
+        rows: list[Row] = [
+            ((model.momentum() - momentum) / self.momentum, 0.0, 0.0, "angular momentum in flight"),
+            (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
+            *self._torque_rows(moments),
+        ]
+        spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
+        _, z = model.places(model.weights(spots))
+        for index, least in enumerate(self.watched.least):
+            rows.append((z[index] + height, float(least), np.inf, CLEAR))
+        for index, contact in enumerate(self.feet, start=len(self.watched.spots)):
+            rows.append((z[index] + height - lift, contact.depth, np.inf, f"{contact.name} above the ground"))
+        output = ca.vertcat(*[row[0] for row in rows])
+        function = model.function("flight", [output, self._cost(moments)], height, lift, momentum)
+        return function, [row[1:] for row in rows]
+
+
+def hermite_step(values: Any, rates: Any, changes: Any, step: Any) -> Any:
+    """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
+    mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
+    return values[:, :-1] + mean + step**2 / 12 * (changes[:, :-1] - changes[:, 1:])
+
+
+def axes_of(contact: Contact) -> tuple[int, ...]:
+    """Which directions a contact beside the anchor holds: both, or of a heel the vertical one."""
+    return (1,) if contact.vertical else (0, 1)
+
+
+def closures(phase: Phase) -> int:
+    """How many conditions the contacts beside the anchor add."""
+    return sum(len(axes_of(contact)) for contact in phase.others)
+
+
+def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:
+    """The anchor's force, by the balance of forces, and those of the others (2 others,), as pairs, N."""
+    pairs = [(forces[2 * k], forces[2 * k + 1]) for k in range(len(phase.others))]
+    x, z = model.com_from(phase.anchor.spots[0], 2)
+    mass = model.robot.mass
+    horizontal, vertical = mass * x, mass * (z + model.gravity)
+    for pair in pairs:
+        horizontal, vertical = horizontal - pair[0], vertical - pair[1]
+    return (horizontal, vertical), pairs
+
+
+def spread(contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[tuple[Spot, Pair]]:
+    """Forces of contacts shared among the feet that are coupled: points, and a part of each."""
+    return [
+        (spot, (force[0] / len(contact.spots), force[1] / len(contact.spots)))
+        for contact, force in zip(contacts, forces, strict=True)
+        for spot in contact.spots
+    ]
