@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
-from floatplan.stance.motion import JumpState, Stance, point_in_joint
+from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
 
 if TYPE_CHECKING:
     from floatplan.stance.jump import Jump
@@ -199,7 +199,7 @@ def _seams(jump: Jump) -> dict[str, float]:
         ("landing_seam", jump.after[0], jump.flight.duration),
     ):
         instant = stance.span[1 if name == "takeoff_seam" else 0]
-        own, other = stance.at(np.array([instant])), jump.flight_state(np.array([time]))
+        own, other = stance.at(np.array([instant])), flight_state(jump.flight, np.array([time]), 0.0)
         for power, quantity in enumerate(("positions", "velocities", "accelerations")):
             step = np.abs(getattr(own, quantity) - getattr(other, quantity)).max() * unit**power
             found[name] = max(found[name], float(step))
@@ -236,7 +236,8 @@ def _judged(jump: Jump, figures: dict[str, float]) -> JumpCheck:
         ("feet", FEET, "the feet's shapes are at least {:.2g} m above the ground"),
         ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
     ]
-    held, broken = [], []
+    held: list[str] = []
+    broken: list[str] = []
     for name, limit, sentence in rules:
         text = f"{sentence.format(figures[name])}, {limit:g} at most"
         (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(text)

@@ -163,7 +163,7 @@ class OnePoint:
 
 
 def blend(times: Array, near: float, far: float, values: Array) -> tuple[Array, Array, Array]:
-    """A quintic and its derivatives (rows, N): zero, with two derivatives, at ``far``; ``values`` (rows, 3) at ``near``."""
+    """Return a quintic and two derivatives (rows, N): ``values`` (rows, 3) at ``near``, all zero at ``far``."""
     order = np.argsort([near, far])
     ends = np.zeros((2, 3, len(values)))
     ends[0] = values.T

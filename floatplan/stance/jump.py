@@ -8,19 +8,22 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from floatplan.arguments import SEED, made, optional, whole
+from floatplan.arguments import SEED, made, numbers, optional, whole
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.plans.plan import Plan
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
+from floatplan.robot import Robot
+from floatplan.stance import in_file
 from floatplan.stance.check import JumpCheck, check_jump
 from floatplan.stance.exact import exact_side
 from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
 from floatplan.stance.model import casadi
-from floatplan.stance.motion import JumpState, Stance
+from floatplan.stance.motion import JumpState, Stance, flight_state, joined
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.request import JumpRequest
 from floatplan.stance.setup import Room, Setup, jump_setup
@@ -114,46 +117,66 @@ class Jump:
         return (*before, flight, *after)
 
     @one_thread
-    def flight_state(self, times: Array) -> JumpState:
-        """State at times (N,) s of the flight, from its takeoff, as of a stance."""
-        assert self.flight is not None
-        robot, state = self.problem.robot, self.flight.at(times)
-        tree, base = robot.tree, tree_base(robot)
-        rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
-        rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
-        turned = self.flight.dynamics.base_acceleration(
-            state.positions, state.velocities, state.accelerations, state.orientation_rate
-        )[:, 2]
-        changes = turned[:, None] + state.accelerations @ tree.turns.T
-        first = (1j * tree.turn * rates * rotations) @ base
-        second = ((1j * tree.turn * changes - rates**2) * rotations) @ base
-        gravity = float(self.problem.flight.gravity)
-        places = state.base_position
-        speeds = state.com_velocity + np.stack((first.real, first.imag), axis=1)
-        pushes = np.stack((second.real, second.imag - gravity), axis=1)
-        full = [
-            np.concatenate((planar, turn[:, None], (joints @ robot.selection.T)[:, 3:]), axis=1)
-            for planar, turn, joints in (
-                (places, state.orientation, state.positions),
-                (speeds, state.orientation_rate, state.velocities),
-                (pushes, turned, state.accelerations),
-            )
-        ]
-        full[0][:, 3:] += robot.reference[3:]
-        torques = self.flight.dynamics.full_forces(
-            state.positions, state.velocities, state.accelerations, state.orientation_rate
-        )
-        return JumpState(np.asarray(times), *full, {}, torques)
+    def at(self, times: npt.ArrayLike) -> JumpState:
+        """State at times (N,) s from the jump's start; at a change of contacts that of the phase before.
+
+        Raises
+        ------
+        InputError
+            A time is not a number or lies outside the jump; or no jump was found.
+        """
+        instants = np.atleast_1d(np.asarray(numbers(times, "times"), dtype=np.float64)).ravel()
+        if self.flight is None:
+            raise InputError("no jump was found", element="times")
+        if not ((instants >= 0) & (instants <= self.duration)).all():
+            raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
+        phases = self.phases
+        index = np.searchsorted([phase.end for phase in phases[:-1]], instants)
+        stances = iter(self.stances)
+        parts = []
+        for number, phase in enumerate(phases):
+            stance = None if phase.kind == "flight" else next(stances)
+            chosen = np.flatnonzero(index == number)
+            if len(chosen):
+                within = instants[chosen]
+                state = stance.at(within) if stance else flight_state(self.flight, within, self.takeoff_time)
+                parts.append((chosen, state))
+        return joined(instants, parts, [name for phase in phases for name in phase.contacts])
+
+    def q(self, times: npt.ArrayLike) -> Array:
+        """Configuration (..., nq) as of :meth:`floatplan.Plan.q`, m and rad; times as of :meth:`at`, of any shape."""
+        return self._in_file(times, in_file.configurations)
+
+    def v(self, times: npt.ArrayLike) -> Array:
+        """Velocity (..., nv), m/s and rad/s, as of :meth:`floatplan.Plan.v`."""
+        return self._in_file(times, in_file.velocities)
+
+    def a(self, times: npt.ArrayLike) -> Array:
+        """Acceleration (..., nv), m/s^2 and rad/s^2, as of :meth:`floatplan.Plan.a`."""
+        return self._in_file(times, in_file.accelerations)
+
+    def tau(self, times: npt.ArrayLike) -> Array:
+        """Torques (..., nv), N m: 0 on the base, then each joint's own, also of followers and locked ones."""
+        return self._in_file(times, in_file.torques)
+
+    def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Forces (..., 3), N, in the world's axes, of every point that stands at some time; zero where it does not."""
+        found = in_file.forces(self.problem.robot, self.at(times))
+        return {name: values.reshape(*np.shape(times), 3) for name, values in found.items()}
+
+    def _in_file(self, times: npt.ArrayLike, quantity: Callable[[Robot, JumpState], Array]) -> Array:
+        values = quantity(self.problem.robot, self.at(times))
+        return values.reshape(*np.shape(times), values.shape[1])
+
+    def save(self, path: str | Path) -> Path:
+        """Write ``jump.json``; see :mod:`floatplan.stance.jump_file`."""
+        from floatplan.stance.jump_file import save_jump  # it reads jumps too
+
+        return save_jump(self, path)
 
     def __repr__(self) -> str:
         checked = "" if self.flight is None else f", stances {'checked' if self.check.ok else 'not within limits'}"
         return f"Jump({self.status}{checked}, {self.duration:.3g} s)\n  {self.explanation[:300]}"
-
-
-def tree_base(robot: object) -> Array:
-    """Weights (m,) of the base's origin relative to the centre of mass."""
-    tree = robot.tree  # type: ignore[attr-defined]
-    return np.asarray(tree.point_weights(np.array([0]), np.array([0j]))[0])
 
 
 @one_thread

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array, ComplexArray, read_only
+from floatplan.arrays import Array, ComplexArray, IntArray, read_only
+from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
 from floatplan.stance.grid import Grid
@@ -66,16 +68,11 @@ class Stance:
         first = 1j * tree.turn * rates * rotations
         second = (1j * tree.turn * changes - rates**2) * rotations
         base = [self.place - rotations @ weights, -(first @ weights), -(second @ weights)]
-        full = []
-        for own, joints, orientation in zip(base, (y, v, a), (y[0], v[0], a[0]), strict=True):
-            values = joints[1:].T @ robot.selection.T
-            values[:, 0], values[:, 1], values[:, 2] = own.real, own.imag, orientation
-            full.append(values)
-        full[0][:, BASE:] += robot.reference[BASE:]
+        full = _full(robot, zip(base, (y[0], v[0], a[0]), (y[1:].T, v[1:].T, a[1:].T), strict=True))
         wrench = self._wrench(full)
         forces = self._forces(times, wrench, rotations)
         torques = wrench - self._pushed(full[0], forces)
-        return JumpState(read_only(times), *map(read_only, full), forces, read_only(torques))
+        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(torques))
 
     def _from_base(self, contact: Contact) -> ComplexArray:
         """Weights (points, m) of a contact's points relative to the base's origin."""
@@ -158,3 +155,52 @@ def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array
 def _shared(contact: Contact, force: ComplexArray) -> dict[str, Array]:
     part = force / len(contact.frames)
     return {name: np.stack((part.real, part.imag), axis=1) for name in contact.names}
+
+
+def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
+    """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
+    robot = plan.robot
+    tree, state = robot.tree, plan.at(np.clip(times - takeoff, 0.0, plan.duration))
+    planned = state.positions, state.velocities, state.accelerations, state.orientation_rate
+    base = tree.point_weights(np.array([0]), np.array([0j]))[0]
+    rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
+    rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
+    turned = plan.dynamics.base_acceleration(*planned)[:, 2]
+    changes = turned[:, None] + state.accelerations @ tree.turns.T
+    first = (1j * tree.turn * rates * rotations) @ base
+    second = ((1j * tree.turn * changes - rates**2) * rotations) @ base
+    places = state.base_position[:, 0] + 1j * state.base_position[:, 1]
+    speeds = state.com_velocity[:, 0] + 1j * state.com_velocity[:, 1] + first
+    pushes = second - 1j * plan.ballistics.gravity
+    parts = (
+        (places, state.orientation, state.positions),
+        (speeds, state.orientation_rate, state.velocities),
+        (pushes, turned, state.accelerations),
+    )
+    full = _full(robot, parts)
+    torques = read_only(plan.dynamics.full_forces(*planned))
+    return JumpState(read_only(times), full[0], full[1], full[2], {}, torques)
+
+
+def _full(robot: Robot, parts: Iterable[tuple[ComplexArray, Array, Array]]) -> list[Array]:
+    """Positions, velocities, accelerations (N, nv) of all coordinates, from base, orientation and joints (N, n)."""
+    full = []
+    for base, orientation, joints in parts:
+        values = joints @ robot.selection.T
+        values[:, 0], values[:, 1], values[:, 2] = base.real, base.imag, orientation
+        full.append(values)
+    full[0][:, BASE:] += robot.reference[BASE:]
+    return [read_only(values) for values in full]
+
+
+def joined(times: Array, parts: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
+    """Put states together: rows of each among times (N,), and points whose forces are zero elsewhere."""
+    size = parts[0][1].positions.shape[1]
+    arrays = {name: np.empty((len(times), size)) for name in ("positions", "velocities", "accelerations", "torques")}
+    forces = {name: np.zeros((len(times), 2)) for name in names}
+    for rows, state in parts:
+        for name, values in arrays.items():
+            values[rows] = getattr(state, name)
+        for name, force in state.forces.items():
+            forces[name][rows] = force
+    return JumpState(read_only(times), forces=forces, **{name: read_only(values) for name, values in arrays.items()})

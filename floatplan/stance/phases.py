@@ -9,16 +9,16 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact, heights_over_com
 
-SHARES = {"takeoff": ((1.7, 1.03), (2.73,)), "flight": (2.57,), "landing": ((0.86, 2.3), (3.16,))}  # [sqrt(H/g)]
-INTERVALS = {"takeoff": (14, 14), "flight": 16, "landing": (14, 14)}
-SINGLE = 28  # [-] intervals of a stance that has one phase
+FLIGHT = (2.57, 16)  # [sqrt(height / g), -] guessed duration, and intervals
+STANCES = {"takeoff": ((1.7, 14), (1.03, 14)), "landing": ((0.86, 14), (2.3, 14))}  # the same of each phase
+SINGLE = {"takeoff": (2.73, 28), "landing": (3.16, 28)}  # where there is but one
 WIDEST = {
     "takeoff": (0.5, 1.6),
     "flight": (0.8, 1.5),
@@ -80,7 +80,7 @@ def phases_of(
 
     Parameters
     ----------
-    takeoff, landing : contacts of their phases, in order of time
+    takeoff, landing : contacts of their one or two phases, in order of time
     height : of the centre of mass where the robot stands, m
     gravity : m/s^2
     bounds : of the durations of all phases, s; None for generic ones
@@ -94,27 +94,13 @@ def phases_of(
     phases: list[Phase] = []
     for side, groups in sides:
         anchor = takeoff[-1][0] if side == "takeoff" else landing[0][0]
-        shares = _shares(side, len(groups))
+        shares = [FLIGHT] if side == "flight" else STANCES[side] if len(groups) > 1 else [SINGLE[side]]
         for contacts, (share, intervals) in zip(groups, shares, strict=True):
             ordered = tuple(sorted(contacts, key=lambda each: each != anchor))
             guess, given = share * unit, bounds[len(phases)]
             low, high = given if given is not None else (WIDEST[side][0] * guess, WIDEST[side][1] * guess)
             phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
     return tuple(phases)
-
-
-def _shares(side: Side, count: int) -> list[tuple[float, int]]:
-    """Guessed duration, in sqrt(height/g), and intervals of each of a side's phases."""
-    if side == "flight":
-        return [(SHARES["flight"][0], int(INTERVALS["flight"]))]  # type: ignore[arg-type, call-overload]
-    if count == 1:
-        return [(float(SHARES[side][1][0]), SINGLE)]  # type: ignore[index]
-    first, last = SHARES[side][0]  # type: ignore[misc]
-    many, few = INTERVALS[side]  # type: ignore[misc]
-    if count == 2:
-        return [(first, many), (last, few)]
-    split = np.linspace(first, last, count) * (first + last) / np.linspace(first, last, count).sum()
-    return [(float(each), (many + few) // count + 2) for each in split]
 
 
 def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array:
@@ -148,12 +134,12 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
 
     if np.abs(faults(wanted)).max() < STILL and (limits[:, 0] <= wanted).all() and (wanted <= limits[:, 1]).all():
         return wanted
-    found = minimize(
+    found = minimize(  # type: ignore[call-overload]
         lambda q: float(((q - wanted) ** 2).sum()),
         np.clip(wanted, limits[:, 0], limits[:, 1]),
         jac=lambda q: 2 * (q - wanted),
-        bounds=limits,
-        constraints={"type": "eq", "fun": faults},
+        bounds=Bounds(limits[:, 0], limits[:, 1]),
+        constraints=NonlinearConstraint(faults, 0.0, 0.0),
         method="SLSQP",
         options={"ftol": 1e-12, "maxiter": 200},
     )

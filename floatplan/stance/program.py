@@ -30,6 +30,7 @@ from floatplan.stance.rows import BALANCE, MEETS, RELEASE, NodeRows, Rows, closu
 LIFT = 0.02  # [m] of feet in the middle of the flight
 RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
+LEAST_FORCE = 0.02  # [-] of the weight, vertical, of contacts beside the anchor at nodes where they stand
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
@@ -146,7 +147,7 @@ class JumpProgram:
         index = self.phases.index(phase)
         box = np.empty((2, 2 * len(phase.others), phase.intervals + 1))
         box[0], box[1] = -np.inf, np.inf
-        box[0, 1::2] = 0.0
+        box[0, 1::2] = LEAST_FORCE * self.node.weight
         if phase.others:
             inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
             seam = -1 if phase.side == "takeoff" else 0

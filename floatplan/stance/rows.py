@@ -64,7 +64,7 @@ class Rows:
         self.values.append(casadi().vec(values)[at.tolist()])
         self.low.append(low[index, nodes])
         self.high.append(high[index, nodes])
-        self.labels += [f"{bounds[row][2]} ({side})" for row in index]
+        self.labels += [f"{bounds[row][2]} ({side})" for row in index.tolist()]
 
 
 class NodeRows:

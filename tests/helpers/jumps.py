@@ -1,0 +1,37 @@
+"""Problems of jumps for tests, and one jump that many of them look at."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from importlib.util import find_spec
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.stance.jump import Jump, jump
+
+INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
+GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
+
+
+def go2_problem(turns: int = -1) -> fp.Problem:
+    """A Go2 that stands, turns so many times in flight, and stands."""
+    robot = fp.Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+    standing = np.array(robot.resting)
+    return fp.Problem(
+        robot,
+        fp.Posture(0.0, standing),
+        fp.Posture(2 * math.pi * turns, standing),
+        fp.Flight(0.4, angular_momentum="free", takeoff=fp.Takeoff("RL_foot")),
+        fp.Motion(objective="torque"),
+        fp.Limits(velocity="urdf", torque="urdf"),
+        name="go2",
+    )
+
+
+@lru_cache(maxsize=1)
+def backflip() -> Jump:
+    """The Go2's backflip."""
+    return jump(go2_problem(), starts=1)

@@ -1,0 +1,163 @@
+"""A Go2's backflip from end to end: found, proved in flight, checked in stance, the same after saving."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from jumps import INSTALLED, backflip, go2_problem
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.stance.grid import Grid
+from floatplan.stance.jump import Jump, jump
+from floatplan.stance.jump_file import load_jump
+from floatplan.stance.request import JumpRequest
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+
+def tampered(found: Jump, index: int, **changes: np.ndarray) -> Jump:
+    stances = list(found.stances)
+    stances[index] = replace(stances[index], grid=replace(stances[index].grid, **changes))
+    split = len(found.before)
+    return replace(found, before=tuple(stances[:split]), after=tuple(stances[split:]))
+
+
+def test_it_is_found_and_checked() -> None:
+    found = backflip()
+    assert found.ok
+    assert [phase.kind for phase in found.phases] == ["stance", "stance", "flight", "stance", "stance"]
+    assert set(found.phases[1].contacts) == {"RL_foot", "RR_foot"}
+    figures = found.check.figures
+    assert figures["residual"] < 1e-3
+    assert figures["drift"] < 1e-6
+    assert max(figures["takeoff_seam"], figures["landing_seam"]) < 1e-6
+    assert figures["torque"] <= 0.85
+    assert figures["torque_step"] < 1e-5
+
+
+def test_the_flight_is_proved() -> None:
+    assert backflip().flight is not None
+    assert fp.certify(backflip().flight).proved
+
+
+def test_it_stands_at_both_ends() -> None:
+    found = backflip()
+    ends = found.at([0.0, found.duration])
+    assert np.abs(ends.velocities).max() < 1e-9
+    assert np.abs(ends.accelerations).max() < 1e-6
+    np.testing.assert_allclose(ends.positions[:, 2], [0.0, -2 * np.pi], atol=1e-9)
+
+
+def test_pinocchio_s_free_flyer_of_the_file_balances() -> None:
+    """In the file's own model, with gravity and six coordinates of the base: nothing of floatplan is in it."""
+    found = backflip()
+    model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
+    model.gravity.linear = np.array([0.0, 0.0, -9.81])
+    data, weight = model.createData(), found.problem.robot.mass * 9.81
+    for t in np.linspace(0.0, found.duration, 41):
+        q, v, a, tau = found.q(t), found.v(t), found.a(t), found.tau(t)
+        wrench = pin.rnea(model, data, q, v, a)
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        for name, force in found.forces(t).items():
+            jacobian = pin.getFrameJacobian(model, data, model.getFrameId(name), pin.LOCAL_WORLD_ALIGNED)
+            wrench = wrench - jacobian[:3].T @ force
+        assert np.abs(wrench[6:] - tau[6:]).max() < 1e-6 * weight
+        assert np.abs(wrench[[0, 2, 4]]).max() < 1e-3 * weight
+
+
+def test_it_is_the_same_after_saving(tmp_path: Path) -> None:
+    found = backflip()
+    again = load_jump(found.save(tmp_path / "jump.json"))
+    times = np.linspace(0.0, found.duration, 17)
+    np.testing.assert_array_equal(again.q(times), found.q(times))
+    np.testing.assert_array_equal(again.tau(times), found.tau(times))
+    assert again.request == found.request
+    assert again.check.figures == found.check.figures
+
+
+@pytest.mark.parametrize("key", ["stances", "request", "flight"])
+def test_a_damaged_file_is_refused(tmp_path: Path, key: str) -> None:
+    path = backflip().save(tmp_path / "jump.json")
+    content = json.loads(path.read_text())
+    content[key] = [{"side": "takeoff"}]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError):
+        load_jump(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "figure"),
+    [
+        (lambda grid: {"y": grid.y + 1e-3 * np.eye(5)[:, [2]] * (grid.times > grid.times[8])}, "derivative"),
+        (lambda grid: {"times": grid.times[0] + 0.9 * (grid.times - grid.times[0])}, "derivative"),
+        (lambda grid: {"a": 1.3 * grid.a}, "derivative"),
+    ],
+)
+def test_the_check_sees_what_was_tampered_with(change, figure: str) -> None:
+    found = backflip()
+    check = tampered(found, 1, **change(found.stances[1].grid)).check
+    assert not check.ok
+    assert check.figures[figure] > 10 * found.check.figures[figure]
+
+
+def test_the_check_sees_forces_out_of_balance() -> None:
+    """The anchor alone cannot hold a robot that stands still, leaning."""
+    found = backflip()
+    grid = found.stances[1].grid
+    still = Grid(grid.times, np.repeat(grid.y[:, :1], len(grid.times), axis=1), 0 * grid.y, 0 * grid.y, grid.ratios)
+    check = tampered(found, 1, **{name: getattr(still, name) for name in ("y", "v", "a")}).check
+    assert check.figures["residual"] > 0.01
+    assert not check.ok
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ({"friction": 0.0}, "friction"),
+        ({"margin": {"speed": 0.5}}, "margin"),
+        ({"contacts": ([["RL_foot"], ["FL_foot"]], [["FL_foot"]])}, "leave the ground and return"),
+        ({"contacts": ([["RL_foot"]] * 3, [["FL_foot"]])}, "one or two phases"),
+        ({"durations": [(0.3, 0.2)]}, "above high"),
+        ({"fixed": ["gravity"]}, "fixed"),
+    ],
+)
+def test_a_wrong_request_is_refused(fault: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        JumpRequest(**fault)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("contacts", "message"),
+    [
+        (([["no_foot"]], [["FL_foot"]]), "no frame"),
+        (([["base"]], [["FL_foot"]]), "cannot stand"),
+    ],
+)
+def test_contacts_that_cannot_stand_are_refused(contacts: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        jump(go2_problem(), JumpRequest(contacts=contacts))  # type: ignore[arg-type]
+
+
+def test_without_gravity_nothing_stands() -> None:
+    problem = go2_problem()
+    with pytest.raises(InputError, match="gravity"):
+        jump(replace(problem, flight=replace(problem.flight, gravity=0.0)))
+
+
+@pytest.mark.long
+def test_what_cannot_be_is_not_found_and_says_why() -> None:
+    """With a tenth of its torque the robot does not even lift itself."""
+    problem = go2_problem()
+    weak = replace(problem, limits=fp.Limits(velocity="urdf", torque=2.0))
+    found = jump(weak, starts=1)
+    assert (found.ok, found.status) == (False, "not_found")
+    assert "stands in the way" in found.explanation
