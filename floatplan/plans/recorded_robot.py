@@ -9,8 +9,7 @@ from floatplan.errors import InputError
 from floatplan.files import is_file, plain
 from floatplan.plans.reading import load_record
 from floatplan.plans.record import PlanRecord, RobotRecord
-from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.robot.urdf.example_robots import PREFIX
 
 
@@ -119,7 +118,7 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
 def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
     return RobotRecord(
-        urdf=robot.source if robot.source.startswith(PREFIX) or robot.path is None else str(robot.path.resolve()),
+        urdf=robot.source if robot.source.startswith(PREFIX) else str(robot.path.resolve()),
         sha256=robot.sha256,
         joints=robot.joints,
         plane=robot.plane.name,

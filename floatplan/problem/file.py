@@ -21,8 +21,7 @@ from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.problem.validation import validated
-from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Robot
+from floatplan.robot.robot import Robot, robot_as_asked
 from floatplan.tables import REST
 
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
-from floatplan.robot.parts import Plane
+from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
 from floatplan.view.postures import Poses, Postures, body_poses
 from floatplan.view.scene.meshes import (

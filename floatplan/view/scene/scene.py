@@ -21,7 +21,7 @@ from floatplan.errors import import_optional
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
-from floatplan.robot.parts import Plane
+from floatplan.robot import Plane
 from floatplan.view.figures.snapshots import picture_box, snapshot_times
 from floatplan.view.postures import body_poses, com_path, postures, robot_size
 from floatplan.view.scene.bodies import FINE_SECTIONS, Bodies, in_space
