@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.flight_state import Peaks
+from floatplan.motion.dynamics import Peaks
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.plans.contact import Contact
 from floatplan.plans.contact_advice import FAST

@@ -17,12 +17,19 @@ import numpy as np
 from floatplan.arguments import flag, function, made, optional, positive, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
-from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
-from floatplan.motion.flight_state import FlightState, Peaks
+from floatplan.motion.dynamics import FlightState, Peaks
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import obstacle_distances
-from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
+from floatplan.motion.quadrature import (
+    NODE_COUNTS,
+    chebyshev_nodes,
+    extremes,
+    gauss_legendre,
+    largest_magnitudes,
+    least_by_grids,
+    resolution,
+)
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.contact import Contact, landing, takeoff
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
