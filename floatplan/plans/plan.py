@@ -131,7 +131,7 @@ class Plan(PlannedMotion):
     @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
         """What the motion does to the ground and to limits that is no part of the verdict."""
-        return measured_warnings(self)
+        return measured_warnings(self, self.contacts)
 
     @property
     def utilisation(self) -> tuple[Utilisation, ...]:
