@@ -14,7 +14,7 @@ from floatplan.plans.contact import Contact as Contact
 from floatplan.plans.contact import landing as landing
 from floatplan.plans.contact import takeoff as takeoff
 from floatplan.plans.plan import Plan as Plan
-from floatplan.plans.plan_file import load_plan as load_plan
+from floatplan.plans.plan import load_plan as load_plan
 from floatplan.plans.plans import Plans as Plans
 from floatplan.plans.verdicts import Certificate as Certificate
 from floatplan.problem.family import Family as Family
