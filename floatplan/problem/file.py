@@ -242,8 +242,6 @@ def _posture(state: JointState, rest: str) -> dict[str, Any]:
 
 
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
-    if robot.path is None:
-        raise InputError("the robot was not read from a file, so no problem file can name it", element="robot.urdf")
     relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
     return {
         "urdf": robot.source if robot.source.startswith(DATA_PREFIX) else relative,
