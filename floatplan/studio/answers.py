@@ -13,7 +13,7 @@ from floatplan.errors import printable
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.near import plan_near
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
-from floatplan.view.postures import Poses, body_poses, postures
+from floatplan.view.outlines import Poses, body_poses, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight

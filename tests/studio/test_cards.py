@@ -17,7 +17,7 @@ from floatplan.plans.measures import PlanWarning
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.studio.session import View
-from floatplan.view.report.sections import verdict
+from floatplan.view.report.data import verdict
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"

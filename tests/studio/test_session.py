@@ -23,7 +23,7 @@ from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
 from floatplan.studio.planning import LAST, StoppedError, Worker, packed, unpacked
 from floatplan.studio.session import FILE_NAMES, Part, Saving, Session, View
-from floatplan.view.postures import body_poses
+from floatplan.view.outlines import body_poses
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
