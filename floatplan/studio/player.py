@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 from floatplan.studio.work.flown import Flown
-from floatplan.view.scene.bodies import Bodies
+from floatplan.view.scene.scene import RobotNodes
 
 LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses
 REST = 0.5  # [s] at landing, before it begins again
-Show = tuple[Bodies, Flown]
+Show = tuple[RobotNodes, Flown]
 
 
 class Player:

@@ -17,13 +17,29 @@ from floatplan.studio.session.actions import Actions, on
 from floatplan.studio.session.edits import end_state, moved, put_obstacle
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.work.flown import Flown
-from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import Poses, body_poses, posture_at, postures, robot_size
-from floatplan.view.scene.bodies import Bodies, Grip, in_plane, in_space
+from floatplan.view.outlines import (
+    Poses,
+    body_poses,
+    ground_lines,
+    picture_box,
+    posture_at,
+    postures,
+    robot_size,
+    snapshot_times,
+)
 from floatplan.view.scene.meshes import bends
-from floatplan.view.scene.scene import add_grounds, add_obstacle, look, move_obstacle, obstacle_slab
+from floatplan.view.scene.scene import (
+    Grip,
+    RobotNodes,
+    add_grounds,
+    add_obstacle,
+    in_plane,
+    in_space,
+    look,
+    move_obstacle,
+    obstacle_slab,
+)
 from floatplan.view.style import TRAILS, rgb_bytes
-from floatplan.view.surroundings import ground_lines
 
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
@@ -65,10 +81,10 @@ class Stage:
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
         add_grounds(server, self._plane, *self._box, ground_lines(placed))
-        self.flier = Bodies(server, "/robot", self._robot)
+        self.flier = RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_capsules(self._shapes)
-        self.kept = Bodies(server, "/kept", self._robot)
+        self.kept = RobotNodes(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
         self.grips: dict[str, dict[int, Grip]] = {}
@@ -127,8 +143,8 @@ class Stage:
 
         on(self._server.on_client_connect, narrow)
 
-    def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
-        ghost = Bodies(self._server, f"/{end}", self._robot)
+    def _ghost(self, end: str, colour: tuple[int, int, int]) -> RobotNodes:
+        ghost = RobotNodes(self._server, f"/{end}", self._robot)
         parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:

@@ -19,7 +19,7 @@ from floatplan.studio.session.session import View
 from floatplan.studio.work.around import COLUMNS, ROWS, Map
 from floatplan.studio.work.flown import Flown, flown
 from floatplan.studio.work.tasks import Cell
-from floatplan.view.report.sections import verdict
+from floatplan.view.report.data import verdict
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"

@@ -20,7 +20,7 @@ from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio.page import Studio, is_own_page, opened
 from floatplan.studio.session import edits
 from floatplan.studio.session.actions import Actions
-from floatplan.view.scene.bodies import Bodies, in_plane, in_space
+from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
@@ -341,15 +341,15 @@ def test_meshes_are_where_the_urdf_has_them() -> None:
     import trimesh
     from scipy.spatial import cKDTree
 
-    from floatplan.view.postures import body_poses
-    from floatplan.view.scene.bodies import DETAIL
+    from floatplan.view.outlines import body_poses
     from floatplan.view.scene.meshes import joint_angles, visual_model
+    from floatplan.view.scene.scene import DETAIL
 
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     robot = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml").robot
     scene = Recorded()
-    bodies = Bodies(scene, "/robot", robot)
+    bodies = RobotNodes(scene, "/robot", robot)
     assert bodies.add_meshes(SMALL, share=1.0)
     rng = np.random.default_rng(0)
     low, high = robot.position_limits.T

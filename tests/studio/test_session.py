@@ -27,7 +27,7 @@ from floatplan.studio.work.flown import flown
 from floatplan.studio.work.planning import LAST
 from floatplan.studio.work.tasks import Cells, Failure, Quick, words_of
 from floatplan.studio.work.worker import StoppedError, Worker, packed, unpacked
-from floatplan.view.postures import body_poses
+from floatplan.view.outlines import body_poses
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one

@@ -10,7 +10,7 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import ComplexArray
 from floatplan.plans.measures import PlanWarning, Utilisation
-from floatplan.view.postures import Poses, body_poses, postures
+from floatplan.view.outlines import Poses, body_poses, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
