@@ -107,6 +107,12 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
     return tuple(sorted(rows, key=lambda row: -row.worst))
 
 
+def largest_use(rows: Sequence[Utilisation]) -> float | None:
+    """Return the largest share of a limit that a motor uses; None where none has a limit."""
+    shares = [getattr(use, f"{row.key}_utilisation") for use in rows for row in USED]
+    return max((share for share in shares if share is not None), default=None)
+
+
 def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
     """Limits whose utilisation is worth a column: those that are always told, and those that some motor has."""
     return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
