@@ -173,11 +173,14 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
     done: list[tuple[Array, Array, Joints]] = []
     count = 0
     while True:
-        joints = joint_models(robot, record, TimeCells.between(low, high))
+        cells = TimeCells.between(low, high)
+        joints = joint_models(robot, record, cells)
         middle = 0.5 * (low + high)
         coarse = _coarse(joints, duration) & (low < middle) & (middle < high)
         if count + len(low) + coarse.sum() > budget:
             coarse[:] = False
+        if not done and not coarse.any():
+            return assemble(record, cells, joints)
         fine = np.flatnonzero(~coarse)
         done.append((low[fine], high[fine], joints[fine]))
         count += len(fine)
