@@ -131,8 +131,8 @@ import numpy as np
 import floatplan as fp
 from floatplan.problem.schema import problem_schema
 from floatplan.studies.numbers import quantity
-from floatplan.studio.session import edits
-from floatplan.studio.session.session import View
+from floatplan.studio import edits
+from floatplan.studio.session import View
 from floatplan.view.figures.figures import figures
 from floatplan.view.report.report import report
 
@@ -148,7 +148,7 @@ def verdicts(plan, kind):
 """
 
 LIMIT_WORKS = """
-from floatplan.studio.panel.tabs import LimitsTab
+from floatplan.studio.panel import LimitsTab
 from floatplan.plans.measures import told_limits
 from floatplan.tables import LIMIT_TABLE
 
@@ -172,9 +172,9 @@ assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
 assert quantity("limits.power", False).unit == "W"
 by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
 assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
-dials = MagicMock()
-LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), dials, MagicMock())
-assert f"{problem.robot.joints[0]}, W" in [call.args[0].label for call in dials.add.call_args_list]
+inputs = MagicMock()
+LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), inputs)
+assert f"{problem.robot.joints[0]}, W" in [call.args[0].label for call in inputs.slider.call_args_list]
 try:
     fp.Replanner(plan)
 except fp.InputError as error:
@@ -190,7 +190,7 @@ from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import compiled_rows
 from floatplan.planning.transcription.program import FlightProgram, objective, watching
 from floatplan.problem.parts import OBSTACLE_KINDS
-from floatplan.studio.panel.tabs import ObstaclesTab, obstacle_dials
+from floatplan.studio.panel import ObstaclesTab, obstacle_dials
 from floatplan.view.scene.scene import obstacle_slab
 
 problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
