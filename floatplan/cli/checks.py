@@ -24,7 +24,7 @@ def certify(
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     from floatplan.certificate.certificate import BUDGET
-    from floatplan.certificate.certify import certify as prove
+    from floatplan.certificate.certificate import certify as prove
     from floatplan.plans.reading import load_record
 
     with progress("proving"):
@@ -83,7 +83,7 @@ def replay(
     With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
     corrected.
     """
-    from floatplan.plans.plan_file import load_plan
+    from floatplan.plans.plan import load_plan
     from floatplan.simulation.replay import check_engine
     from floatplan.simulation.replay import replay as fly
 

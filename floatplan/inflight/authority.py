@@ -10,20 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import FINITE
+from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.correction import REACHED
 from floatplan.inflight.prediction import Prediction, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import given_plan
+from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
-from floatplan.shown import Outlined
 
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried
