@@ -39,6 +39,12 @@ from floatplan.simulation.flights import ClosedLoop as ClosedLoop
 from floatplan.simulation.perturbation import Perturbation as Perturbation
 from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
+from floatplan.stance.check import JumpCheck as JumpCheck
+from floatplan.stance.jump import Jump as Jump
+from floatplan.stance.jump_motion import JumpPhase as JumpPhase
+from floatplan.stance.planner import jump as jump
+from floatplan.stance.jump_file import load_jump as load_jump
+from floatplan.stance.request import JumpRequest as JumpRequest
 from floatplan.studies.study import Study as Study
 from floatplan.studies.study import study as study
 

@@ -5,17 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
-
-if TYPE_CHECKING:
-    from floatplan.stance.jump import Jump
 
 RATE = 2000.0  # [1/s]
 RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing height
@@ -55,7 +52,7 @@ class JumpCheck:
     sentences: tuple[str, ...]
 
 
-def check_jump(jump: Jump) -> JumpCheck:
+def check_jump(jump: JumpMotion) -> JumpCheck:
     """Check the stances of a jump at 2 kHz, independently of the program that found them."""
     figures: dict[str, float] = {}
     for stance in jump.stances:
@@ -77,7 +74,7 @@ def check_jump(jump: Jump) -> JumpCheck:
     return _judged(jump, figures)
 
 
-def _dynamics(jump: Jump, stance: Stance, state: JumpState) -> dict[str, float]:
+def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
     robot, problem = stance.robot, jump.problem
     weight = robot.mass * stance.gravity
     model, data = robot.model, robot.model.createData()
@@ -155,7 +152,7 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
     return found
 
 
-def _surroundings(jump: Jump, stance: Stance, state: JumpState) -> dict[str, float]:
+def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
     """Least height of what does not stand, by the corners of the links' hulls; least distance from obstacles."""
     robot = stance.robot
     tree = robot.tree
@@ -187,7 +184,7 @@ def _surroundings(jump: Jump, stance: Stance, state: JumpState) -> dict[str, flo
     return found
 
 
-def _seams(jump: Jump) -> dict[str, float]:
+def _seams(jump: JumpMotion) -> dict[str, float]:
     """Steps of places, rates and accelerations at the flight's ends, and of torques where contacts change."""
     found = {"takeoff_seam": 0.0, "landing_seam": 0.0, "torque_step": 0.0}
     assert jump.flight is not None
@@ -212,7 +209,7 @@ def _seams(jump: Jump) -> dict[str, float]:
     return found
 
 
-def _judged(jump: Jump, figures: dict[str, float]) -> JumpCheck:
+def _judged(jump: JumpMotion, figures: dict[str, float]) -> JumpCheck:
     margin, friction = jump.request.margin, jump.request.friction
     torque, velocity = margin["torque"], margin["velocity"]
     rules = [

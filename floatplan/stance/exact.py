@@ -19,8 +19,8 @@ from scipy.optimize import root
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.stance.contacts import Contact
-from floatplan.stance.grid import Grid, hermite
 from floatplan.stance.model import PlanarModel, casadi
+from floatplan.stance.motion import Grid, hermite
 from floatplan.stance.phases import Phase
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import axes_of, balanced, closures, spread

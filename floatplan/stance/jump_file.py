@@ -1,14 +1,7 @@
-"""Files of jumps, ``jump.json``: what is needed to rebuild and check a jump without its program.
-
-JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``problem`` as in plan files, ``request``,
-``flight``, an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its
-first contact, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (orientation and
-joints with their derivatives), ``ratios``.
-"""
+"""Files of jumps, read: a jump brought back to life beside the URDF that it names, without its program."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,56 +12,19 @@ from floatplan.arguments import optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.files import check_finite, plain, read_json, write_atomically
-from floatplan.plans.plan_file import rebuild
-from floatplan.plans.reading import record_from_dict
+from floatplan.files import check_finite, read_json
+from floatplan.plans.plan import rebuild
+from floatplan.plans.reading import record_from_dict, recorded_robot
 from floatplan.plans.record import RobotRecord
-from floatplan.plans.recorded_robot import recorded_robot, robot_record
 from floatplan.pool.threads import one_thread
-from floatplan.problem.file import problem_from_dict, problem_to_dict
+from floatplan.problem.file import problem_from_dict
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
-from floatplan.stance.grid import Grid
-from floatplan.stance.jump import Jump
-from floatplan.stance.motion import Stance
+from floatplan.stance.jump import FORMAT, Jump
+from floatplan.stance.motion import Grid, Stance
 from floatplan.stance.request import JumpRequest
 
-FORMAT = "floatplan.jump/1"
 KEYS = ("format", "status", "explanation", "robot", "problem", "request", "flight", "stances")
-ARRAYS = ("times", "y", "v", "a", "ratios")
-
-
-def save_jump(jump: Jump, path: str | Path) -> Path:
-    """Write a jump's file; it appears whole or not at all."""
-    sides = (("takeoff", jump.before), ("landing", jump.after))
-    content = {
-        "format": FORMAT,
-        "status": jump.status,
-        "explanation": jump.explanation,
-        "robot": vars(robot_record(jump.problem.robot)),
-        "problem": problem_to_dict(jump.problem),
-        "request": vars(jump.request),
-        "flight": None if jump.flight is None else jump.flight.record.to_dict(),
-        "stances": [{"side": side, **_stance(each)} for side, stances in sides for each in stances],
-    }
-    return write_atomically(as_path(path, "path"), json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
-
-
-def _stance(stance: Stance) -> dict[str, Any]:
-    return {
-        "contacts": [
-            {
-                "frames": list(each.frames),
-                "suffix": each.suffix,
-                "places": [[place.real, place.imag] for _, place in each.spots],
-                "depth": each.depth,
-                "vertical": each.vertical,
-            }
-            for each in stance.contacts
-        ],
-        "place": [stance.place.real, stance.place.imag],
-        **{name: getattr(stance.grid, name) for name in ARRAYS},
-    }
 
 
 @one_thread
@@ -112,15 +68,8 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
-    return Jump(
-        problem,
-        request,
-        str(content["status"]),
-        str(content["explanation"]),
-        flight,
-        tuple(sides["takeoff"]),
-        tuple(sides["landing"]),
-    )
+    answer = {"status": str(content["status"]), "explanation": str(content["explanation"])}
+    return Jump(problem, request, flight, tuple(sides["takeoff"]), tuple(sides["landing"]), **answer)
 
 
 def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.grid import hermite
 from floatplan.stance.model import casadi
+from floatplan.stance.motion import hermite
 from floatplan.stance.phases import Phase
 from floatplan.stance.rows import BALANCE, MEETS, RELEASE, NodeRows, Rows, closures, hermite_step
 

@@ -10,7 +10,8 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
-from floatplan.stance.jump import Jump, jump
+from floatplan.stance.jump import Jump
+from floatplan.stance.planner import jump
 
 INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"

@@ -14,9 +14,10 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.stance.grid import Grid
-from floatplan.stance.jump import Jump, jump
+from floatplan.stance.jump import Jump
 from floatplan.stance.jump_file import load_jump
+from floatplan.stance.motion import Grid
+from floatplan.stance.planner import jump
 from floatplan.stance.request import JumpRequest
 
 if not INSTALLED:

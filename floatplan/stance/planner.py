@@ -1,0 +1,162 @@
+"""From a problem to a jump: one program over all phases, its flight planned, its stances made exact and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from floatplan.arguments import SEED, made, optional, whole
+from floatplan.errors import InputError
+from floatplan.pool.threads import one_thread
+from floatplan.problem.file import given_problem
+from floatplan.problem.problem import Problem
+from floatplan.stance.exact import exact_side
+from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
+from floatplan.stance.jump import Jump
+from floatplan.stance.model import casadi
+from floatplan.stance.motion import Stance
+from floatplan.stance.program import JumpProgram, Solution
+from floatplan.stance.request import JumpRequest
+from floatplan.stance.setup import Room, Setup, jump_setup
+from floatplan.tables import Range
+
+ROOM = Room(0.9, 0.97, 0.7, 4)  # of the first program; the next depends on what its jump breaks
+CORRECTIONS = 2  # [-] programs after the first
+FINER = 1.4  # [-] times the nodes in each
+STRICTER = 0.97  # [-] beyond what a figure shows
+STARTS = 4
+MOST_STARTS = Range(1, 1000, "")
+
+
+@one_thread
+def jump(
+    problem: Problem | str | Path,
+    request: JumpRequest | None = None,
+    *,
+    seed: int = 0,
+    starts: int = STARTS,
+    progress: Callable[[str], None] | None = None,
+) -> Jump:
+    """Plan a whole jump: from standing through a flight to standing again.
+
+    The goal's orientation fixes the whole turns; postures, durations and momentum of the flight are optimised unless
+    the request fixes them. The sum of the motors' squared torques is least.
+
+    Parameters
+    ----------
+    problem : Problem, or path of a problem file
+    request : JumpRequest, optional
+    seed : int
+        Of the starts after the first, which is generic, and of the flight's plan.
+    starts : int
+        How many are tried, until one is found.
+    progress : callable, optional
+        Told in a few words what is done.
+
+    Returns
+    -------
+    Jump
+        Always: ``ok``, ``status``, ``explanation``.
+
+    Raises
+    ------
+    InputError
+        The problem or the request is wrong, nothing can stand as asked, or CasADi is not installed.
+    """
+    casadi()
+    problem = given_problem(problem)
+    request = optional(made(JumpRequest))(request, "request") or JumpRequest()
+    seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
+    say = progress or (lambda _: None)
+    setup = jump_setup(problem, request)
+    best: tuple[float, str] = (np.inf, "")
+    answer: Jump | None = None
+    program = setup.program(ROOM)
+    for start in range(starts):
+        say(f"start {start + 1} of {starts}")
+        rng = np.random.default_rng((seed, start)) if start else None
+        solution = program.solve(program.guess(rng))
+        if not solution.converged:
+            best = min(best, solution.worst)
+            continue
+        answer = _corrected(setup, program, solution, seed)
+        if answer.ok:
+            return answer
+    if answer is not None:
+        return answer
+    return _not_found(
+        problem,
+        request,
+        f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
+    )
+
+
+def _corrected(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
+    """The jump of a solution, or of one with more nodes, stricter where the check fails."""
+    room, answer = ROOM, completed(setup, program, solution, seed)
+    for _ in range(CORRECTIONS):
+        if answer.ok:
+            break
+        room = _stricter(room, answer)
+        finer = setup.program(room)
+        again = finer.solve(finer.resampled(solution, program.phases))
+        if not again.converged:
+            break
+        program, solution = finer, again
+        answer = completed(setup, program, solution, seed)
+    return answer
+
+
+def _stricter(room: Room, answer: Jump) -> Room:
+    """More nodes, and less of what the check finds too much of."""
+    margin, figures = answer.request.margin, answer.check.figures
+
+    def share(name: str, limit: float, now: float) -> float:
+        over = figures.get(name, 0.0) / limit
+        return now if over <= 1 else now * STRICTER / min(over, 1.25)
+
+    torque = min(share("torque", margin["torque"], room.torque), share("torque_speed", margin["torque"], room.torque))
+    velocity = share("velocity", margin["velocity"], room.velocity)
+    friction = share("friction", answer.request.friction, room.friction)
+    return Room(torque, velocity, friction, 2 * room.directions, FINER * room.finer)
+
+
+def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
+    """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
+    problem, request = setup.problem, setup.request
+    try:
+        plan = planned_flight(flight_problem(problem, program, solution), seed)
+    except InputError as error:
+        return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
+    if not plan.ok:
+        return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
+    sides = {side: exact_side(program, solution, plan, side) for side in ("takeoff", "landing")}
+    model = program.model
+    end = plan.at(plan.duration)
+    landing = program.phases[program.flight + 1].anchor
+    tree, (body, local) = model.robot.tree, landing.spots[0]
+    turned = tree.rotations(tree.absolute_angles(np.asarray(end.orientation), end.positions))
+    from_com = turned @ tree.point_weights(np.array([body]), np.array([local], np.complex128))[0]
+    places = {"takeoff": takeoff_place(program, solution), "landing": complex(*end.com_position) + complex(from_com)}
+    stances = {
+        side: tuple(
+            Stance(model.robot, model.gravity, phase.contacts, places[side], grid)
+            for phase, grid in zip([each for each in program.phases if each.side == side], sides[side], strict=True)
+        )
+        for side in sides
+    }
+    found = Jump(problem, request, plan, stances["takeoff"], stances["landing"], status="found")
+    return replace(found, explanation=_explained(found))
+
+
+def _explained(found: Jump) -> str:
+    if found.check.ok:
+        return "The stances hold at 2 kHz."
+    return f"The stances do not hold between the program's nodes: {found.check.sentences[0]}."
+
+
+def _not_found(problem: Problem, request: JumpRequest, explanation: str) -> Jump:
+    return Jump(problem, request, explanation=explanation)
