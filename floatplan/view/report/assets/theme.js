@@ -25,20 +25,23 @@ function tone(name) {
 function shade(colour) {
   if (!DARK.matches) return colour;
   if (colour === TONES.ink[0]) return TONES.ink[1];
-  let parts = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+  let parts = channels(colour);
   while (lightness(parts) < LEAST_LIGHT) parts = parts.map((part) => Math.ceil(part + 0.1 * (255 - part)));
   return `#${parts.map((part) => part.toString(16).padStart(2, "0")).join("")}`;
 }
 
+function channels(colour) {
+  return [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+}
+
 function lightness(parts) {
-  const [red, green, blue] = parts.map((part) => (part / 255) ** 2.2);
-  return 0.2126 * red + 0.7152 * green + 0.0722 * blue;
+  return [0.2126, 0.7152, 0.0722].reduce((sum, share, index) => sum + share * (parts[index] / 255) ** 2.2, 0);
 }
 
 /* A colour #rrggbb mixed with the paper: strength 1 is the colour. */
 function faded(colour, strength) {
   if (strength === 1) return shade(colour);
-  const [ink, paper] = [shade(colour), tone("paper")].map((one) => [1, 3, 5].map((at) => parseInt(one.slice(at, at + 2), 16)));
+  const [ink, paper] = [shade(colour), tone("paper")].map(channels);
   return `rgb(${ink.map((part, index) => Math.round(paper[index] + strength * (part - paper[index]))).join(",")})`;
 }
 
@@ -56,6 +59,11 @@ function make(tag, name = "", text = "") {
   return element;
 }
 
+/* Rows of a list of terms. */
+function addRows(list, rows) {
+  for (const [name, text] of rows) list.append(make("dt", "", name), make("dd", "", text));
+}
+
 function fillHeader({ name, question, version }) {
   document.getElementById("name").textContent = name;
   document.getElementById("question").textContent = question;
@@ -64,9 +72,8 @@ function fillHeader({ name, question, version }) {
 
 /* A list's next entry: its swatch, in front of words. */
 function addKey(list, shape, words) {
-  const entry = list.appendChild(make("li"));
-  const swatch = entry.appendChild(make("i", `swatch ${shape}`));
-  entry.appendChild(make("span", "", words));
+  const swatch = make("i", `swatch ${shape}`);
+  list.appendChild(make("li")).append(swatch, make("span", "", words));
   return swatch;
 }
 
