@@ -13,7 +13,7 @@ from floatplan.initial.problems import MOTION, limits_of
 from floatplan.initial.robots import ChosenRobot
 from floatplan.initial.stance import FAST
 from floatplan.motion.planar.closed_form import tree_dynamics
-from floatplan.problem.limits import position_limits
+from floatplan.problem.checks import position_limits
 from floatplan.problem.parts import Flight, Posture
 from floatplan.problem.problem import Problem
 

@@ -12,27 +12,28 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
 from typing import ClassVar
 
-from floatplan.arguments import Check, Checked, flag, made, many, optional, text
+from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
 from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
 from floatplan.pool.threads import one_thread
 from floatplan.problem.checks import (
+    TOUCHING,
     check_contact,
     check_counts,
+    check_inside,
     check_pair,
     check_window,
     degrees_of,
+    frame_height,
+    ground_height,
+    joint_limits,
     joint_state,
     landing_of,
-    takeoff_of,
-)
-from floatplan.problem.ground import TOUCHING, frame_height, ground_height, lowest_point
-from floatplan.problem.limits import (
-    check_inside,
-    joint_limits,
+    lowest_point,
     motor_torque_limits,
     motor_values,
     position_limits,
+    takeoff_of,
     torque_limits,
 )
 from floatplan.problem.parts import (
@@ -50,7 +51,6 @@ from floatplan.problem.parts import (
 )
 from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
-from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
 
 PAIRS = many(made(SelfClearance), "SelfClearance")

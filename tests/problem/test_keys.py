@@ -12,9 +12,8 @@ import floatplan as fp
 from floatplan.cli.common import Options
 from floatplan.plans.schema import SHARED, problem_table
 from floatplan.problem import parts
-from floatplan.problem.json_schema import TABLES
 from floatplan.problem.keys import ANGLE, Key, Keyed
-from floatplan.problem.schema import PartTable
+from floatplan.problem.schema import TABLES, PartTable
 from floatplan.problem.validation import validated
 
 
@@ -23,7 +22,7 @@ class Wing(Keyed):
     """A part that no problem has."""
 
     span: Annotated[float, Key("From tip to tip", "m", "radius")]
-    sweep: Annotated[float | Literal["none"], Key("Backwards", ANGLE, "orientation", "a number or 'none'")] = "none"
+    sweep: Annotated[float | Literal["none"], Key("Backwards", ANGLE, "orientation")] = "none"
     tip: Annotated[parts.Takeoff | None, Key("What is at its end")] = None
 
 
