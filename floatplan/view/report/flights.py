@@ -15,11 +15,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from floatplan.arguments import html_table
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
-from floatplan.shown import html_table
 from floatplan.simulation.flights import ClosedLoop
 from floatplan.view.report.report import asset, filled, policy
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
