@@ -106,7 +106,7 @@ def _together(task: StudyTask, problems: Family) -> dict[str, Any] | None:
         return None
     spent = np.maximum(plans.evaluations, 1)
     milliseconds = 1e3 * (time.perf_counter() - began) * spent / spent.sum()
-    shown = {each: printable(each, LONGEST_EXPLANATION) for each in (GOAL_MET, *plans.messages.values())}
+    shown = {each: printable(each, LONGEST_EXPLANATION) for each in {GOAL_MET, *plans.messages.values()}}
     explanation = np.full(len(plans), shown[GOAL_MET], dtype=object)
     for index, message in plans.messages.items():
         explanation[index] = shown[message]
