@@ -12,7 +12,7 @@ from floatplan.planning import search
 from floatplan.plans import reading
 from floatplan.problem import checks, family, file, parts
 from floatplan.robot.shapes import links, meshes
-from floatplan.robot.urdf import check, values
+from floatplan.robot.urdf import check, read
 from floatplan.simulation import closed_loop, feedback, forward, replay
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
@@ -75,7 +75,7 @@ def test_sizes(page):
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
         f"above {reading.LARGEST_FOUND:g}",
-        f"below {values.LARGEST:g}",
+        f"below {read.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
         *(f"`.{kind}`" for kind in meshes.KINDS),
     ],

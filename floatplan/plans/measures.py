@@ -19,7 +19,7 @@ from floatplan.plans.contact import Contact
 from floatplan.plans.contact_advice import FAST
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
-from floatplan.robot.parts import Coupling
+from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
 from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitRow
 

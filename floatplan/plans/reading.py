@@ -12,15 +12,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from floatplan.arguments import number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.plans.schema import FILE, check_asked
-from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.robot.urdf.example_robots import PREFIX
-from floatplan.tables import check_number
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
@@ -97,7 +96,7 @@ def _record(content: dict[str, Any]) -> PlanRecord:
 def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
     """Refuse numbers beyond what any flight has; b_k counts as ``b_k T^k``, which is an angle."""
     duration = float(content["problem"]["flight"]["duration"])
-    check_number(duration, "problem.flight.duration", "duration")
+    number("duration")(duration, "problem.flight.duration")
     with np.errstate(over="ignore"):
         angles = np.abs(coefficients) * duration ** np.arange(coefficients.shape[1])
     if not (angles <= LARGEST_ANGLE).all():
@@ -226,7 +225,7 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
 def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
     return RobotRecord(
-        urdf=robot.source if robot.source.startswith(PREFIX) or robot.path is None else str(robot.path.resolve()),
+        urdf=robot.source if robot.source.startswith(PREFIX) else str(robot.path.resolve()),
         sha256=robot.sha256,
         joints=robot.joints,
         plane=robot.plane.name,

@@ -35,7 +35,7 @@ def visual_model(robot: Robot) -> Any:
         A mesh cannot be read, is too large, or is an archive.
     """
     root = ElementTree.fromstring(robot.xml)
-    folder = Path() if robot.path is None else robot.path.parent
+    folder = robot.path.parent
     if not _drop_missing_visuals(root, folder):
         return None
     import yourdfpy

@@ -23,7 +23,7 @@ from floatplan.errors import import_optional
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
-from floatplan.robot.parts import Plane
+from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
 from floatplan.view.outlines import (
     Poses,
