@@ -16,7 +16,7 @@ import numpy as np
 
 from floatplan.arguments import flag, function, optional, outline, text, whole
 from floatplan.arguments import path as as_path
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
