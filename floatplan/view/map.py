@@ -90,7 +90,10 @@ def heatmap(shown: HeatMap) -> Figure:
             cells[shown.status == index] = to_rgba_array(colour)[0] * 255
         finite = np.isfinite(shown.colour)
         if finite.any() and not of_status:
-            scale = _scale(shown.colour[finite])
+            low, high = float(shown.colour[finite].min()), float(shown.colour[finite].max())
+            spreads = low > 0 and high > LOGARITHMIC * low
+            norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
+            scale = ScalarMappable(norm, SEQUENCE)
             cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
             _draw_bar(figure, axes, scale, shown.label)
         # one image: it is drawn many times faster than as many rectangles
@@ -105,13 +108,6 @@ def heatmap(shown: HeatMap) -> Figure:
         if patches:
             figure.legend(handles=patches, loc="outside lower left", ncols=1)
         return figure
-
-
-def _scale(values: Array) -> ScalarMappable:
-    """From values to colours."""
-    low, high = float(values.min()), float(values.max())
-    spreads = low > 0 and high > LOGARITHMIC * low
-    return ScalarMappable(LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1), SEQUENCE)
 
 
 def _draw_bar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str) -> None:
@@ -168,6 +164,8 @@ def colours() -> dict[str, Any]:
     scale: Array = matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, COLOURS))[:, :3]
     return {
         "scale": [to_hex(colour) for colour in scale],
+        "logarithmic": LOGARITHMIC,
+        "many_decades": MANY_DECADES,
         "statuses": [
             {"name": name, "colour": colour, "words": words} for name, (colour, words) in STATUS_LOOKS.items()
         ],

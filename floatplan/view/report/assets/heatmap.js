@@ -3,7 +3,6 @@
 
 const MARGIN = { left: 62, right: 12, top: 8, bottom: 46 };
 const BETWEEN = 64; // pixels, of two numbers on the scale
-const LOGARITHMIC = 30; // times the least colour: where the largest is more, the scale is logarithmic
 const SOLVED = 2; // statuses below it hold a plan
 const WORST_FIRST = [0, 0, 1, 2, 3]; // which status a cell without a plan shows: impossible only where all are
 
@@ -53,7 +52,8 @@ class HeatMap {
     const hasColour = (row) => row >= 0 && this.rows.status[row] < SOLVED && Number.isFinite(this.values[row]);
     const shown = Float32Array.from(this.values ? this.row.filter(hasColour) : [], (row) => this.values[row]).sort();
     this.range = shown.length ? [shown[0], shown[Math.floor((cut ? 0.98 : 1) * (shown.length - 1))]] : null;
-    this.isLogarithmic = this.range !== null && this.range[0] > 0 && this.range[1] > LOGARITHMIC * this.range[0];
+    const { logarithmic } = this.rows.data.colours;
+    this.isLogarithmic = this.range !== null && this.range[0] > 0 && this.range[1] > logarithmic * this.range[0];
     this.isCut = cut && shown.length > 0 && this.range[1] < shown[shown.length - 1];
   }
 
@@ -170,7 +170,9 @@ class HeatMap {
     pen.textAlign = "center";
     const room = (right - left) / BETWEEN;
     let last = left + BETWEEN / 2;
-    for (const value of this.isLogarithmic ? logarithmicTicks(...this.range) : ticks(this.range, room)) {
+    const many = this.rows.data.colours.many_decades;
+    const marks = this.isLogarithmic ? logarithmicTicks(...this.range, many) : ticks(this.range, room);
+    for (const value of marks) {
       const place = left + this.share(value) * (right - left);
       if (place < last + BETWEEN / 2 || place > right - BETWEEN) continue;
       pen.fillRect(place - 0.5, 14, 1, 4);
@@ -241,8 +243,8 @@ function ticks(edges, room) {
 }
 
 /* 1, 2 and 5 times the powers of ten from low to high, where these are few; else the powers alone. */
-function logarithmicTicks(low, high) {
-  const factors = high / low < 3000 ? [1, 2, 5] : [1];
+function logarithmicTicks(low, high, many) {
+  const factors = high / low < many ? [1, 2, 5] : [1];
   const [first, last] = [low, high].map((end) => Math.floor(Math.log10(end)));
   const powers = Array.from({ length: last - first + 1 }, (_, index) => 10 ** (first + index));
   const values = powers.flatMap((power) => factors.map((factor) => factor * power));

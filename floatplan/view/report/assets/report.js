@@ -16,7 +16,7 @@ function fillKey({ robot, frames }) {
     entry.setAttribute("aria-pressed", "false");
   });
   for (const { name, role, colour } of frames) add("ring", colour, `${name} (${role})`);
-  add("dot", "#222222", "centre of mass");
+  add("dot", INK, "centre of mass");
   return list;
 }
 

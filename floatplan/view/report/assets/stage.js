@@ -110,7 +110,7 @@ class Stage {
       pen.stroke();
     }
     if (this.shown.margins) {
-      pen.strokeStyle = tone("alarm");
+      pen.strokeStyle = tone("bad");
       pen.lineWidth = 1;
       pen.setLineDash([4, 3]);
       for (const outline of obstacle.margins) stroke(pen, placed(outline));

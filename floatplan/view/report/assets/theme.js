@@ -4,27 +4,21 @@
    Light or dark, as the reader's system has it: what is painted with these colours is painted again when that changes. */
 
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
-const TONES = {
-  ink: ["#222222", "#e6e6e6"],
-  soft: ["#666666", "#a6a6a6"],
-  paper: ["#ffffff", "#15181c"],
-  grid: ["#f0f0f0", "#24282e"],
-  ground: ["#f3f1ec", "#26251f"],
-  wall: ["#e6e2da", "#34322b"],
-  stone: ["#a3a3a3", "#6b6b6b"],
-  alarm: ["#b00020", "#ff6b7a"],
-};
+const INK = "#222222"; // of data: the paper's own ink
 const LEAST_LIGHT = 0.22; // of a curve on dark paper, 0 black to 1 white
 const painted = [];
+let tones = {};
 
+/* A colour of the style sheet. */
 function tone(name) {
-  return TONES[name][DARK.matches ? 1 : 0];
+  tones[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  return tones[name];
 }
 
 /* A colour #rrggbb of data: on dark paper, mixed with white until it can be seen. */
 function shade(colour) {
   if (!DARK.matches) return colour;
-  if (colour === TONES.ink[0]) return TONES.ink[1];
+  if (colour === INK) return tone("ink");
   let parts = channels(colour);
   while (lightness(parts) < LEAST_LIGHT) parts = parts.map((part) => Math.ceil(part + 0.1 * (255 - part)));
   return `#${parts.map((part) => part.toString(16).padStart(2, "0")).join("")}`;
@@ -50,7 +44,10 @@ function paint(action) {
   action();
 }
 
-DARK.addEventListener("change", () => painted.forEach((action) => action()));
+DARK.addEventListener("change", () => {
+  tones = {};
+  painted.forEach((action) => action());
+});
 
 function make(tag, name = "", text = "") {
   const element = document.createElement(tag);
