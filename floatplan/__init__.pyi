@@ -20,6 +20,9 @@ from floatplan.plans.verdicts import Certificate as Certificate
 from floatplan.problem.family import Family as Family
 from floatplan.problem.file import load_problem as load_problem
 from floatplan.problem.file import save_problem as save_problem
+from floatplan.problem.jump import JumpLanding as JumpLanding
+from floatplan.problem.jump import JumpRequest as JumpRequest
+from floatplan.problem.jump import JumpTakeoff as JumpTakeoff
 from floatplan.problem.parts import Bar as Bar
 from floatplan.problem.parts import Circle as Circle
 from floatplan.problem.parts import Flight as Flight
@@ -41,10 +44,9 @@ from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
 from floatplan.stance.check import JumpCheck as JumpCheck
 from floatplan.stance.jump import Jump as Jump
+from floatplan.stance.jump_file import load_jump as load_jump
 from floatplan.stance.jump_motion import JumpPhase as JumpPhase
 from floatplan.stance.planner import jump as jump
-from floatplan.stance.jump_file import load_jump as load_jump
-from floatplan.stance.request import JumpRequest as JumpRequest
 from floatplan.studies.study import Study as Study
 from floatplan.studies.study import study as study
 

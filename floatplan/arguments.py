@@ -47,7 +47,7 @@ class Checked:
         for name, check in self.checks.items():
             value = getattr(self, name)
             try:
-                kept = check(value, place + name)
+                kept = check(value, place + name.rstrip("_"))  # what is a word of Python has one in its name
             except InputError as error:
                 errors.append(error)
             else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from floatplan.arguments import flag
@@ -10,6 +11,7 @@ from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import given_problem
+from floatplan.problem.jump import FLIGHT_ALONE
 from floatplan.problem.problem import Problem
 
 
@@ -59,7 +61,14 @@ def plan(
     """
     found = planned(given_problem(problem), SearchOptions(seed, starts, budget, jobs, progress))
     if not flag(prove, "prove"):
-        return found.plan
+        return _noted(found.plan)
     from floatplan.planning.repair import proved_plan  # here, because most plans do without
 
-    return proved_plan(found)
+    return _noted(proved_plan(found))
+
+
+def _noted(plan: Plan) -> Plan:
+    """The plan, which says so where it is but the flight of a jump."""
+    if plan.problem.jump is None:
+        return plan
+    return plan.with_record(replace(plan.record, explanation=f"{plan.explanation} {FLIGHT_ALONE}"))

@@ -181,7 +181,13 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTabl
             "motion": KeyedTable({"degree": _degree(n), "objective": one_of(*OBJECTIVES)}),
             "limits": KeyedTable(kept, may_be_kept),
         },
-        {"name": text, "ground": flag, "obstacles": ListOf(_obstacle), "self_clearance": ListOf(_pair)},
+        {
+            "name": text,
+            "ground": flag,
+            "obstacles": ListOf(_obstacle),
+            "self_clearance": ListOf(_pair),
+            "jump": table,  # around the flight, of which nothing is proved
+        },
     )
 
 

@@ -17,6 +17,7 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
+from floatplan.problem.jump import jump_table
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable, RobotTable
@@ -125,6 +126,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "limits": limits,
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
         "self_clearance": [asdict(pair) for pair in problem.self_clearances],
+        **({} if problem.jump is None else {"jump": jump_table(problem.jump)}),
     }
     values: dict[str, Any] = plain(content)
     return values
@@ -217,6 +219,7 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str
         self_clearances=tuple(pair.made() for pair in tables.self_clearance),
         name=tables.name or default_name,
         ground=tables.ground,
+        jump=None if tables.jump is None else tables.jump.made(),
         written=written,
     )
 

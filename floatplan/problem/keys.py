@@ -37,6 +37,11 @@ class Key:
     check: Check | None = None
 
 
+def in_files(name: str) -> str:
+    """The key of a field: without the underscore of a name that is a word of Python."""
+    return name.rstrip("_")
+
+
 class Keyed(Checked):
     """A part of a problem, whose annotated fields are the keys of its table in problem files."""
 

@@ -33,6 +33,7 @@ from floatplan.problem.checks import (
     takeoff_of,
     torque_limits,
 )
+from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.problem.parts import (
     OBSTACLE_KINDS,
     Flight,
@@ -61,6 +62,8 @@ class Problem(Checked):
     ----------
     ground : bool
         Whether all links stay above the horizontal line through the lowest point of the takeoff link's shapes at t = 0.
+    jump : JumpRequest or None
+        The whole jump of which this is the flight, for :func:`floatplan.jump`; plans of the flight leave it alone.
     initial, final : JointState
         ``start`` and ``goal`` as arrays.
     position_limits : (n, 2) rad, always finite
@@ -87,6 +90,7 @@ class Problem(Checked):
     self_clearances: tuple[SelfClearance, ...] = ()
     name: str = "flight"
     ground: bool = False
+    jump: JumpRequest | None = None
     written: InitVar[str | None] = None
     initial: JointState = field(init=False)
     final: JointState = field(init=False)
@@ -111,6 +115,7 @@ class Problem(Checked):
         "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
         "name": text,
         "ground": flag,
+        "jump": optional(made(JumpRequest)),
         "file_text": optional(text),
     }
 
@@ -123,6 +128,7 @@ class Problem(Checked):
             errors += faults(self._resolutions())
             errors += faults((partial(refuse_leak, self.robot), partial(check_name, self.name, "name")))
             errors += surroundings_errors(self.robot, self.obstacles, self.self_clearances, self.flight.duration)
+            errors += [] if self.jump is None else jump_errors(self.robot, self.jump)
             if self.obstacles or self.self_clearances or self.ground:
                 errors += faults((self.robot.check_shapes,))
         except (AttributeError, TypeError, ValueError):

@@ -40,7 +40,8 @@ from pydantic import (
 
 from floatplan.arguments import either
 from floatplan.problem import parts as asked
-from floatplan.problem.keys import ANGLE, Key, Keyed
+from floatplan.problem.jump import JumpLanding, JumpRequest, JumpTakeoff
+from floatplan.problem.keys import ANGLE, Key, Keyed, in_files
 from floatplan.robot.robot import Coupling
 from floatplan.tables import RANGES
 
@@ -88,7 +89,7 @@ class PartTable(Table, Generic[Part]):
 
     def values(self) -> dict[str, Any]:
         """The fields of the part."""
-        return {name: _value(getattr(self, name)) for name in self.part.keys}
+        return {name: _value(getattr(self, in_files(name))) for name in self.part.keys}
 
     def made(self) -> Part:
         """Return the part that the table describes."""
@@ -105,7 +106,7 @@ def _table(part: Any) -> type[PartTable[Any]]:
             default = ... if each.default is MISSING else each.default
             if each.default_factory is not MISSING:
                 default = Field(default_factory=each.default_factory)
-            stated[each.name] = (Annotated[_held(hints[each.name], key), key], default)
+            stated[in_files(each.name)] = (Annotated[_held(hints[each.name], key), key], default)
     if issubclass(part, asked.Obstacle):
         stated = {"kind": (Annotated[Literal[part.kind], Key("Which kind of obstacle")], ...), **stated}
     table: type[PartTable[Any]] = create_model(f"{part.__name__}Table", __base__=PartTable, **stated)
@@ -292,6 +293,7 @@ class ProblemTable(Table):
     limits: PartTable[asked.Limits] = Field(default_factory=PartTable[asked.Limits])
     obstacles: list[AnyObstacle] = Field(default_factory=list)
     self_clearance: list[PartTable[asked.SelfClearance]] = Field(default_factory=list)
+    jump: PartTable[JumpRequest] | None = None
 
 
 class RecordedProblemTable(ProblemTable):
@@ -333,6 +335,9 @@ TABLES: dict[str, tuple[type[Table], str]] = {  # by their places in a file, wit
     ),
     **{f"obstacles[{kind}]": (PartTable[known], known.about) for kind, known in asked.OBSTACLE_KINDS.items()},  # type: ignore[valid-type]
     "self_clearance[]": (PartTable[asked.SelfClearance], "Two links to keep apart"),
+    "jump": (PartTable[JumpRequest], "A whole jump around the flight, [jumps](jump.md)"),
+    "jump.takeoff": (PartTable[JumpTakeoff], "What stands before the flight"),
+    "jump.landing": (PartTable[JumpLanding], "What stands after the flight"),
 }
 
 

@@ -78,10 +78,10 @@ def contact_at(robot: Robot, frame: str, positions: Array) -> tuple[Contact, ...
         The frame is unknown, or on the base itself.
     """
     if frame not in robot.frames:
-        raise InputError(f'no frame "{frame}" is known', element="jump.contacts", advice="name a link or a joint")
+        raise InputError(f'no frame "{frame}" is known', element="contacts", advice="name a link or a joint")
     home = robot.frames[frame]
     if home.body == 0:
-        raise InputError(f'"{frame}" is on the base, which cannot stand', element="jump.contacts", advice="name a foot")
+        raise InputError(f'"{frame}" is on the base, which cannot stand', element="contacts", advice="name a foot")
     link = robot.contact_link(home.link)
     shapes = [] if link is None else robot.link_hulls[link]
     corners = [(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
@@ -142,6 +142,19 @@ def standing_feet(robot: Robot, frame: str, positions: Array) -> list[str]:
         for each in chosen.values()
     }
     return sorted(places, key=lambda each: places[each])
+
+
+def in_the_air(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:
+    """Which contact is not on the ground in a posture (n,), the base level, for a person; empty where all are."""
+    heights = {link: _lowest(robot, link, positions) for link, hull in robot.link_hulls.items() if hull}
+    if not heights:
+        return ""
+    lowest = min(heights, key=lambda link: heights[link])
+    for contact in contacts:
+        above = heights_over_com(robot, contact.spots[:1], 0.0, positions)[0].imag - contact.depth - heights[lowest]
+        if above > LEVEL:
+            return f"{contact.name!r} is in the air: {lowest!r} is {1e3 * above:.0f} mm lower"
+    return ""
 
 
 def _lowest(robot: Robot, link: str, positions: Array) -> float:

@@ -64,6 +64,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         ),
         obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
         ground=False,
+        jump=None,
         written=None,
     )
 

@@ -1,9 +1,9 @@
 """The answer: a jump from standing to standing, what its check found, and its file, ``jump.json``.
 
-JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``problem`` as in plan files, ``request``,
-``flight``, an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its
-first contact, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (orientation and
-joints with their derivatives), ``ratios``.
+JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``problem`` as in plan files, ``flight``,
+an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its first contact,
+and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (orientation and joints with
+their derivatives), ``ratios``.
 """
 
 from __future__ import annotations
@@ -67,7 +67,6 @@ class Jump(JumpMotion):
             "explanation": self.explanation,
             "robot": vars(robot_record(self.problem.robot)),
             "problem": problem_to_dict(self.problem),
-            "request": vars(self.request),
             "flight": None if self.flight is None else self.flight.record.to_dict(),
             "stances": [{"side": side, **_stance(each)} for side, stances in sides for each in stances],
         }

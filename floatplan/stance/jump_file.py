@@ -18,13 +18,13 @@ from floatplan.plans.reading import record_from_dict, recorded_robot
 from floatplan.plans.record import RobotRecord
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_from_dict
+from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
 from floatplan.stance.jump import FORMAT, Jump
 from floatplan.stance.motion import Grid, Stance
-from floatplan.stance.request import JumpRequest
 
-KEYS = ("format", "status", "explanation", "robot", "problem", "request", "flight", "stances")
+KEYS = ("format", "status", "explanation", "robot", "problem", "flight", "stances")
 
 
 @one_thread
@@ -61,8 +61,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     if robot.sha256 != found.sha256:
         raise InputError("is not the robot of the flight", element="robot.sha256")
     problem = problem_from_dict(content["problem"], robot, path)
-    asked = content["request"]
-    request = JumpRequest(**asked)
+    request = problem.jump or JumpRequest()
     sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
     for index, each in enumerate(content["stances"]):
         sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))

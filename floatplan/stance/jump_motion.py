@@ -18,10 +18,10 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.full_model import FREE_FLYER, free_flyer
 from floatplan.plans.plan import Plan
 from floatplan.pool.threads import one_thread
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.stance.motion import BASE, JumpState, Stance, flight_state, joined
-from floatplan.stance.request import JumpRequest
 
 
 @dataclass(frozen=True)

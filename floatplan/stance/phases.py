@@ -12,9 +12,8 @@ import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from floatplan.arrays import Array
-from floatplan.errors import InputError
 from floatplan.robot import Robot
-from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
 
 FLIGHT = (2.57, 16)  # [sqrt(height / g), -] guessed duration, and intervals
 STANCES = {"takeoff": ((1.7, 14), (1.03, 14)), "landing": ((0.86, 14), (2.3, 14))}  # the same of each phase
@@ -103,21 +102,17 @@ def phases_of(
     return tuple(phases)
 
 
-def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array:
+def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array | None:
     """Return positions (n,) rad, nearest to the wanted ones, in which the robot stands still with its base level.
 
     All contacts are on level ground, and the centre of mass is over them: inside their span, or above the one point.
+    None where no such posture is found near by.
 
     Parameters
     ----------
     contacts : all on which it stands
     wanted : (n,) rad
     limits : (n, 2) rad
-
-    Raises
-    ------
-    InputError
-        There is none near by.
     """
     spots = [each.spots[0] for each in contacts]
     depths = np.array([each.depth for each in contacts])
@@ -143,10 +138,17 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
         method="SLSQP",
         options={"ftol": 1e-12, "maxiter": 200},
     )
-    if np.abs(faults(found.x)).max() > STILL:
-        raise InputError(
-            "no posture near the reference posture was found in which it stands still",
-            element="jump.contacts",
-            advice="give one, or other contacts",
-        )
-    return np.asarray(found.x)
+    return np.asarray(found.x) if np.abs(faults(found.x)).max() <= STILL else None
+
+
+def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:
+    """Why a robot does not stand still on contacts in a posture (n,), its base level, for a person."""
+    places = heights_over_com(robot, [each.spots[0] for each in contacts], 0.0, positions)
+    step = float(np.ptp(places.imag - [each.depth for each in contacts]))
+    if step > LEVEL:
+        return f"its feet are {1e3 * step:.0f} mm apart in height"
+    low, high = places.real.min(), places.real.max()
+    outside = max(low, -high, 0.0)
+    if outside > STILL:
+        return f"its centre of mass is {1e3 * outside:.0f} mm outside its feet"
+    return "its centre of mass is too near the ends of its feet"

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from floatplan.arguments import SEED, made, optional, whole
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.stance.exact import exact_side
 from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
@@ -19,7 +20,6 @@ from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import Stance
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.request import JumpRequest
 from floatplan.stance.setup import Room, Setup, jump_setup
 from floatplan.tables import Range
 
@@ -49,6 +49,7 @@ def jump(
     ----------
     problem : Problem, or path of a problem file
     request : JumpRequest, optional
+        In place of the problem's own; that of a problem without one is the default.
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
@@ -67,11 +68,15 @@ def jump(
         The problem or the request is wrong, nothing can stand as asked, or CasADi is not installed.
     """
     casadi()
+    file = None if isinstance(problem, Problem) else problem
     problem = given_problem(problem)
-    request = optional(made(JumpRequest))(request, "request") or JumpRequest()
+    asked: JumpRequest = optional(made(JumpRequest))(request, "request") or problem.jump or JumpRequest()
+    if asked is not problem.jump:
+        problem = replace(problem, jump=asked)
     seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
     say = progress or (lambda _: None)
-    setup = jump_setup(problem, request)
+    with naming(file):
+        setup = jump_setup(problem, asked)
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
     program = setup.program(ROOM)
@@ -89,7 +94,7 @@ def jump(
         return answer
     return _not_found(
         problem,
-        request,
+        asked,
         f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
     )
 
@@ -133,9 +138,11 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
     if not plan.ok:
         return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    sides = {side: exact_side(program, solution, plan, side) for side in ("takeoff", "landing")}
-    model = program.model
-    end = plan.at(plan.duration)
+    model, begin, end = program.model, plan.at(0.0), plan.at(plan.duration)
+    sides = {
+        side: exact_side(program, solution, side, (float(state.orientation), float(state.orientation_rate)))
+        for side, state in (("takeoff", begin), ("landing", end))
+    }
     landing = program.phases[program.flight + 1].anchor
     tree, (body, local) = model.robot.tree, landing.spots[0]
     turned = tree.rotations(tree.absolute_angles(np.asarray(end.orientation), end.positions))

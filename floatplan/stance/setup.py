@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.stance.contacts import Contact, contact_at, heights_over_com, standing_feet, watched_points
+from floatplan.stance.contacts import (
+    Contact,
+    contact_at,
+    heights_over_com,
+    in_the_air,
+    standing_feet,
+    watched_points,
+)
 from floatplan.stance.model import PlanarModel
-from floatplan.stance.phases import Phase, phases_of, standing_posture
+from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
 from floatplan.stance.program import JumpProgram
-from floatplan.stance.request import JumpRequest
 from floatplan.stance.rows import Bounds, NodeRows
 
 MOST = 2  # [-] contacts of a phase
+NEAR = 0.1  # [rad] by which a posture that is given may be moved so that it is static
 TURN = 2 * math.pi
 
 
@@ -60,14 +68,14 @@ class Setup:
     standing: Array
     ground: float
 
-    def program(self, room: Room) -> JumpProgram:
-        """Return the program with some room between what the request lets the stances use and the nodes."""
+    def node(self, room: Room) -> NodeRows:
+        """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
         share = request.margin["torque"] * room.torque
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
-            slope=problem.motor_slope * share,
+            slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
             position=np.asarray(problem.position_limits),
             friction=room.friction * request.friction,
@@ -75,10 +83,15 @@ class Setup:
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         watched = watched_points(problem.robot, self.ground, self.standing[0, 1:], room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
+        return NodeRows(model, phases, watched, bounds, self.standing)
+
+    def program(self, room: Room) -> JumpProgram:
+        """Return the program with some room."""
+        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
+        fixed = self.request.fixed
         return JumpProgram(
-            NodeRows(model, phases, watched, bounds, self.standing),
-            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in request.fixed],
+            self.node(room),
+            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
             self._momentum,
         )
 
@@ -102,46 +115,128 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         No frame takes off, a contact cannot be one, there is no gravity, or no standing posture is found.
     """
     robot = problem.robot
-    if not problem.flight.gravity > 0:
-        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    _check_gravity(problem)
     turns = round((problem.final.orientation - problem.initial.orientation) / TURN)
-    groups = request.contacts
-    takeoff, landing = _default_groups(problem, turns) if groups is None else groups
-    found = [[_contacts(robot, names) for names in side] for side in (takeoff, landing)]
-    limits = np.asarray(problem.position_limits)
-    posture = standing_posture(robot, found[0][0], np.asarray(robot.resting), limits)
-    takeoff_contacts, landing_contacts = found
-    for side, groups_of_side in (("takeoff", takeoff_contacts), ("landing", landing_contacts)):
-        if any(len(contacts) > MOST for contacts in groups_of_side):
-            raise InputError(
-                f"more than {MOST} points would stand at once", element=f"jump.contacts.{side}", advice="name fewer"
-            )
-    anchor = takeoff_contacts[0][0]
-    ground = float(heights_over_com(robot, anchor.spots[:1], 0.0, posture)[0].imag - anchor.depth)
-    bounds = list(request.durations or [None] * (len(takeoff) + len(landing) + 1))
-    if len(bounds) != len(takeoff) + len(landing) + 1:
-        raise InputError(
-            f"{len(bounds)} pairs for {len(takeoff) + len(landing) + 1} phases",
-            element="jump.durations",
-            advice="give one for each phase, the flight's too",
-        )
-    if "duration" in request.fixed:
-        bounds[len(takeoff)] = (problem.flight.duration, problem.flight.duration)
+    before = _wanted(robot, request.takeoff.from_, np.asarray(robot.resting))
+    given = request.takeoff.contacts, request.landing.contacts
+    usual = ((), ()) if all(given) else _default_groups(problem, turns, before)
+    takeoff, landing = (asked or default for asked, default in zip(given, usual, strict=True))
+    takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
+    after = _wanted(robot, request.landing.to, posture)
+    landing_contacts, rest = _side(problem, request, "landing", landing, after)
+    ground = _ground(robot, takeoff_contacts[0][0], posture)
+    time = problem.flight.duration
+    bounds = [
+        *_bounds(request, "takeoff", len(takeoff)),
+        (time, time) if "duration" in request.fixed else None,
+        *_bounds(request, "landing", len(landing)),
+    ]
     phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds)
-    standing = np.stack((np.append(0.0, posture), np.append(TURN * turns, posture)))
+    standing = np.stack((np.append(0.0, posture), np.append(TURN * turns, rest)))
     return Setup(problem, request, phases, standing, ground)
 
 
-def _default_groups(problem: Problem, turns: int) -> tuple[list[list[str]], list[list[str]]]:
+def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
+    """Resolve one side of a jump: from standing to where a flight begins, or from where it ends to standing.
+
+    Parameters
+    ----------
+    side : "takeoff" or "landing"
+    meeting : (n+1,) rad, orientation and joints there
+
+    Raises
+    ------
+    InputError
+        As of :func:`jump_setup`.
+    """
+    robot, gravity = problem.robot, float(problem.flight.gravity)
+    _check_gravity(problem)
+    takes_off = side == "takeoff"
+    frame = problem.takeoff.frame if takes_off else problem.landing.frame
+    if robot.frames[frame].body == 0:
+        raise InputError("the frame there is the base, which cannot stand", element=f"flight.{side}")
+    wanted = _wanted(robot, request.takeoff.from_, np.asarray(robot.resting))
+    wanted = wanted if takes_off else _wanted(robot, request.landing.to, wanted)
+    groups: Sequence[Sequence[str]] = (request.takeoff if takes_off else request.landing).contacts or ()
+    if not groups:
+        feet = standing_feet(robot, frame, wanted)
+        toe = contact_at(robot, frame, wanted)[0]
+        usual = [feet, [frame]] if len(feet) > 1 else [[frame], [toe.name]] if toe.suffix else [[frame]]
+        groups = usual if takes_off else usual[::-1]
+    contacts, posture = _side(problem, request, side, groups, wanted)
+    ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
+    unbounded = [None] * (2 * len(contacts) + 1)
+    both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
+    phases = [each for each in phases_of(*both, -ground, gravity, unbounded) if each.side == side]
+    time = problem.flight.duration
+    flight = Phase("flight", (), time, (time, time), 0)
+    rest = np.append(TURN * round(meeting[0] / TURN), posture)
+    ends = (rest, meeting) if takes_off else (meeting, rest)
+    return Setup(problem, request, (*phases, flight) if takes_off else (flight, *phases), np.stack(ends), ground)
+
+
+def _check_gravity(problem: Problem) -> None:
+    if not problem.flight.gravity > 0:
+        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+
+
+def _side(
+    problem: Problem, request: JumpRequest, side: str, groups: Sequence[Sequence[str]], wanted: Array
+) -> tuple[list[tuple[Contact, ...]], Array]:
+    """Contacts of a side's phases, and the posture (n,) in which the robot stands still at its outer end, rad."""
+    robot, takes_off = problem.robot, side == "takeoff"
+    place = f"jump.{side}.contacts"
+    contacts = [_contacts(robot, names, wanted, place) for names in groups]
+    if any(len(each) > MOST for each in contacts):
+        raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
+    outer = contacts[0 if takes_off else -1]
+    asked = request.takeoff.from_ if takes_off else request.landing.to
+    found = standing_posture(robot, outer, wanted, np.asarray(problem.position_limits))
+    floating = in_the_air(robot, outer, wanted if found is None else found)
+    if floating:
+        raise InputError(floating, element=place, advice="name what is on the ground where it stands")
+    own = isinstance(asked, Mapping)
+    if found is None or (own and np.abs(found - wanted).max() > NEAR):
+        nearest = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found, strict=True)]
+        raise InputError(
+            f"the posture is not static: {not_static(robot, outer, wanted)}",
+            element=("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place,
+            advice=f"near it is {', '.join(nearest)} rad" if nearest else "give another, or other contacts",
+        )
+    return contacts, found
+
+
+def _bounds(request: JumpRequest, side: str, phases: int) -> list[tuple[float, float] | None]:
+    """Bounds of the durations of a side's phases, s."""
+    given = (request.takeoff if side == "takeoff" else request.landing).durations
+    if given is not None and len(given) != phases:
+        reason = f"{len(given)} pairs for {phases} phases of contacts"
+        raise InputError(reason, element=f"jump.{side}.durations", advice="give one for each phase")
+    return [None] * phases if given is None else [(low, high) for low, high in given]
+
+
+def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
+    """Height of the ground over the centre of mass, m, standing."""
+    return float(heights_over_com(robot, contact.spots[:1], 0.0, posture)[0].imag - contact.depth)
+
+
+def _wanted(robot: Robot, asked: Standing, standing: Array) -> Array:
+    """Positions (n,) rad that are asked for: those of ``standing``, or by joint, others being in the reference."""
+    if not isinstance(asked, Mapping):
+        return standing
+    return np.array([asked.get(*pair) for pair in zip(robot.joints, np.array(robot.resting), strict=True)])
+
+
+def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[list[str]], list[list[str]]]:
     """Frames of the phases where none are asked: all feet, and those on the side to which it turns."""
     robot, frame = problem.robot, problem.takeoff.frame
     if problem.takeoff_frame.body == 0:
         raise InputError(
             "no frame takes off, so that nothing stands", element="flight.takeoff", advice="name a foot there"
         )
-    feet = standing_feet(robot, frame, np.asarray(robot.resting))
+    feet = standing_feet(robot, frame, wanted)
     if len(feet) == 1:
-        toe = contact_at(robot, frame, np.asarray(robot.resting))[0]
+        toe = contact_at(robot, frame, wanted)[0]
         if not toe.suffix:
             return [[frame]], [[frame]]
         return [[frame], [toe.name]], [[toe.name], [frame]]
@@ -150,16 +245,14 @@ def _default_groups(problem: Problem, turns: int) -> tuple[list[list[str]], list
     return [feet, [first]], [[last], feet]
 
 
-def _contacts(robot: Robot, names: Sequence[str]) -> tuple[Contact, ...]:
+def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str) -> tuple[Contact, ...]:
     """Contacts of a phase's names; of a sole toe and heel, or the one named."""
     found: list[Contact] = []
     for name in names:
         frame, dot, _ = name.partition(".") if name not in robot.frames else (name, "", "")
-        points = contact_at(robot, frame, np.asarray(robot.resting))
+        points = contact_at(robot, frame, wanted)
         chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
-            raise InputError(
-                f"{name!r} is no point of a sole", element="jump.contacts", advice=f"name {points[0].name!r}"
-            )
+            raise InputError(f"{name!r} is no point of a sole", element=place, advice=f"name {points[0].name!r}")
         found += chosen
     return tuple(found)

@@ -14,11 +14,11 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.problem.jump import JumpRequest
 from floatplan.stance.jump import Jump
 from floatplan.stance.jump_file import load_jump
 from floatplan.stance.motion import Grid
 from floatplan.stance.planner import jump
-from floatplan.stance.request import JumpRequest
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

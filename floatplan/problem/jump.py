@@ -1,0 +1,187 @@
+"""What is asked of a whole jump beside its flight: contacts, margins, friction, and what the flight keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+
+from floatplan.arguments import by_name, many, number, one_of, optional, pair, positive, text
+from floatplan.errors import InputError
+from floatplan.problem.keys import ANGLE, Key, Keyed, in_files
+from floatplan.robot.robot import Robot
+
+Standing: TypeAlias = Literal["standing"] | Mapping[str, float]
+Groups: TypeAlias = Sequence[tuple[str, ...]]
+Durations: TypeAlias = Sequence[Sequence[float]]
+
+MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
+STEEPEST = 10.0  # [-] of a friction coefficient
+MOST_PHASES = 2  # on each side of the flight
+FIXABLE = ("duration", "angular_momentum", "start", "goal")
+FLIGHT_ALONE = "Planned is the flight alone, not the jump around it."
+
+
+def _standing(value: Any, element: str) -> Any:
+    check = one_of("standing") if isinstance(value, str) else by_name(number("positions"))
+    return check(value, element)
+
+
+def _margin(value: Any, element: str) -> dict[str, float]:
+    given: dict[str, float] = by_name(positive(1.0))(value, element)
+    unknown = [name for name in given if name not in MARGIN]
+    if unknown:
+        raise InputError(f"{unknown[0]!r} is not a margin", element=element, advice=f"margins: {', '.join(MARGIN)}")
+    return MARGIN | given
+
+
+CONTACTS = Key(
+    "Of each phase, one or two in order of time, the frames that stand, with those coupled to them; of a sole heel and"
+    " toe, `FRAME.toe` its toe alone. Left out: all feet, and those on the side to which it turns",
+    check=optional(many(many(text, "frames"), "phases")),
+)
+DURATIONS = Key("Of each phase: least and largest", "s", check=optional(many(pair(number("duration")), "pairs")))
+
+
+@dataclass(frozen=True)
+class JumpSide(Keyed):
+    """What is on the ground on one side of the flight."""
+
+    contacts: Annotated[Groups | None, CONTACTS] = None
+    durations: Annotated[Durations | None, DURATIONS] = None
+    outer: ClassVar[int] = 0  # index of the phase in which it stands still
+    wrong: ClassVar[str] = "come to the ground before takeoff"  # of a frame that does not stand then
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Phases that contradict each other."""
+        if self.contacts is not None:
+            fault = self._fault(self.contacts)
+            if fault:
+                yield "contacts", fault
+        for index, (low, high) in enumerate(self.durations or ()):
+            if low > high:
+                yield f"durations[{index}]", f"low {low} s is above high {high} s"
+        if self.contacts is not None and self.durations and len(self.durations) != len(self.contacts):
+            yield "durations", f"{len(self.durations)} pairs for {len(self.contacts)} phases of contacts"
+
+    def _fault(self, groups: Groups) -> str:
+        for name in dict.fromkeys(name for group in groups for name in group):
+            stands = [name in group or name.partition(".")[0] in group for group in groups]
+            if "101" in "".join(key for key, _ in groupby(str(int(each)) for each in stands)):
+                return f"{name!r} would leave the ground and return"
+            if 1 <= len(groups) <= MOST_PHASES and not stands[self.outer]:
+                return f"{name!r} would {self.wrong}"
+        if not 1 <= len(groups) <= MOST_PHASES or not all(groups):
+            return "must be one or two phases, each with a frame at least"
+        return ""
+
+
+@dataclass(frozen=True)
+class JumpTakeoff(JumpSide):
+    """Where a jump begins, and what stands until it takes off.
+
+    Parameters
+    ----------
+    contacts : sequence of sequences of str, optional
+        Frames that stand in each phase, one or two in order of time. A foot that has left does not return.
+    durations : sequence of pairs, optional
+        Least and largest duration of each phase, s.
+    from_ : "standing", or mapping of joints to rad
+        Where it stands, the base level: the posture given, joints left out being where the reference posture has them,
+        or the nearest one that is static. In files it is ``from``.
+    """
+
+    from_: Annotated[
+        Standing,
+        Key('Posture it stands in: "standing", the reference posture or near it, or by joint', ANGLE, check=_standing),
+    ] = "standing"
+
+
+@dataclass(frozen=True)
+class JumpLanding(JumpSide):
+    """What stands after a jump's landing, and where it ends; as :class:`JumpTakeoff`.
+
+    Parameters
+    ----------
+    contacts, durations : optional
+        Those of takeoff, in reverse: a foot that stands stays.
+    to : "standing", or mapping of joints to rad
+        Left out, the posture it stood in before.
+    """
+
+    to: Annotated[
+        Standing, Key('Posture it comes to: "standing", the one that it stood in, or by joint', ANGLE, check=_standing)
+    ] = "standing"
+    outer: ClassVar[int] = -1
+    wrong: ClassVar[str] = "leave the ground after it has landed"
+
+
+@dataclass(frozen=True)
+class JumpRequest(Keyed):
+    """A jump around a flight: from standing, through phases of contact, to standing again.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient of the ground.
+    margin : mapping
+        Shares of the limits that stances may use: of "torque" (torque-speed curves too) and "velocity".
+    fixed : sequence of str
+        What the flight of the problem keeps, of "duration", "angular_momentum", "start", "goal"; else it is optimised.
+    takeoff : JumpTakeoff
+    landing : JumpLanding
+
+    Raises
+    ------
+    InputError
+        A value is wrong, or a foot would leave the ground and return, or come and leave again.
+    """
+
+    friction: Annotated[float, Key("Coefficient of the ground", check=positive(STEEPEST))] = 0.6
+    margin: Annotated[
+        Mapping[str, float], Key("Shares of the limits that stances may use: `torque`, `velocity`", check=_margin)
+    ] = field(default_factory=lambda: dict(MARGIN))
+    fixed: Annotated[
+        Sequence[Literal["duration", "angular_momentum", "start", "goal"]],
+        Key(
+            f"What the flight keeps of what the file says, of {', '.join(FIXABLE)}; the rest is a guess",
+            check=many(one_of(*FIXABLE), "words"),
+        ),
+    ] = ()
+    takeoff: Annotated[JumpTakeoff, Key("Before the flight")] = field(default_factory=JumpTakeoff)
+    landing: Annotated[JumpLanding, Key("After it")] = field(default_factory=JumpLanding)
+
+
+def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
+    """What a robot lacks of what a jump names: frames, joints."""
+    for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
+        for index, group in enumerate(side.contacts or ()):
+            for frame in group:
+                known = frame if frame in robot.frames else frame.rpartition(".")[0]
+                place = f"jump.{name}.contacts[{index}]"
+                if known not in robot.frames:
+                    yield InputError(
+                        f"the robot has no frame {frame!r}", element=place, advice="name a link or a joint"
+                    )
+                elif robot.frames[known].body == 0:
+                    yield InputError(
+                        f"{frame!r} is on the base, which cannot stand", element=place, advice="name a foot"
+                    )
+    for place, posture in (("takeoff.from", jump.takeoff.from_), ("landing.to", jump.landing.to)):
+        for joint in posture if isinstance(posture, Mapping) else ():
+            if joint not in robot.joints:
+                advice = f"joints: {', '.join(robot.joints)}"
+                yield InputError(f"{joint!r} is not a planned joint", element=f"jump.{place}", advice=advice)
+
+
+def jump_table(jump: JumpRequest) -> dict[str, Any]:
+    """Return the table of a problem file that says the same, as plain data."""
+    return {name: _plain(getattr(jump, name)) for name in jump.keys}
+
+
+def _plain(value: Any) -> Any:
+    if not isinstance(value, Keyed):
+        return value
+    held = {in_files(name): _plain(getattr(value, name)) for name in value.keys}
+    return {name: each for name, each in held.items() if each is not None}
