@@ -28,6 +28,7 @@ from floatplan.cli.common import (
     reporting_errors,
     with_options,
 )
+from floatplan.cli.contact import jump, launch
 from floatplan.cli.contact import takeoff as takeoff_command
 from floatplan.cli.info import InfoCommand, info
 from floatplan.cli.init import init as init_command
@@ -206,7 +207,7 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
 
 
 app.command(cls=InfoCommand)(info)
-for command in (certify, replay, robots, schema, show, export, study, studio):
+for command in (certify, replay, robots, schema, show, export, study, studio, jump, launch):
     app.command()(command)
 app.command("takeoff")(takeoff_command)
 app.command("init")(init_command)

@@ -1,13 +1,21 @@
-"""The command ``floatplan takeoff``: whether a flight can begin and end."""
+"""Whether a flight can begin and end: ``floatplan takeoff``, ``launch``, and ``jump``, from standing to standing."""
 
 from __future__ import annotations
 
+import math
+import time
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from floatplan.cli.bundled import argument
-from floatplan.cli.common import DONE, FAILED, Json, print_json, reporting_errors
+from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Urdf, print_json, program, reporting_errors
+from floatplan.cli.progress import progress
+from floatplan.errors import escaped, naming
+
+Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
+Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
 
 
 @reporting_errors
@@ -37,3 +45,85 @@ def takeoff(
 
         print_summary(contact_summary(ends, disagreement))
     raise typer.Exit(DONE if all(contact.ok for contact in ends) and disagreement is None else FAILED)
+
+
+@reporting_errors
+def jump(
+    problem_file: Annotated[str, argument("PROBLEM.toml", "A problem file, with a table [jump] or without.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
+    ] = None,
+    seed: Seed = 0,
+    starts: Starts = 4,
+    json_output: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Plan a whole jump: from standing through a flight to standing again.
+
+    Its flight is proved for every instant; its stances are checked 2000 times a second, which is no proof. Writes
+    jump.json, and the flight's plan.json. Exit code 0 only where a jump was found, proved and checked so.
+    """
+    from floatplan.certificate.certificate import certify
+    from floatplan.cli.results import check_directory, default_directory, write_jump
+    from floatplan.problem.file import load_problem
+    from floatplan.stance.planner import jump as search
+
+    problem = load_problem(problem_file)
+    directory = default_directory(problem) if output is None else output
+    check_directory(directory)
+    began = time.perf_counter()
+    with progress("jump", quiet, tell=True) as bar, naming(problem_file):
+        found = search(problem, seed=seed, starts=starts, progress=bar.say)
+        if found.flight is not None and found.flight.ok:
+            bar.say("proving the flight")
+            found = found.with_certificate(certify(found.flight))
+    files = write_jump(found, directory, None if quiet else lambda words: typer.echo(escaped(words), err=True))
+    if not quiet:
+        from floatplan.cli.contact_summary import jump_summary
+        from floatplan.cli.summary import print_summary
+
+        print_summary(jump_summary(found, files, time.perf_counter() - began, program()), stderr=json_output)
+    if json_output:
+        print_json(found.to_dict())
+    proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
+    raise typer.Exit(DONE if found.ok and proved else FAILED)
+
+
+@reporting_errors
+def launch(
+    plan_file: PlanFile,
+    urdf: Urdf = None,
+    landing: Annotated[bool, typer.Option("--landing", help="From the plan's landing to rest, instead.")] = False,
+    friction: Annotated[
+        float | None, typer.Option(metavar="MU", help="Of the ground; the problem's, or 0.6, if left out.")
+    ] = None,
+    seed: Seed = 0,
+    starts: Starts = 3,
+    json_output: Json = False,
+) -> None:
+    """Tell whether a stance from rest that reaches a plan's takeoff is found within the limits, and what is to spare.
+
+    What is found is checked 2000 times a second. Exit code 1 where none is found: that is no proof that there is none.
+    """
+    from floatplan.plans.plan import load_plan
+    from floatplan.problem.jump import JumpRequest
+    from floatplan.stance.launch import launch as search
+
+    plan = load_plan(plan_file, urdf)
+    request = plan.problem.jump or JumpRequest()
+    if friction is not None:
+        request = JumpRequest(friction, request.margin, request.fixed, request.takeoff, request.landing)
+    with progress("launch"), naming(plan_file):
+        found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
+    if json_output:
+        ratio = found.ratio if math.isfinite(found.ratio) else None
+        facts = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
+        print_json(
+            {**facts, "friction": request.friction, "sentences": list(found.sentences), "figures": found.figures}
+        )
+    else:
+        from floatplan.cli.contact_summary import launch_summary
+        from floatplan.cli.summary import print_summary
+
+        print_summary(launch_summary(found, request.friction))
+    raise typer.Exit(DONE if found.ok else FAILED)

@@ -1,17 +1,26 @@
-"""Summaries, for reading, of what joint rates make at the ends of a flight."""
+"""Summaries, for reading, of how flights begin and end: by joint rates there, by stances, and in whole jumps."""
 
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
+from floatplan.errors import escaped
 from floatplan.plans.contact import Contact
+
+if TYPE_CHECKING:
+    from floatplan.stance.jump import Jump
+    from floatplan.stance.launch import Launch
+
+CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 
 
 def contact_summary(ends: Sequence[Contact], disagreement: str | None) -> RenderableType:
@@ -72,3 +81,38 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
     if low is None and high is None:
         return "any"
     return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"
+
+
+def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
+    """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
+    name, took = escape(jump.problem.name), f"in {seconds:.3g} s"
+    if jump.flight is None:
+        return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
+    from floatplan.stance.check import judged
+
+    broken, held = judged(jump.request, jump.check.figures)
+    proved = jump.flight.certificate is not None and jump.flight.certificate.proved
+    colour = "bold red" if not (jump.ok and proved) else "bold yellow" if jump.flight.warnings else "bold green"
+    table = Table("phase", "s", "from", "to", "on the ground", box=None, header_style="dim", pad_edge=False)
+    for phase in jump.phases:
+        times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
+        table.add_row(phase.kind, *times, escape(", ".join(phase.contacts)) or "nothing")
+    rest = Table.grid(padding=(0, 2))
+    rest.add_row(Text("stances", "dim"), Text("; ".join(held)))
+    for path in files:
+        rest.add_row(Text(path.stem, "dim"), Text(escaped(str(path)), overflow="fold"))
+    plan = next(path for path in files if path.stem == "plan")
+    rest.add_row(Text("next", "dim"), Text(f"{program} show {shlex.quote(str(plan))}    # the flight", overflow="fold"))
+    notes = [Text(f"not within limits: {sentence}", "red") for sentence in broken]
+    notes += [Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings]
+    return Group(Text(f"{name}: jump found {took} ({jump.verdict})", colour), table, *notes, rest, Text(CHECKED, "dim"))
+
+
+def launch_summary(launch: Launch, friction: float) -> RenderableType:
+    """Return the result of ``floatplan launch``, for reading."""
+    verdict, *rest = launch.sentences
+    told = f"Friction {friction:g}. " + (
+        CHECKED if launch.ok else "That none was found does not prove that none exists."
+    )
+    lines = [Text(f"  {sentence}") for sentence in rest]
+    return Group(Text(verdict, "bold green" if launch.ok else "bold red"), *lines, Text(told, "dim"))

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from floatplan.errors import InputError
 from floatplan.export.table import table_text
@@ -15,8 +16,11 @@ from floatplan.problem.file import problem_text
 from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
+if TYPE_CHECKING:
+    from floatplan.stance.jump import Jump
+
 LIMITS = LIMIT_TABLE.values()
-PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
+PLAN, JUMP, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "jump.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
 
@@ -41,7 +45,7 @@ def check_directory(directory: Path) -> None:
         raise _unsuitable(directory, f"{existing} is not a directory")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise _unsuitable(directory, f"{existing} cannot be written to")
-    for name in (PLAN, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
+    for name in (PLAN, JUMP, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
         if (directory / name).is_dir():
             raise _unsuitable(directory, f"{name} is a directory there")
     if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
@@ -67,6 +71,24 @@ def write_results(plan: Plan, directory: Path, rate: float, tell: Callable[[str]
     return write_together(contents, replacing=lambda: _remove_older(directory, tell))
 
 
+def write_jump(jump: Jump, directory: Path, tell: Callable[[str], object] | None = None) -> list[Path]:
+    """Write jump.json and its flight's plan.json in place of an older run's results, and return their paths.
+
+    Of a jump that was not found there is no plan, and that of an older jump goes. Errors as :func:`write_results`.
+    """
+    contents = {directory / JUMP: jump.to_json()}
+    if jump.flight is not None:
+        contents[directory / PLAN] = jump.flight.record.to_json()
+
+    def replacing() -> None:
+        was_jump = (directory / JUMP).is_file()
+        _remove_older(directory, tell)
+        if was_jump and jump.flight is None:
+            (directory / PLAN).unlink(missing_ok=True)
+
+    return write_together(contents, replacing=replacing)
+
+
 def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None:
     """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
 
@@ -79,7 +101,7 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None
     drawn = {"snapshots", "kinogram", "configuration", "momentum", "inertia", "clearance"} | {
         row.title.lower() for row in LIMITS
     }
-    made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
+    made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
     older = [path for path in made if path.is_file()]

@@ -9,6 +9,7 @@ their derivatives), ``ratios``.
 from __future__ import annotations
 
 import json
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,9 @@ from typing import Any
 
 from floatplan.arguments import path as as_path
 from floatplan.files import plain, write_atomically
+from floatplan.planning.repair import judged
 from floatplan.plans.reading import robot_record
+from floatplan.plans.verdicts import Certificate, verdict_in_words
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_to_dict
 from floatplan.stance.check import JumpCheck, check_jump
@@ -58,8 +61,37 @@ class Jump(JumpMotion):
             return JumpCheck(False, {}, ("no jump was found",))
         return check_jump(self)
 
+    def with_certificate(self, certificate: Certificate) -> Jump:
+        """Return the same jump with what was proved of its flight, which both files then hold."""
+        if self.flight is None:
+            return self
+        found = copy(self)  # with its check
+        object.__setattr__(found, "flight", judged(self.flight, certificate))
+        return found
+
+    @property
+    def verdict(self) -> str:
+        """What was found out, for a person: "flight proved, stances checked" only where both are true."""
+        if self.flight is None:
+            return "no jump found"
+        flight = verdict_in_words(self.flight.ok, self.flight.certificate, bool(self.flight.warnings))
+        return f"{flight}, stances {'checked' if self.check.ok else 'not within limits'}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""
+        told = {name: getattr(self, name) for name in ("status", "ok", "verdict", "explanation", "duration")}
+        phases = [vars(phase) for phase in self.phases]
+        facts: dict[str, Any] = plain(
+            {**told, "phases": phases, "figures": dict(self.check.figures), "sentences": self.check.sentences}
+        )
+        return facts
+
     def save(self, path: str | Path) -> Path:
         """Write ``jump.json``; it appears whole or not at all."""
+        return write_atomically(as_path(path, "path"), self.to_json())
+
+    def to_json(self) -> str:
+        """The content of ``jump.json``."""
         sides = (("takeoff", self.before), ("landing", self.after))
         content = {
             "format": FORMAT,
@@ -70,8 +102,7 @@ class Jump(JumpMotion):
             "flight": None if self.flight is None else self.flight.record.to_dict(),
             "stances": [{"side": side, **_stance(each)} for side, stances in sides for each in stances],
         }
-        text = json.dumps(plain(content), indent=1, allow_nan=False)
-        return write_atomically(as_path(path, "path"), text + "\n")
+        return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
 
     def __repr__(self) -> str:
         checked = "" if self.flight is None else f", stances {'checked' if self.check.ok else 'not within limits'}"
