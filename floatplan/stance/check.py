@@ -13,6 +13,7 @@ from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
+from floatplan.stance.request import JumpRequest
 
 RATE = 2000.0  # [1/s]
 RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing height
@@ -54,6 +55,11 @@ class JumpCheck:
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
     """Check the stances of a jump at 2 kHz, independently of the program that found them."""
+    return _judged(jump, {**stance_figures(jump), **_seams(jump)})
+
+
+def stance_figures(jump: JumpMotion) -> dict[str, float]:
+    """Figures of :class:`JumpCheck`, but for those of seams."""
     figures: dict[str, float] = {}
     for stance in jump.stances:
         begin, end = stance.span
@@ -70,8 +76,7 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
             for name, value in found.items():
                 best = min if name in ("range", "pull", "ground", "feet", "obstacles") else max
                 figures[name] = best(figures.get(name, value), value)
-    figures |= _seams(jump)
-    return _judged(jump, figures)
+    return figures
 
 
 def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
@@ -210,7 +215,15 @@ def _seams(jump: JumpMotion) -> dict[str, float]:
 
 
 def _judged(jump: JumpMotion, figures: dict[str, float]) -> JumpCheck:
-    margin, friction = jump.request.margin, jump.request.friction
+    broken, held = judged(jump.request, figures)
+    if jump.flight is None or not jump.flight.ok:
+        broken.append("the flight's plan does not hold")
+    return JumpCheck(not broken, figures, (*broken, *held))
+
+
+def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[str], list[str]]:
+    """Sentences about figures, of those that are there: what does not hold, and what does."""
+    margin, friction = request.margin, request.friction
     torque, velocity = margin["torque"], margin["velocity"]
     rules = [
         ("residual", RESIDUAL, "forces are out of balance by {:.2g} of the weight"),
@@ -236,13 +249,12 @@ def _judged(jump: JumpMotion, figures: dict[str, float]) -> JumpCheck:
     held: list[str] = []
     broken: list[str] = []
     for name, limit, sentence in rules:
+        if name not in figures:
+            continue
         text = f"{sentence.format(figures[name])}, {limit:g} at most"
         (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(text)
     for name, limit, sentence in least:
         if name in figures:
             text = f"{sentence.format(figures[name])}, {limit:g} at least"
             (held if figures[name] >= limit else broken).append(text)
-    assert jump.flight is not None
-    if not jump.flight.ok:
-        broken.append("the flight's plan does not hold")
-    return JumpCheck(not broken, figures, (*broken, *held))
+    return broken, held

@@ -17,7 +17,6 @@ from scipy.interpolate import BPoly
 from scipy.optimize import root
 
 from floatplan.arrays import Array
-from floatplan.plans.plan import Plan
 from floatplan.stance.contacts import Contact
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, hermite
@@ -171,13 +170,17 @@ def blend(times: Array, near: float, far: float, values: Array) -> tuple[Array, 
     return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
 
 
-def exact_side(program: JumpProgram, solution: Solution, plan: Plan, side: str) -> list[Grid]:
-    """Return the stances of one side, in order of time, exact from the flight's end on."""
+def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tuple[float, float]) -> list[Grid]:
+    """Return the stances of one side, in order of time, exact from the flight's end on.
+
+    Parameters
+    ----------
+    side : "takeoff" or "landing"
+    meeting : orientation and its rate where the flight begins or ends, rad and rad/s
+    """
     indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
     outwards = indices[::-1] if side == "takeoff" else indices
     home = program.ends[0 if side == "takeoff" else 1]
-    state = plan.at(0.0 if side == "takeoff" else plan.duration)
-    meeting = (float(state.orientation), float(state.orientation_rate))
     grids: dict[int, Grid] = {}
     first = _nodes(program, solution, outwards[0])
     dynamics = StanceDynamics(program.model, program.phases[outwards[0]], home)

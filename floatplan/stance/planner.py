@@ -133,9 +133,11 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
     if not plan.ok:
         return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    sides = {side: exact_side(program, solution, plan, side) for side in ("takeoff", "landing")}
-    model = program.model
-    end = plan.at(plan.duration)
+    model, begin, end = program.model, plan.at(0.0), plan.at(plan.duration)
+    sides = {
+        side: exact_side(program, solution, side, (float(state.orientation), float(state.orientation_rate)))
+        for side, state in (("takeoff", begin), ("landing", end))
+    }
     landing = program.phases[program.flight + 1].anchor
     tree, (body, local) = model.robot.tree, landing.spots[0]
     turned = tree.rotations(tree.absolute_angles(np.asarray(end.orientation), end.positions))

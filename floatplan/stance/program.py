@@ -36,7 +36,7 @@ ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 400
+ITERATIONS = 250
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +120,8 @@ class JumpProgram:
     def _box(self) -> tuple[Array, Array]:
         """Bounds of the variables, scaled."""
         bounds, ends = self.node.bounds, self.ends
-        room = np.minimum(RANGE_ROOM, np.ptp(bounds.position, axis=1) / 4)
         turns = np.array([ends[:, 0].min() - TURN_ROOM, ends[:, 0].max() + TURN_ROOM])
-        edges = bounds.position + np.stack((room, -room), axis=1)
+        edges = inside(bounds.position)
         fastest = np.append(FASTEST_TURN, bounds.velocity)
         y, v, a = (np.empty((2, self.size, self.nodes)) for _ in range(3))
         y[:] = np.column_stack((turns, edges.T))[:, :, None]
@@ -171,22 +170,26 @@ class JumpProgram:
             nodes = slice(int(self.starts[index]), int(self.starts[index + 1]) + 1)
             parts = [each[:, nodes] for each in (y, v, a)]
             step = durations[index] * ca.DM(np.diff(phase.shares)).T
-            joints = [each[1:, :] for each in parts]
-            self._add_links(rows, parts if phase.others else joints, step, phase.side)
-            self._add_rates(rows, joints, step, phase.side)
             if phase.side == "flight":
+                self._add_links(rows, [each[1:, :] for each in parts], step, phase.side)
                 cost = self._add_flight(rows, parts, durations[index], momentum)
             else:
-                if not phase.others:
-                    self._add_turn(rows, phase, parts, step)
-                cost = self._add_stance(rows, phase, parts, forces[index], drifts[index])
+                cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
+            self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
-            rough += ROUGHNESS * ca.sumsqr((joints[2][:, 1:] - joints[2][:, :-1]) * unit**2)
+            rough += roughness(parts, unit)
         values = ca.vertcat(*rows.values)
-        ipopt = {"print_level": 0, "sb": "yes", "tol": TOLERANCE, "constr_viol_tol": HELD, "max_iter": ITERATIONS}
-        options = {"print_time": False, "ipopt": {**ipopt, "mu_strategy": "adaptive"}}
-        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": total / unit + rough, "g": values}, options)
+        solver = ipopt(raw, total / unit + ROUGHNESS * rough, values)
         return solver, ca.Function("rows", [raw], [values, total]), rows
+
+    def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
+        """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
+        if phase.others:
+            self._add_links(rows, parts, step, phase.side)
+        else:
+            self._add_links(rows, [each[1:, :] for each in parts], step, phase.side)
+            self._add_turn(rows, phase, parts, step)
+        return self._add_stance(rows, phase, parts, *held)
 
     def _add_links(self, rows: Rows, parts: Sequence[Any], step: Any, label: str) -> None:
         """Between nodes accelerations are linear."""
@@ -340,3 +343,22 @@ class JumpProgram:
         drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -2]]
         joined = [np.concatenate(part, axis=1) for part in parts]
         return self.join([*joined, *forces, *drifts, solution.durations[:, None], np.array([[solution.momentum]])])
+
+
+def ipopt(variables: Any, goal: Any, values: Any) -> Any:
+    """IPOPT's solver of a program."""
+    settings = {"print_level": 0, "sb": "yes", "tol": TOLERANCE, "constr_viol_tol": HELD, "max_iter": ITERATIONS}
+    options = {"print_time": False, "ipopt": {**settings, "mu_strategy": "adaptive"}}
+    return casadi().nlpsol("jump", "ipopt", {"x": variables, "f": goal, "g": values}, options)
+
+
+def roughness(parts: Sequence[Any], unit: float) -> Any:
+    """Squared steps of the joints' accelerations from node to node, in units of the robot."""
+    joints = parts[2][1:, :]
+    return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
+
+
+def inside(ranges: Array) -> Array:
+    """Joint ranges (n, 2) rad, less some room at both ends."""
+    room = np.minimum(RANGE_ROOM, np.ptp(ranges, axis=1) / 4)
+    return np.asarray(ranges + np.stack((room, -room), axis=1))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
-from floatplan.arguments import Check, Checked, many, one_of, optional, pair, positive, text
+from floatplan.arguments import FINITE, Check, Checked, by_name, many, one_of, optional, pair, positive, text
 from floatplan.errors import InputError
 
 Groups: TypeAlias = Sequence[Sequence[str]]
@@ -43,6 +43,9 @@ class JumpRequest(Checked):
         out: all feet, then the rear ones for a turn backwards, or the front ones forwards; landing in reverse.
     durations : sequence of pairs, optional
         Bounds of the durations of all phases, the flight's among them, s; None for usual ones.
+    standing : mapping of joints to rad, optional
+        Where the robot stands, before and after, the base level; the nearest posture that is static is taken. Joints
+        left out are where the reference posture has them.
     fixed : sequence of str
         What the flight of the problem keeps, of "duration", "angular_momentum", "start", "goal"; else it is optimised.
 
@@ -56,12 +59,14 @@ class JumpRequest(Checked):
     margin: Mapping[str, float] = field(default_factory=lambda: dict(MARGIN))
     contacts: tuple[Groups, Groups] | None = None
     durations: Sequence[tuple[float, float] | None] | None = None
+    standing: Mapping[str, float] | None = None
     fixed: Sequence[str] = ()
     checks: ClassVar[Mapping[str, Check]] = {
         "friction": positive(STEEPEST),
         "margin": _margin,
         "contacts": optional(pair(NAMES, "sequences of phases")),
         "durations": optional(BOUNDS),
+        "standing": optional(by_name(FINITE)),
         "fixed": many(one_of(*FIXABLE), "words"),
     }
 

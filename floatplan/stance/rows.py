@@ -84,9 +84,10 @@ class NodeRows:
     ) -> None:
         self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
         self.weight = model.robot.mass * model.gravity  # [N]
-        com = model.function("com", model.com_from(self.phases[0].anchor.spots[0]))
-        place = [float(value) for value in com(ends[0], 0 * ends[0], 0 * ends[0])]
-        self.height = place[1] + self.phases[0].anchor.depth  # [m] of the centre of mass, standing
+        standing = 0 if self.phases[0].contacts else -1
+        anchor, end = self.phases[standing].anchor, ends[standing]
+        com = model.function("com", model.com_from(anchor.spots[0]))
+        self.height = float(com(end, 0 * end, 0 * end)[1]) + anchor.depth  # [m] of the centre of mass, standing
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
 

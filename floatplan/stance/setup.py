@@ -15,7 +15,7 @@ from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact, contact_at, heights_over_com, standing_feet, watched_points
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, phases_of, standing_posture
-from floatplan.stance.program import JumpProgram
+from floatplan.stance.program import JumpProgram, inside
 from floatplan.stance.request import JumpRequest
 from floatplan.stance.rows import Bounds, NodeRows
 
@@ -60,14 +60,14 @@ class Setup:
     standing: Array
     ground: float
 
-    def program(self, room: Room) -> JumpProgram:
-        """Return the program with some room between what the request lets the stances use and the nodes."""
+    def node(self, room: Room) -> NodeRows:
+        """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
         share = request.margin["torque"] * room.torque
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
-            slope=problem.motor_slope * share,
+            slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
             position=np.asarray(problem.position_limits),
             friction=room.friction * request.friction,
@@ -75,10 +75,15 @@ class Setup:
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         watched = watched_points(problem.robot, self.ground, self.standing[0, 1:], room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
+        return NodeRows(model, phases, watched, bounds, self.standing)
+
+    def program(self, room: Room) -> JumpProgram:
+        """Return the program with some room."""
+        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
+        fixed = self.request.fixed
         return JumpProgram(
-            NodeRows(model, phases, watched, bounds, self.standing),
-            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in request.fixed],
+            self.node(room),
+            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
             self._momentum,
         )
 
@@ -104,20 +109,17 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     robot = problem.robot
     if not problem.flight.gravity > 0:
         raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    wanted = _wanted(robot, request)
     turns = round((problem.final.orientation - problem.initial.orientation) / TURN)
     groups = request.contacts
-    takeoff, landing = _default_groups(problem, turns) if groups is None else groups
-    found = [[_contacts(robot, names) for names in side] for side in (takeoff, landing)]
-    limits = np.asarray(problem.position_limits)
-    posture = standing_posture(robot, found[0][0], np.asarray(robot.resting), limits)
+    takeoff, landing = _default_groups(problem, turns, wanted) if groups is None else groups
+    found = [[_contacts(robot, names, wanted) for names in side] for side in (takeoff, landing)]
+    limits = inside(np.asarray(problem.position_limits))
+    posture = standing_posture(robot, found[0][0], wanted, limits)
     takeoff_contacts, landing_contacts = found
     for side, groups_of_side in (("takeoff", takeoff_contacts), ("landing", landing_contacts)):
-        if any(len(contacts) > MOST for contacts in groups_of_side):
-            raise InputError(
-                f"more than {MOST} points would stand at once", element=f"jump.contacts.{side}", advice="name fewer"
-            )
-    anchor = takeoff_contacts[0][0]
-    ground = float(heights_over_com(robot, anchor.spots[:1], 0.0, posture)[0].imag - anchor.depth)
+        _check_counts(groups_of_side, side)
+    ground = _ground(robot, takeoff_contacts[0][0], posture)
     bounds = list(request.durations or [None] * (len(takeoff) + len(landing) + 1))
     if len(bounds) != len(takeoff) + len(landing) + 1:
         raise InputError(
@@ -132,16 +134,81 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     return Setup(problem, request, phases, standing, ground)
 
 
-def _default_groups(problem: Problem, turns: int) -> tuple[list[list[str]], list[list[str]]]:
+def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
+    """Resolve one side of a jump: from standing to where a flight begins, or from where it ends to standing.
+
+    Parameters
+    ----------
+    side : "takeoff" or "landing"
+    meeting : (n+1,) rad, orientation and joints there
+
+    Raises
+    ------
+    InputError
+        As of :func:`jump_setup`.
+    """
+    robot, gravity = problem.robot, float(problem.flight.gravity)
+    if not gravity > 0:
+        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    takes_off = side == "takeoff"
+    frame = problem.takeoff.frame if takes_off else problem.landing.frame
+    if robot.frames[frame].body == 0:
+        raise InputError("the frame there is the base, which cannot stand", element=f"flight.{side}")
+    wanted = _wanted(robot, request)
+    if request.contacts is not None:
+        groups = [list(names) for names in request.contacts[0 if takes_off else 1]]
+    else:
+        feet = standing_feet(robot, frame, wanted)
+        toe = contact_at(robot, frame, wanted)[0]
+        groups = [feet, [frame]] if len(feet) > 1 else [[frame], [toe.name]] if toe.suffix else [[frame]]
+        groups = groups if takes_off else groups[::-1]
+    contacts = [_contacts(robot, names, wanted) for names in groups]
+    _check_counts(contacts, side)
+    limits = inside(np.asarray(problem.position_limits))
+    posture = standing_posture(robot, contacts[0 if takes_off else -1], wanted, limits)
+    ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
+    unbounded = [None] * (2 * len(contacts) + 1)
+    both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
+    phases = [each for each in phases_of(*both, -ground, gravity, unbounded) if each.side == side]
+    time = problem.flight.duration
+    flight = Phase("flight", (), time, (time, time), 0)
+    rest = np.append(TURN * round(meeting[0] / TURN), posture)
+    ends = (rest, meeting) if takes_off else (meeting, rest)
+    return Setup(problem, request, (*phases, flight) if takes_off else (flight, *phases), np.stack(ends), ground)
+
+
+def _check_counts(groups: Sequence[tuple[Contact, ...]], side: str) -> None:
+    if any(len(contacts) > MOST for contacts in groups):
+        reason = f"more than {MOST} points would stand at once"
+        raise InputError(reason, element=f"jump.contacts.{side}", advice="name fewer")
+
+
+def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
+    """Height of the ground over the centre of mass, m, standing."""
+    return float(heights_over_com(robot, contact.spots[:1], 0.0, posture)[0].imag - contact.depth)
+
+
+def _wanted(robot: Robot, request: JumpRequest) -> Array:
+    """Positions (n,) rad near which the robot stands."""
+    positions = np.array(robot.resting)
+    for joint, angle in (request.standing or {}).items():
+        if joint not in robot.joints:
+            advice = f"joints: {', '.join(robot.joints)}"
+            raise InputError(f"{joint!r} is not a planned joint", element="jump.standing", advice=advice)
+        positions[robot.joints.index(joint)] = angle
+    return positions
+
+
+def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[list[str]], list[list[str]]]:
     """Frames of the phases where none are asked: all feet, and those on the side to which it turns."""
     robot, frame = problem.robot, problem.takeoff.frame
     if problem.takeoff_frame.body == 0:
         raise InputError(
             "no frame takes off, so that nothing stands", element="flight.takeoff", advice="name a foot there"
         )
-    feet = standing_feet(robot, frame, np.asarray(robot.resting))
+    feet = standing_feet(robot, frame, wanted)
     if len(feet) == 1:
-        toe = contact_at(robot, frame, np.asarray(robot.resting))[0]
+        toe = contact_at(robot, frame, wanted)[0]
         if not toe.suffix:
             return [[frame]], [[frame]]
         return [[frame], [toe.name]], [[toe.name], [frame]]
@@ -150,12 +217,12 @@ def _default_groups(problem: Problem, turns: int) -> tuple[list[list[str]], list
     return [feet, [first]], [[last], feet]
 
 
-def _contacts(robot: Robot, names: Sequence[str]) -> tuple[Contact, ...]:
+def _contacts(robot: Robot, names: Sequence[str], wanted: Array) -> tuple[Contact, ...]:
     """Contacts of a phase's names; of a sole toe and heel, or the one named."""
     found: list[Contact] = []
     for name in names:
         frame, dot, _ = name.partition(".") if name not in robot.frames else (name, "", "")
-        points = contact_at(robot, frame, np.asarray(robot.resting))
+        points = contact_at(robot, frame, wanted)
         chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
             raise InputError(

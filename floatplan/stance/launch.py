@@ -1,0 +1,274 @@
+"""Whether a robot can bring itself to a plan's takeoff, or to rest after its landing: the least limits that do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from floatplan.arguments import SEED, made, one_of, optional, whole
+from floatplan.arrays import Array
+from floatplan.plans.plan import Plan, given_plan
+from floatplan.pool.threads import one_thread
+from floatplan.stance.check import judged, stance_figures
+from floatplan.stance.contacts import heights_over_com
+from floatplan.stance.exact import exact_side
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.stance.model import casadi
+from floatplan.stance.motion import Stance
+from floatplan.stance.program import FASTEST_TURN, ROUGHNESS, JumpProgram, Solution, ipopt, roughness
+from floatplan.stance.request import JumpRequest
+from floatplan.stance.rows import Bound, NodeRows, Rows
+from floatplan.stance.setup import Room, side_setup
+from floatplan.tables import Range
+
+STARTS = 3
+MOST_STARTS = Range(1, 1000, "")
+ROOM = Room(1.0, 1.0, 0.7, 4, 1.4)  # of the nodes: limits are those of the factor
+AT_REST = 1e-6  # [m/s] of the frame in flight
+LIMITED = ("torque", "rates")  # how labels of what is divided by the factor begin
+MOST = 20.0  # [-] the largest factor that is looked for
+SMOOTH = 1e-3  # [-] of squared torques beside the factor
+
+
+@dataclass(frozen=True, eq=False)
+class Launch:
+    """A stance from rest to a takeoff, or from a landing to rest, with the least common factor on the limits.
+
+    Attributes
+    ----------
+    ok : whether one was found within the limits, and holds at 2 kHz
+    ratio : largest share of torque, torque-speed and rate limits; infinite where none was found
+    limit : "torque", "torque_speed" or "velocity": which share that is; "" where there is none
+    joint : the motor whose share it is; "" where there is none
+    sentences : for a person
+    figures : as of :class:`floatplan.stance.check.JumpCheck`
+    """
+
+    ok: bool
+    ratio: float
+    limit: str
+    joint: str
+    sentences: tuple[str, ...]
+    figures: dict[str, float]
+
+
+class _FactorRows(Rows):
+    """Rows in which limits are multiplied by a factor."""
+
+    def __init__(self, factor: Any) -> None:
+        super().__init__()
+        self.factor = factor
+
+    def add(self, value: Any, low: float, high: float, label: str) -> None:
+        if not label.startswith(LIMITED):
+            super().add(value, low, high, label)
+            return
+        for sign in (1.0, -1.0):
+            super().add(self.factor + sign * casadi().vec(value), 0.0, np.inf, label)
+
+    def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
+        limited = [row for row, bound in enumerate(bounds) if bound[2].startswith(LIMITED)]
+        nodes = np.flatnonzero(np.isfinite(high[limited]).all(axis=0)).tolist()
+        self.add(values[limited, nodes], -1.0, 1.0, f"{LIMITED[0]} ({side})")
+        low[limited], high[limited] = -np.inf, np.inf
+        super().add_nodes(values, bounds, low, high, side)
+
+
+class LaunchProgram(JumpProgram):
+    """The program of one side's stances, whose least value is the factor; its last variable is that instead of h.
+
+    Parameters
+    ----------
+    node : NodeRows, its ends the standing posture and the posture in flight, in order of time
+    state : ``(y', None)`` where the rates are given, else ``(None, (h, horizontal, vertical velocity))``
+    """
+
+    def __init__(self, node: NodeRows, state: tuple[Array | None, tuple[float, float, float] | None]) -> None:
+        super().__init__(node)
+        self._state = state
+        self._seam = -1 if self.phases[0].side == "takeoff" else 0
+
+    @cached_property
+    def _scales(self) -> list[float]:
+        return [*JumpProgram._scales.func(self)[:-1], 1.0]  # type: ignore[attr-defined]
+
+    @cached_property
+    def _box(self) -> tuple[Array, Array]:
+        sides = [self.split(side) for side in JumpProgram._box.func(self)]  # type: ignore[attr-defined]
+        fast = np.append(FASTEST_TURN, MOST * self.node.bounds.velocity)[:, None]
+        for sign, parts in zip((-1.0, 1.0), sides, strict=True):
+            rest = parts[1][:, [-1 - self._seam]]
+            parts[1][:] = sign * fast
+            parts[1][:, [-1 - self._seam]] = rest
+            parts[2][:, self._seam] = sign * np.inf
+            if self._state[0] is not None:
+                parts[1][:, self._seam] = self._state[0]
+            parts[-1][:] = 0.0 if sign < 0 else MOST
+        return self.join(sides[0]), self.join(sides[1])
+
+    @cached_property
+    def _solver(self) -> tuple[Any, Any, Rows]:
+        ca = casadi()
+        raw = ca.MX.sym("w", sum(rows * columns for rows, columns in self._shapes))
+        y, v, a, *rest = self.split(raw)
+        count = len(self.phases)
+        forces, drifts, durations, factor = rest[:count], rest[count:-2], rest[-2], rest[-1]
+        rows, total, rough = _FactorRows(factor), 0.0, 0.0
+        for index, phase in enumerate(self.phases):
+            if phase.side == "flight":
+                continue
+            nodes = slice(int(self.starts[index]), int(self.starts[index + 1]) + 1)
+            parts = [each[:, nodes] for each in (y, v, a)]
+            step = durations[index] * ca.DM(np.diff(phase.shares)).T
+            cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
+            self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
+            self._add_node_rates(rows, parts[1][1:, :], phase.side)
+            total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
+            rough += roughness(parts, self.node.unit)
+        if self._state[1] is not None:
+            self._add_state(rows, [each[:, self._seam] for each in (y, v, a)])
+        values = ca.vertcat(*rows.values)
+        goal = factor + SMOOTH * total / self.node.unit + ROUGHNESS * rough
+        return ipopt(raw, goal, values), ca.Function("rows", [raw], [values, total]), rows
+
+    def _add_node_rates(self, rows: Rows, rates: Any, side: str) -> None:
+        fastest = self.node.bounds.velocity
+        limited = np.flatnonzero(np.isfinite(fastest)).tolist()
+        if limited:
+            shares = casadi().mtimes(casadi().DM(np.diag(1 / fastest[limited])), rates[limited, :])
+            rows.add(shares, -1.0, 1.0, f"rates ({side})")
+
+    def guess(self, rng: np.random.Generator | None = None) -> Array:
+        """From one end straight to the other; with random numbers perturbed."""
+        durations = np.array([phase.duration for phase in self.phases])
+        share = np.linspace(0.0, 1.0, self.nodes)
+        share = share**2 * (3 - 2 * share)
+        y = self.ends[0][:, None] + (self.ends[1] - self.ends[0])[:, None] * share
+        if rng is not None:
+            low, high = (np.array([phase.bounds[side] for phase in self.phases]) for side in (0, 1))
+            durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), low, high)
+            y[1:] += rng.uniform(-0.4, 0.4, (self.size - 1, 1)) * np.sin(np.pi * share)
+        rest = [np.zeros(shape) for shape in self._shapes[3:-2]]
+        return self.join([y, 0 * y, 0 * y, *rest, durations[:, None], np.ones((1, 1))])
+
+    def _add_state(self, rows: Rows, state: Sequence[Any]) -> None:
+        """Momentum and velocity of the centre of mass where the flight begins or ends."""
+        assert self._state[1] is not None
+        model, node = self.model, self.node
+        anchor = self.phases[-2 if self._seam else 1].anchor
+        found = model.function("seam", [model.momentum(), *model.com_from(anchor.spots[0], 1)])(*state)
+        scales = (node.momentum, node.model.gravity * node.unit, node.model.gravity * node.unit)
+        for value, given, scale in zip(found, self._state[1], scales, strict=True):
+            rows.add((value - given) / scale, 0.0, 0.0, "velocity and momentum of the flight")
+
+
+@one_thread
+def launch(
+    plan: Plan | str | Path,
+    request: JumpRequest | None = None,
+    *,
+    end: Literal["takeoff", "landing"] = "takeoff",
+    seed: int = 0,
+    starts: int = STARTS,
+) -> Launch:
+    """Find the stance from rest that reaches a plan's takeoff with the least common factor on torque and rate limits.
+
+    Posture, angular momentum and velocity of the centre of mass are the plan's; the joints' rates too, where its frame
+    is at rest then, else those with which it is. Obstacles are not looked at. Contacts, friction and margins (of which only friction counts) are
+    those of the request.
+
+    Parameters
+    ----------
+    plan : Plan, or path of a plan file
+    request : JumpRequest, optional
+    end : "takeoff", or "landing": from the plan's landing to rest
+    seed : of the starts after the first
+    starts : how many are tried; the best counts
+
+    Returns
+    -------
+    Launch
+        Not ``ok`` is "none was found", never "there is none".
+
+    Raises
+    ------
+    InputError
+        The plan or the request is wrong, nothing can stand as asked, or CasADi is not installed.
+    """
+    casadi()
+    plan = given_plan(plan)
+    request = optional(made(JumpRequest))(request, "request") or JumpRequest()
+    end = one_of("takeoff", "landing")(end, "end")
+    seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
+    state = plan.at(0.0 if end == "takeoff" else plan.duration)
+    y = np.append(state.orientation, state.positions)
+    margins = replace(request, margin=dict.fromkeys(request.margin, 1.0))
+    node = side_setup(plan.problem, margins, end, y).node(ROOM)
+    model, anchor = node.model, node.phases[-2 if end == "takeoff" else 1].anchor
+    v = np.append(state.orientation_rate, state.velocities)
+    speeds = [float(each) for each in model.function("speed", model.com_from(anchor.spots[0], 1))(y, v, 0 * v)]
+    slides = float(np.abs(np.array(speeds) - state.com_velocity).max())
+    pinned = v if slides < AT_REST else None
+    horizontal, vertical = map(float, state.com_velocity)
+    given = None if pinned is not None else (plan.angular_momentum, horizontal, vertical)
+    program = LaunchProgram(node, (pinned, given))
+    best: tuple[float, Solution | None] = (np.inf, None)
+    for start in range(starts):
+        rng = np.random.default_rng((seed, start)) if start else None
+        solution = program.solve(program.guess(rng))
+        if solution.converged and solution.momentum < best[0]:
+            best = (solution.momentum, solution)
+        if best[0] <= 1:
+            break
+    return _answer(plan, request, end, program, best[1])
+
+
+def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, solution: Solution | None) -> Launch:
+    what = "reaches the takeoff" if end == "takeoff" else "comes to rest after the landing"
+    if solution is None:
+        return Launch(False, np.inf, "", "", (f"No stance was found that {what}.",), {})
+    node = -1 if end == "takeoff" else 0
+    grids = exact_side(program, solution, end, (float(solution.y[0, node]), float(solution.v[0, node])))
+    phases = [phase for phase in program.phases if phase.side == end]
+    anchor, y = phases[node].anchor, solution.y[:, node]
+    from_com = heights_over_com(plan.robot, anchor.spots[:1], float(y[0]), y[1:])[0]
+    place = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position) + complex(from_com)
+    stances = tuple(
+        Stance(program.model.robot, program.model.gravity, phase.contacts, place, grid)
+        for phase, grid in zip(phases, grids, strict=True)
+    )
+    sides = (stances, ()) if end == "takeoff" else ((), stances)
+    motion = JumpMotion(plan.problem, request, plan, *sides)
+    figures = stance_figures(motion)
+    shares = {name: figures[name] for name in ("torque", "torque_speed", "velocity")}
+    limit = max(shares, key=lambda name: shares[name])
+    ratio = shares[limit]
+    joint = _joint(plan, stances, limit)
+    figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
+    broken, _ = judged(request, {name: value for name, value in figures.items() if name not in shares})
+    if ratio <= 1 and not broken:
+        first = f"A stance {what}, with {1 - ratio:.0%} to spare ({limit.replace('_', '-')} of {joint})."
+    else:
+        first = f"No stance was found within the limits that {what}: least factor {ratio:.2f}, {limit} of {joint}."
+    return Launch(ratio <= 1 and not broken, ratio, limit, joint, (first, *broken), figures)
+
+
+def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
+    """The motor whose share of a limit is the largest at the stances' instants."""
+    problem, robot = plan.problem, plan.robot
+    states = [stance.at(stance.grid.times) for stance in stances]
+    torques = np.abs(np.concatenate([state.torques for state in states]) @ robot.transmission)
+    joints = np.concatenate([stance.grid.v[1:].T for stance in stances])
+    rates = np.abs(joints @ robot.motor_ratios.T)
+    if limit == "torque":
+        shares = torques / problem.motor_torque_limits
+    elif limit == "torque_speed":
+        shares = (torques + problem.motor_slope * rates) / problem.motor_stall
+    else:
+        return robot.joints[int((np.abs(joints) / problem.velocity_limits).max(axis=0).argmax())]
+    return robot.motors[int(shares.max(axis=0).argmax())]
