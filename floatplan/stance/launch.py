@@ -28,7 +28,7 @@ from floatplan.tables import Range
 
 STARTS = 3
 MOST_STARTS = Range(1, 1000, "")
-ROOM = Room(1.0, 1.0, 0.8, 4)
+ROOM = Room(1.0, 1.0, 0.7, 4, 1.4)  # of the nodes: limits are those of the factor
 AT_REST = 1e-6  # [m/s] of the frame in flight
 LIMITED = ("torque", "rates")  # how labels of what is divided by the factor begin
 MOST = 20.0  # [-] the largest factor that is looked for
@@ -179,8 +179,8 @@ def launch(
     """Find the stance from rest that reaches a plan's takeoff with the least common factor on torque and rate limits.
 
     Posture, angular momentum and velocity of the centre of mass are the plan's; the joints' rates too, where its frame
-    is at rest then, else those with which it is. Contacts, friction and margins (of which only friction counts) are
-    those of the request.
+    is at rest then, else those with which it is. Obstacles are not looked at. Contacts and friction are those of the
+    request, else of the problem's jump, else the usual ones; margins do not count.
 
     Parameters
     ----------
@@ -249,6 +249,7 @@ def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, so
     limit = max(shares, key=lambda name: shares[name])
     ratio = shares[limit]
     joint = _joint(plan, stances, limit)
+    figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
     broken, _ = judged(request, {name: value for name, value in figures.items() if name not in shares})
     if ratio <= 1 and not broken:
         first = f"A stance {what}, with {1 - ratio:.0%} to spare ({limit.replace('_', '-')} of {joint})."

@@ -25,6 +25,7 @@ WIDEST = {
 }  # [-] of a phase's guessed duration, unless bounds are given
 INSIDE = 0.2  # [-] of the support, that the centre of mass keeps from its ends where the robot stands
 DENSER = 1.3  # [-] power by which nodes are denser near the flight
+ATTEMPTS = 10  # [-] random postures from which a standing one is looked for
 STILL = 1e-6  # [m] what counts as level
 
 Side = Literal["takeoff", "flight", "landing"]
@@ -106,7 +107,7 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
     """Return positions (n,) rad, nearest to the wanted ones, in which the robot stands still with its base level.
 
     All contacts are on level ground, and the centre of mass is over them: inside their span, or above the one point.
-    None where no such posture is found near by.
+    None where no such posture is found.
 
     Parameters
     ----------
@@ -117,28 +118,44 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
     spots = [each.spots[0] for each in contacts]
     depths = np.array([each.depth for each in contacts])
 
-    def faults(positions: Array) -> Array:
+    one = np.ptp(heights_over_com(robot, spots, 0.0, wanted).real) < STILL
+
+    def levels(positions: Array) -> Array:
+        """Heights of the contacts relative to the first; and where the one is, from under the centre of mass."""
         places = heights_over_com(robot, spots, 0.0, positions)
         ground = places.imag - depths
-        low, high = places.real.min(), places.real.max()
-        if high - low < STILL:
-            return np.append(ground[1:] - ground[0], low)
-        room = INSIDE * (high - low)
-        beyond = max(low + room, 0.0) + min(high - room, 0.0)
-        return np.append(ground[1:] - ground[0], beyond)
+        return np.append(ground[1:] - ground[0], places.real[:1] if one else [])
 
-    if np.abs(faults(wanted)).max() < STILL and (limits[:, 0] <= wanted).all() and (wanted <= limits[:, 1]).all():
+    def span(positions: Array) -> Array:
+        """Ends of the support, less room, from under the centre of mass."""
+        along = heights_over_com(robot, spots, 0.0, positions).real
+        room = INSIDE * np.ptp(along)
+        return np.array([-(along.min() + room), along.max() - room])
+
+    def stands(positions: Array) -> bool:
+        inside = one or span(positions).min() >= -STILL
+        return inside and bool(np.abs(levels(positions)).max(initial=0.0) < STILL)
+
+    if stands(wanted) and (limits[:, 0] <= wanted).all() and (wanted <= limits[:, 1]).all():
         return wanted
-    found = minimize(  # type: ignore[call-overload]
-        lambda q: float(((q - wanted) ** 2).sum()),
-        np.clip(wanted, limits[:, 0], limits[:, 1]),
-        jac=lambda q: 2 * (q - wanted),
-        bounds=Bounds(limits[:, 0], limits[:, 1]),
-        constraints=NonlinearConstraint(faults, 0.0, 0.0),
-        method="SLSQP",
-        options={"ftol": 1e-12, "maxiter": 200},
-    )
-    return np.asarray(found.x) if np.abs(faults(found.x)).max() <= STILL else None
+    constraints = [NonlinearConstraint(levels, 0.0, 0.0)]
+    if not one:
+        constraints.append(NonlinearConstraint(span, 0.0, np.inf))
+    low, high = limits.T
+    drawn = np.random.default_rng(0).uniform(low, high, (ATTEMPTS, len(low)))
+    for start in (np.clip(wanted, low, high), *drawn):
+        found = minimize(  # type: ignore[call-overload]
+            lambda q: float(((q - wanted) ** 2).sum()),
+            start,
+            jac=lambda q: 2 * (q - wanted),
+            bounds=Bounds(low, high),
+            constraints=constraints,
+            method="SLSQP",
+            options={"ftol": 1e-12, "maxiter": 200},
+        )
+        if stands(found.x):
+            return np.asarray(found.x)
+    return None
 
 
 def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:
@@ -147,8 +164,7 @@ def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> s
     step = float(np.ptp(places.imag - [each.depth for each in contacts]))
     if step > LEVEL:
         return f"its feet are {1e3 * step:.0f} mm apart in height"
-    low, high = places.real.min(), places.real.max()
-    outside = max(low, -high, 0.0)
+    outside = max(places.real.min(), -places.real.max(), 0.0)
     if outside > STILL:
         return f"its centre of mass is {1e3 * outside:.0f} mm outside its feet"
     return "its centre of mass is too near the ends of its feet"

@@ -120,9 +120,8 @@ class JumpProgram:
     def _box(self) -> tuple[Array, Array]:
         """Bounds of the variables, scaled."""
         bounds, ends = self.node.bounds, self.ends
-        room = np.minimum(RANGE_ROOM, np.ptp(bounds.position, axis=1) / 4)
         turns = np.array([ends[:, 0].min() - TURN_ROOM, ends[:, 0].max() + TURN_ROOM])
-        edges = bounds.position + np.stack((room, -room), axis=1)
+        edges = inside(bounds.position)
         fastest = np.append(FASTEST_TURN, bounds.velocity)
         y, v, a = (np.empty((2, self.size, self.nodes)) for _ in range(3))
         y[:] = np.column_stack((turns, edges.T))[:, :, None]
@@ -357,3 +356,9 @@ def roughness(parts: Sequence[Any], unit: float) -> Any:
     """Squared steps of the joints' accelerations from node to node, in units of the robot."""
     joints = parts[2][1:, :]
     return casadi().sumsqr((joints[:, 1:] - joints[:, :-1]) * unit**2)
+
+
+def inside(ranges: Array) -> Array:
+    """Joint ranges (n, 2) rad, less some room at both ends."""
+    room = np.minimum(RANGE_ROOM, np.ptp(ranges, axis=1) / 4)
+    return np.asarray(ranges + np.stack((room, -room), axis=1))

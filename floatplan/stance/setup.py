@@ -23,7 +23,7 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import JumpProgram
+from floatplan.stance.program import JumpProgram, inside
 from floatplan.stance.rows import Bounds, NodeRows
 
 MOST = 2  # [-] contacts of a phase
@@ -191,7 +191,7 @@ def _side(
         raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
     outer = contacts[0 if takes_off else -1]
     asked = request.takeoff.from_ if takes_off else request.landing.to
-    found = standing_posture(robot, outer, wanted, np.asarray(problem.position_limits))
+    found = standing_posture(robot, outer, wanted, inside(np.asarray(problem.position_limits)))
     floating = in_the_air(robot, outer, wanted if found is None else found)
     if floating:
         raise InputError(floating, element=place, advice="name what is on the ground where it stands")
