@@ -247,6 +247,7 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "joints": list(robot.joints),
         "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},
         "locked": dict(robot.locked),
+        "reference": robot.reference_name,
     }
 
 

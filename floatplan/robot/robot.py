@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -78,6 +78,7 @@ class Robot:
     resting : (n,) rad, the planned joints' positions in the reference posture, or nearest to zero
     warnings : what the URDF leaves in doubt
     layout : how links are gathered into bodies
+    reference_name : of the reference posture in an SRDF file, where one was named
     tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
     """
 
@@ -107,6 +108,7 @@ class Robot:
     source: str
     layout: TreeLayout
     tilt: float
+    reference_name: str | None = None
 
     @classmethod
     @one_thread
@@ -163,7 +165,8 @@ class Robot:
                 plane, coupled = everything.plane.name, mirror_couplings(tree, everything, joints)
             elif isinstance(coupled, str):
                 raise InputError(f'must be a table of joints, or "mirror", not "{coupled}"', element="coupled")
-            return cls._assemble(str(source), text, tree, choose(plane=plane, joints=joints, coupled=coupled))
+            robot = cls._assemble(str(source), text, tree, choose(plane=plane, joints=joints, coupled=coupled))
+            return robot if reference is None else replace(robot, reference_name=reference)
         except InputError as error:
             raise error.within(error.source or path) from None
 

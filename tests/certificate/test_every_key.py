@@ -29,7 +29,7 @@ FREE = "free"  # no part of the statement, see docs/certificate.md
 TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"format": CLAIM,
     r"floatplan|status|ok|explanation|problem_file": FREE,
-    r"problem\.name": FREE,
+    r"problem\.name|problem\.jump\.friction": FREE,
     r"problem\.ground": ASKED,
     r"problem\.limits\.motor_torque\.q[123]": ASKED,
     r"problem\.(start|goal)\.(orientation|(positions|velocities|accelerations)\[.\])": CLAIM,
@@ -82,7 +82,7 @@ def honest() -> PlanRecord:
     limits = record.problem["limits"] | own | {"acceleration": [9e5, 8e5]}
     record = replace(
         record,
-        problem=record.problem | {"limits": limits, "ground": False},
+        problem=record.problem | {"limits": limits, "ground": False, "jump": {"friction": 0.6}},
         motor_torque_peak=fp.certify(record).motor_torque_peak,
         warnings=[{"kind": "ground"}],
         utilisation=[{"joint": "q1"}],

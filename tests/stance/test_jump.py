@@ -14,7 +14,6 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.problem.jump import JumpRequest
 from floatplan.stance.jump import Jump
 from floatplan.stance.jump_file import load_jump
 from floatplan.stance.motion import Grid
@@ -85,7 +84,7 @@ def test_it_is_the_same_after_saving(tmp_path: Path) -> None:
     assert again.check.figures == found.check.figures
 
 
-@pytest.mark.parametrize("key", ["stances", "request", "flight"])
+@pytest.mark.parametrize("key", ["stances", "problem", "flight"])
 def test_a_damaged_file_is_refused(tmp_path: Path, key: str) -> None:
     path = backflip().save(tmp_path / "jump.json")
     content = json.loads(path.read_text())
@@ -118,34 +117,6 @@ def test_the_check_sees_forces_out_of_balance() -> None:
     check = tampered(found, 1, **{name: getattr(still, name) for name in ("y", "v", "a")}).check
     assert check.figures["residual"] > 0.01
     assert not check.ok
-
-
-@pytest.mark.parametrize(
-    ("fault", "message"),
-    [
-        ({"friction": 0.0}, "friction"),
-        ({"margin": {"speed": 0.5}}, "margin"),
-        ({"contacts": ([["RL_foot"], ["FL_foot"]], [["FL_foot"]])}, "leave the ground and return"),
-        ({"contacts": ([["RL_foot"]] * 3, [["FL_foot"]])}, "one or two phases"),
-        ({"durations": [(0.3, 0.2)]}, "above high"),
-        ({"fixed": ["gravity"]}, "fixed"),
-    ],
-)
-def test_a_wrong_request_is_refused(fault: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        JumpRequest(**fault)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("contacts", "message"),
-    [
-        (([["no_foot"]], [["FL_foot"]]), "no frame"),
-        (([["base"]], [["FL_foot"]]), "cannot stand"),
-    ],
-)
-def test_contacts_that_cannot_stand_are_refused(contacts: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        jump(go2_problem(), JumpRequest(contacts=contacts))  # type: ignore[arg-type]
 
 
 def test_without_gravity_nothing_stands() -> None:
