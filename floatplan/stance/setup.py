@@ -73,7 +73,8 @@ class Setup:
             friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
-        watched = watched_points(problem.robot, self.ground, self.standing[0, 1:], room.directions)
+        rest = self.standing[0 if self.phases[0].contacts else -1, 1:]
+        watched = watched_points(problem.robot, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
         return NodeRows(model, phases, watched, bounds, self.standing)
 
