@@ -41,11 +41,11 @@ from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay
 from floatplan.stance.check import JumpCheck as JumpCheck
 from floatplan.stance.jump import Jump as Jump
+from floatplan.stance.jump_file import load_jump as load_jump
 from floatplan.stance.jump_motion import JumpPhase as JumpPhase
 from floatplan.stance.launch import Launch as Launch
 from floatplan.stance.launch import launch as launch
 from floatplan.stance.planner import jump as jump
-from floatplan.stance.jump_file import load_jump as load_jump
 from floatplan.stance.request import JumpRequest as JumpRequest
 from floatplan.studies.study import Study as Study
 from floatplan.studies.study import study as study

@@ -130,7 +130,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         )
     if "duration" in request.fixed:
         bounds[len(takeoff)] = (problem.flight.duration, problem.flight.duration)
-    phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds)
+    phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
     standing = np.stack((np.append(0.0, posture), np.append(TURN * turns, posture)))
     return Setup(problem, request, phases, standing, ground)
 
@@ -170,7 +170,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
     ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
     unbounded = [None] * (2 * len(contacts) + 1)
     both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
-    phases = [each for each in phases_of(*both, -ground, gravity, unbounded) if each.side == side]
+    phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
     time = problem.flight.duration
     flight = Phase("flight", (), time, (time, time), 0)
     rest = np.append(TURN * round(meeting[0] / TURN), posture)
