@@ -18,8 +18,7 @@ from floatplan.inflight.motion import Rewriting
 from floatplan.inflight.replanner import Replanner
 from floatplan.inflight.update import Update
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import given_plan
+from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.shown import Outlined
 

@@ -27,8 +27,7 @@ from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS, KEPT, Corrected, Update
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import given_plan
+from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.shown import outline
 

@@ -1,7 +1,7 @@
 """A planar tree as the kernel sees it: bodies that turn alike merged, what is constant folded into the coupling.
 
 With ``q_i = centre_i + amplitude_i sin p_i`` the angle of body a is a constant and ``sum_i turns_ai amplitude_i sin
-p_i``. The constants go into C of :mod:`floatplan.motion.planar.momentum`, and so do the senses of rotation and the
+p_i``. The constants go into C of :mod:`floatplan.motion.planar.closed_form`, and so do the senses of rotation and the
 moments of inertia. Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right,
 are then one.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.layout import Filled
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree

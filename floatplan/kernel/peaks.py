@@ -12,7 +12,7 @@ from floatplan.kernel.bodies import filled_robot, merged_bodies
 from floatplan.kernel.layout import STRUCTURES, Filled, FilledArray
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.extrema import chebyshev_nodes
+from floatplan.motion.quadrature import chebyshev_nodes
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
