@@ -10,11 +10,11 @@ from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
+from floatplan.arguments import Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.update import FAR, KEPT, Corrected
 from floatplan.motion.sine_polynomial import CONDITIONS
-from floatplan.shown import Outlined
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 REACH = 0.15  # [-] of the plan's angular momentum, either way

@@ -16,9 +16,9 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.bodies import filled_robot, merged_bodies
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
 from floatplan.kernel.library import kernel
-from floatplan.motion.dynamics import FlightDynamics, Flown
+from floatplan.motion.dynamics import BaseMotion, FlightDynamics
 from floatplan.motion.planar.closed_form import BaseRate
-from floatplan.motion.planar.flight import PlanarFlight, PlanarFlown
+from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 
@@ -261,8 +261,8 @@ class ByX:
 class Motion:
     """A flight at these instants; what it computes of the base's motion, ``flown`` need not compute again."""
 
-    def __init__(self, instants: Instants, flown: Flown) -> None:
-        assert isinstance(flown, PlanarFlown), "compiled constraints are in a plane"
+    def __init__(self, instants: Instants, flown: BaseMotion) -> None:
+        assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
         self._instants, self._flown, self._constraints = instants, flown, instants.constraints
         joints, n = flown.joints, instants.constraints.joints
         self._structure, self._memory = instants.fresh()
@@ -338,7 +338,7 @@ class Look:
 
 def minima(
     constraints: CompiledConstraints,
-    flown: Flown,
+    flown: BaseMotion,
     polynomials: SinePolynomials,
     look: Look,
     near: float,
@@ -349,7 +349,7 @@ def minima(
     Returned are row, s and value (L,), and at how many instants it looked closer. The flight, on any grid, is of a
     motion of the class ``polynomials``.
     """
-    assert isinstance(flown, PlanarFlown), "compiled constraints are in a plane"
+    assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
     p, p_rate, p_curvature = basis(polynomials.form).series @ flown.joints.coefficients
     most = len(look.grid) * constraints.rows
     motion = Filled(
