@@ -210,14 +210,15 @@ def test_intervals_of_authority_have_no_holes_and_are_not_empty() -> None:
         patch.setattr(authority_module, "SHARES", (0.0,))
         found = fp.authority(plan)
     replanner = fp.Replanner(plan, authority_module.RATE / plan.duration)
+    real = authority_module.Update(plan.robot.tree, replanner.views, authority_module.Rewriting(plan), 1.0, 1.0)
+    alike = np.zeros(len(plan.robot.tree.mass))
     for begin, ends in zip(found.times.tolist(), found.momentum, strict=True):
         assert ends[0] < -1e-4
         assert ends[1] > 1e-4
         for error in [*np.arange(-0.06, 0.095, 0.01), *ends]:
             if ends[0] <= error <= ends[1]:
                 momentum = plan.angular_momentum * (1 + error)
-                equations = replanner.views.flight.equations
-                assert authority_module._lands(replanner, equations, momentum, begin), error
+                assert authority_module._lands(replanner, real, momentum, alike, begin), error
 
 
 def test_authority_shrinks_with_time(found: fp.Authority) -> None:

@@ -12,11 +12,11 @@ from floatplan.kernel.constraints import (
     Block,
     ByX,
     CompiledConstraints,
-    Instants,
     Look,
-    Motion,
+    MotionRows,
     ObstacleRows,
     PairRows,
+    RowTargets,
     SumRows,
     compiled_constraints,
     minima,
@@ -87,7 +87,7 @@ class CompiledRows:
     back_off: float
 
     @cached_property
-    def _instants(self) -> Instants:
+    def _instants(self) -> RowTargets:
         """Rows of each constraint together, instant by instant, those of the next after them."""
         wanted = np.full((len(self.sampling.s), self.watch.rows), -1)
         column = count = 0
@@ -96,7 +96,7 @@ class CompiledRows:
             wanted[watched, column : column + rows] = count + np.arange(instants * rows).reshape(instants, rows)
             column += rows
             count += instants * rows
-        return Instants(self.watch, self.sampling.s, wanted, count, self.back_off)
+        return RowTargets(self.watch, self.sampling.s, wanted, count, self.back_off)
 
     @cached_property
     def _by_x(self) -> ByX:
@@ -128,11 +128,11 @@ class CompiledRows:
         own = np.split(self.watch.differentiated, np.cumsum(lengths)[:-1])
         return [instants * int(rows.sum()) * size for rows in own]
 
-    def see(self, motion: Trajectory) -> Motion:
+    def see(self, motion: Trajectory) -> MotionRows:
         """Look at a motion: its rate is known afterwards."""
-        return Motion(self._instants, motion.flown)
+        return MotionRows(self._instants, motion.flown)
 
-    def derivatives(self, motion: Trajectory, seen: Motion, x: Array) -> Derivatives:
+    def derivatives(self, motion: Trajectory, seen: MotionRows, x: Array) -> Derivatives:
         """Gradient, (14) and rows by x, after the values."""
         sampling, duration = self.sampling, motion.duration
         drift = seen.drift(self._by_x, sampling.nodes)
