@@ -84,7 +84,7 @@ def replay(
     corrected.
     """
     from floatplan.plans.plan import load_plan
-    from floatplan.simulation.replay import check_engine
+    from floatplan.simulation.forward import check_engine
     from floatplan.simulation.replay import replay as fly
 
     checked = check_engine(engine)

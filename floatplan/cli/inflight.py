@@ -15,8 +15,7 @@ from floatplan.cli.summary import print_summary
 from floatplan.errors import escaped
 from floatplan.inflight.authority import Authority, authority
 from floatplan.plans.plan import Plan
-from floatplan.simulation.closed_loop import closed_loop
-from floatplan.simulation.flights import ClosedLoop
+from floatplan.simulation.closed_loop import ClosedLoop, closed_loop
 
 PAGE = "flights.html"
 

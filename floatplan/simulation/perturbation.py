@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import Check, Checked, number, optional
+from floatplan.arguments import Check, Checked, made, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.tables import Range
@@ -123,6 +123,14 @@ class Drawn:
         return model
 
 
+def given_perturbation(perturb: str | Perturbation) -> Perturbation:
+    """Return the perturbation that a function was given, or read it; errors as :func:`parse_perturbation`."""
+    if isinstance(perturb, str):
+        return parse_perturbation(perturb)
+    perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
+    return perturbation
+
+
 def parse_perturbation(text: str) -> Perturbation:
     """Read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
 
@@ -132,8 +140,8 @@ def parse_perturbation(text: str) -> Perturbation:
         A name is unknown or comes twice, or what follows is no number with one of its units.
     """
     found: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
-        name, _, value = (word.strip() for word in part.partition("="))
+    for item in filter(None, map(str.strip, text.split(","))):
+        name, _, value = map(str.strip, item.partition("="))
         if name not in KINDS:
             raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")
         if name in found:
