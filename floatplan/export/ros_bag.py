@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,12 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
-from floatplan.export.table import sample_times
-from floatplan.files import write_atomically
+from floatplan.export.table import whole_nanoseconds
 from floatplan.motion.planar.full_motion import FullMotion
 from floatplan.plans.plan import Plan
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so
 MOST_TRANSFORMS = 1_000_000  # [-] moving links times instants: below 200 MB
-NANOSECONDS = 1e9  # [1/s]
 
 HEADER = "std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id"
 TIME = "builtin_interfaces/Time", "int32 sec\nuint32 nanosec"
@@ -60,8 +57,8 @@ TOPICS = {  # topic -> type, definition, types that it uses, whether its last me
 }
 
 
-def write_mcap(plan: Plan, path: Path, rate: float) -> Path:
-    """Write a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf`` and ``/joint_states``; time begins at takeoff.
+def mcap_content(plan: Plan, rate: float) -> bytes:
+    """Return a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf``, ``/joint_states``; time begins at takeoff.
 
     The frame ``world`` has the root link's axes at orientation 0; ``/tf`` has the root link in it, and every link that
     a joint moves in its parent; links that are fixed are in ``/tf_static``. Efforts are the motors' own torques.
@@ -73,12 +70,12 @@ def write_mcap(plan: Plan, path: Path, rate: float) -> Path:
     """
     writers = import_optional("mcap.writer", name="the package mcap", element="format", extra="mcap")
     tree = plan.robot.file_tree
-    nanoseconds = np.floor(sample_times(plan.duration, rate) * NANOSECONDS + 1e-3).astype(np.int64)
+    nanoseconds = whole_nanoseconds(plan, rate)
     moving = sum(joint.moves for joint in tree.joints)
     if len(nanoseconds) * moving > MOST_TRANSFORMS:
         reason = f"{rate} Hz for {plan.duration} s are more than {MOST_TRANSFORMS} transforms"
         raise InputError(reason, element="rate", advice="give a lower rate")
-    motion = plan.full_motion(nanoseconds / NANOSECONDS)
+    motion = plan.full_motion(nanoseconds / 1e9)
     transforms = _Transforms(plan, motion)
     stream = io.BytesIO()
     bag = _Bag(writers, stream)
@@ -88,7 +85,7 @@ def write_mcap(plan: Plan, path: Path, rate: float) -> Path:
         bag.write("/tf", instant, transforms.moving(index, instant))
         bag.write("/joint_states", instant, _joint_state(motion, index, instant))
     bag.finish()
-    return write_atomically(path, stream.getvalue())
+    return stream.getvalue()
 
 
 class _Bag:
