@@ -7,7 +7,7 @@ from floatplan.inflight.authority import authority as authority
 from floatplan.inflight.correction import Correction as Correction
 from floatplan.inflight.correction import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
-from floatplan.motion.flight_state import FlightState as FlightState
+from floatplan.motion.dynamics import FlightState as FlightState
 from floatplan.planning.many import plan_many as plan_many
 from floatplan.planning.planner import plan as plan
 from floatplan.plans.contact import Contact as Contact

@@ -17,7 +17,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
 from floatplan.export.table import whole_nanoseconds
-from floatplan.motion.planar.full_motion import FullMotion
+from floatplan.motion.planar.full_model import FullMotion
 from floatplan.plans.plan import Plan
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so

@@ -8,7 +8,7 @@ import numpy as np
 
 from floatplan.arrays import ComplexArray
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.problem.ground import lowest_point
+from floatplan.problem.checks import lowest_point
 from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
 

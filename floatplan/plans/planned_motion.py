@@ -13,14 +13,20 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
-from floatplan.motion.flight_state import FlightState, Peaks
+from floatplan.motion.dynamics import FlightState, Peaks
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
-from floatplan.motion.planar.free_flyer import free_flyer
-from floatplan.motion.planar.full_motion import FullMotion
-from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
-from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
+from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics, free_flyer
+from floatplan.motion.quadrature import (
+    NODE_COUNTS,
+    GaussLegendre,
+    chebyshev_nodes,
+    extremes,
+    gauss_legendre,
+    largest_magnitudes,
+    least_by_grids,
+    resolution,
+)
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.pool.threads import one_thread
 from floatplan.problem.parts import Ground, Obstacle
@@ -128,7 +134,7 @@ class PlannedMotion:
         """Configuration (..., nq), m and rad, in the order of the free-flyer model of the file itself.
 
         That is ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``: place of the root link, quaternion x y z w,
-        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.free_flyer` for the world's
+        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.full_model` for the world's
         axes, for what that model makes of q, v, a and tau, and for joints that floatplan had to turn into the plane.
 
         Parameters

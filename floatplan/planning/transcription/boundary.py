@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.motion.dynamics import EndRates, MomentumSet
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
 from floatplan.motion.sine_polynomial import CURVATURES, EDGE, SinePolynomials, boundary_arguments
@@ -23,7 +23,7 @@ class Boundary:
 
     positions: Array
     accelerations: Array
-    rates: EndRates
+    rates: RatesAtEnds
     centre: Array
     amplitude: Array
     duration: float

@@ -25,7 +25,7 @@ from floatplan.kernel.stages import (
     ROUGH,
     nearly_resolved,
 )
-from floatplan.motion.extrema import lowest_of_neighbours, narrowed
+from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
