@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.bundled import argument
-from floatplan.cli.common import DONE, Quiet, reporting_errors
+from floatplan.cli.common import DONE, Quiet, argument, reporting_errors, tell
 from floatplan.errors import escaped
 
 if TYPE_CHECKING:
@@ -65,8 +64,4 @@ def _problem(source: str, quiet: bool) -> Problem:
     from floatplan.initial.flight import first_flight
     from floatplan.initial.robots import chosen_robot
 
-    def progress(message: str) -> None:
-        if not quiet:
-            typer.echo(message, err=True)
-
-    return first_flight(chosen_robot(source), seed=0, progress=progress).problem
+    return first_flight(chosen_robot(source), seed=0, progress=tell(quiet)).problem

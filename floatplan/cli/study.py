@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.bundled import argument
-from floatplan.cli.common import DONE, FAILED, Json, Quiet, print_json, print_path, reporting_errors
+from floatplan.cli.common import DONE, FAILED, Json, Quiet, argument, print_json, print_path, reporting_errors
 from floatplan.cli.progress import Bar, progress
 
 if TYPE_CHECKING:
