@@ -23,8 +23,9 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import plain
 from floatplan.inflight.replanner import Replanner
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.planned_motion import least_distances
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.shown import Outlined
@@ -408,7 +409,5 @@ class _Loop:
         least = np.inf
         for obstacle in self.obstacles:
             self._look_at_the_clock()
-            low, high = obstacle.window or (-np.inf, np.inf)
-            distances = obstacle_distances(segments, obstacle, times).values[(times >= low) & (times <= high)]
-            least = min(least, float(distances.min(initial=np.inf)))
+            least = min(least, float(least_distances(segments, obstacle, times).min()))
         return least
