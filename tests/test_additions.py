@@ -28,7 +28,7 @@ POWER: Edits = {
         (
             "    acceleration: Annotated[",
             '    power: Annotated[\n        Literal["none"] | JointValues,\n'
-            '        Key("Largest mechanical power", "W", "limit", "\'none\', a number, or a table by joint"),\n'
+            '        Key("Largest mechanical power", "W", "limit"),\n'
             '    ] = "none"\n    acceleration: Annotated[',
         ),
     ),
@@ -105,9 +105,9 @@ BEND: Edits = {
     "floatplan/certificate/planar/obstacles.py": (
         (
             "SEPARATIONS: dict[",
-            "def _bend(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:\n"
+            "def _bend(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PointSegments:\n"
             '    ends = {"end": obstacle["corner"]}, {"start": obstacle["corner"]}\n'
-            "    return together([_bar(surroundings, {**obstacle, **end}, velocity) for end in ends])\n\n\n"
+            "    return PointSegments.joined([_bar(surroundings, {**obstacle, **end}, velocity) for end in ends])\n\n\n"
             "SEPARATIONS: dict[",
         ),
         ('    "capsule": _bar,\n', '    "capsule": _bar,\n    "bend": _bend,\n'),

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, replace
 
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.planning.planned import Planned, alternatives, polished
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import SEED, optional, positive, whole
+from floatplan.arguments import SEED, Outlined, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import plain
@@ -28,7 +28,6 @@ from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
-from floatplan.shown import Outlined
 from floatplan.simulation.forward import (
     FASTEST,
     Accelerations,

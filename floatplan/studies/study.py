@@ -14,16 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import flag, function, optional, text, whole
+from floatplan.arguments import flag, function, optional, outline, text, whole
 from floatplan.arguments import path as as_path
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
-from floatplan.shown import outline
 from floatplan.studies.columns import arrow
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started
