@@ -78,37 +78,29 @@ def mcap_content(plan: Plan, rate: float) -> bytes:
     motion = plan.full_motion(nanoseconds / 1e9)
     transforms = _Transforms(plan, motion)
     stream = io.BytesIO()
-    bag = _Bag(writers, stream)
-    bag.write("/robot_description", 0, _Cdr().text(plan.robot.xml))
-    bag.write("/tf_static", 0, transforms.static())
+    writer = writers.Writer(stream)
+    writer.start(profile="ros2", library="floatplan")
+    channels = {topic: _channel(writer, topic) for topic in TOPICS}
+
+    def write(topic: str, instant: int, message: _Cdr) -> None:
+        writer.add_message(channels[topic], instant, message.content(), instant)
+
+    write("/robot_description", 0, _Cdr().text(plan.robot.xml))
+    write("/tf_static", 0, transforms.static())
     for index, instant in enumerate(nanoseconds.tolist()):
-        bag.write("/tf", instant, transforms.moving(index, instant))
-        bag.write("/joint_states", instant, _joint_state(motion, index, instant))
-    bag.finish()
+        write("/tf", instant, transforms.moving(index, instant))
+        write("/joint_states", instant, _joint_state(motion, index, instant))
+    writer.finish()
     return stream.getvalue()
 
 
-class _Bag:
-    """An MCAP file of ROS 2 messages, with one channel for each topic."""
-
-    def __init__(self, writers: Any, stream: io.BytesIO) -> None:
-        self._writer = writers.Writer(stream)
-        self._writer.start(profile="ros2", library="floatplan")
-        self._channels = {topic: self._channel(topic) for topic in TOPICS}
-
-    def _channel(self, topic: str) -> int:
-        name, fields, uses, kept = TOPICS[topic]
-        rule = "=" * 80
-        text = "\n".join([fields, *(f"{rule}\nMSG: {used}\n{definition}" for used, definition in uses)])
-        schema = self._writer.register_schema(name, "ros2msg", text.encode())
-        qualities = {"offered_qos_profiles": LATCHED if kept else ""}
-        return int(self._writer.register_channel(topic, "cdr", schema, qualities))
-
-    def write(self, topic: str, instant: int, message: _Cdr) -> None:
-        self._writer.add_message(self._channels[topic], instant, message.content(), instant)
-
-    def finish(self) -> None:
-        self._writer.finish()
+def _channel(writer: Any, topic: str) -> int:
+    """Begin a topic."""
+    name, fields, uses, kept = TOPICS[topic]
+    rule = "=" * 80
+    text = "\n".join([fields, *(f"{rule}\nMSG: {used}\n{definition}" for used, definition in uses)])
+    schema = writer.register_schema(name, "ros2msg", text.encode())
+    return int(writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": LATCHED if kept else ""}))
 
 
 class _Cdr:

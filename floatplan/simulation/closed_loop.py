@@ -35,7 +35,7 @@ from floatplan.simulation.forward import (
     State,
     accelerations_of,
     check_engine,
-    feedback_of,
+    feedback_gains,
     runge_kutta_step,
 )
 from floatplan.simulation.perturbation import Drawn, Perturbation, given_perturbation
@@ -298,7 +298,7 @@ class _Loop:
         self.every = max(1, round(1 / (rate * PERIOD)))
         self.reduced = reduced_model(robot, plan.ballistics.gravity)
         start = RecordedMotion(plan.record, self.reduced).joints(0.0)
-        self.control = feedback_of(self.reduced, start.positions, feedback)
+        self.gains = feedback_gains(self.reduced, start.positions, feedback)
         self.selection, self.resting = self.reduced.selection[BASE:], self.reduced.reference[BASE:]
         self.to_planned = np.linalg.pinv(self.selection)
         names = self.reduced.joints
@@ -394,8 +394,9 @@ class _Loop:
     def _torques(self, now: float, angles: Array, rates: Array) -> Array:
         reference = self.replanner.reference(now)
         positions = self.resting + self.selection @ reference.positions
-        feedback = self.control.torques(positions - angles, self.selection @ reference.velocities - rates)
-        return np.clip(self.motors @ reference.motors + feedback, -self.effort, self.effort)
+        velocities = self.selection @ reference.velocities
+        feedback = self.gains[0] * (positions - angles) + self.gains[1] * (velocities - rates)
+        return np.asarray(np.clip(self.motors @ reference.motors + feedback, -self.effort, self.effort))
 
     def _clearance(self, times: Array, positions: Array, planned: Array) -> float:
         """Least distance of the real links to an obstacle, m."""

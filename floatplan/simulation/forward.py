@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count
 from typing import Any, Literal, TypeAlias, get_args
@@ -47,40 +46,31 @@ def check_engine(name: str) -> Engine:
     return engine
 
 
-@dataclass(frozen=True, eq=False)
-class Feedback:
-    """Joint torques that pull the joints to their paths: ``stiffness (q_d - q) + damping (q_d' - q')``, (m,) each."""
+def critical_gains(bandwidth: float, inertia: Array) -> Array:
+    """Return critically damped stiffness and damping (2, m) for a bandwidth, rad/s, and joints' inertia (m,), kg m^2.
 
-    stiffness: Array
-    damping: Array
-
-    @classmethod
-    def critically_damped(cls, bandwidth: float, inertia: Array) -> Feedback:
-        """Gains for a bandwidth, rad/s, from the inertia (m,) that each joint turns, kg m^2."""
-        return cls(read_only(bandwidth**2 * inertia), read_only(2.0 * bandwidth * inertia))
-
-    def torques(self, position_error: Array, velocity_error: Array) -> Array:
-        """Torques (m,), N m."""
-        return np.asarray(self.stiffness * position_error + self.damping * velocity_error)
+    They pull the joints to their paths by torques ``stiffness (q_d - q) + damping (q_d' - q')``, N m.
+    """
+    return read_only([bandwidth**2 * inertia, 2.0 * bandwidth * inertia])
 
 
-def feedback_of(reduced: ReducedModel, posture: Array, bandwidth: float) -> Feedback:
-    """Return critically damped gains for a bandwidth, rad/s, from the inertia that each joint turns at a posture.
+def feedback_gains(reduced: ReducedModel, posture: Array, bandwidth: float) -> Array:
+    """Return critical gains (2, m) for a bandwidth, rad/s, from the inertia that each joint turns at a posture.
 
     That inertia is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
     """
     inverse = pin.computeMinverse(reduced.model, reduced.model.createData(), np.asarray(posture))
-    return Feedback.critically_damped(bandwidth, 1.0 / np.diagonal(inverse)[JOINTS])
+    return critical_gains(bandwidth, 1.0 / np.diagonal(inverse)[JOINTS])
 
 
 class JointTorques:
     """Torques (m,) by time, s, and the joints' positions and velocities (m,): the plan's, and feedback's.
 
-    ``factors`` (m,) say how strong each motor is; without feedback the torques are open loop.
+    ``factors`` (m,) say how strong each motor is; without gains (2, m) of feedback the torques are open loop.
     """
 
-    def __init__(self, motion: RecordedMotion, factors: Array, feedback: Feedback | None) -> None:
-        self.factors, self.feedback = factors, feedback
+    def __init__(self, motion: RecordedMotion, factors: Array, gains: Array | None) -> None:
+        self.factors, self.gains = factors, gains
         # a Runge-Kutta method evaluates some instants twice
         self._planned = lru_cache(maxsize=4)(motion.torques)
         self._target = lru_cache(maxsize=4)(motion.joints)
@@ -88,10 +78,11 @@ class JointTorques:
     def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
         """Torques (m,), N m."""
         torques = self._planned(time)
-        if self.feedback is not None:
+        if self.gains is not None:
             target = self._target(time)
-            torques = torques + self.feedback.torques(
-                target.positions[JOINTS] - positions, target.velocities[JOINTS] - velocities
+            torques = torques + (
+                self.gains[0] * (target.positions[JOINTS] - positions)
+                + self.gains[1] * (target.velocities[JOINTS] - velocities)
             )
         return np.asarray(self.factors * torques)
 

@@ -34,7 +34,7 @@ from floatplan.simulation.forward import (
     JointTorques,
     accelerations_of,
     check_engine,
-    feedback_of,
+    feedback_gains,
     fly_finely,
     fly_in_steps,
     whole_step,
@@ -200,7 +200,7 @@ def replay(
     drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
     motion = RecordedMotion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
-    control = None if feedback is None else feedback_of(reduced, takeoff[0], feedback)
+    control = None if feedback is None else feedback_gains(reduced, takeoff[0], feedback)
     dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations_of(engine, robot, reduced, drawn))
     times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
     if engine == "pinocchio":

@@ -20,9 +20,9 @@ from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.simulation.forward import (
     MOST_STEPS,
-    Feedback,
     JointTorques,
     State,
+    critical_gains,
     fly_in_steps,
     mujoco_accelerations,
     whole_step,
@@ -128,7 +128,7 @@ def _in_space(robot: Robot, model: SpatialModel, takeoff: State) -> State:
     return position, velocity
 
 
-def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: float) -> tuple[Feedback, float]:
+def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: float) -> tuple[Array, float]:
     """Critically damped gains of the held joints at a posture, and the fastest rate of decay that they make, 1/s."""
     mujoco = import_mujoco()
     data = mujoco.MjData(model.model)
@@ -139,9 +139,9 @@ def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: flo
     mujoco.mj_solveM(model.model, data, inverse, columns)
     inverse = inverse[:, model.velocities]
     inertia = held / np.diagonal(inverse)
-    control = Feedback.critically_damped(bandwidth, inertia)
-    rates = np.linalg.eigvals(inverse * control.damping)
-    return control, float(np.abs(rates).max(initial=0.0))
+    gains = critical_gains(bandwidth, inertia)
+    rates = np.linalg.eigvals(inverse * gains[1])
+    return gains, float(np.abs(rates).max(initial=0.0))
 
 
 def _fly(model: SpatialModel, torques: JointTorques, takeoff: State, step: float, duration: float) -> Array:
