@@ -12,7 +12,7 @@ import time as clock
 from collections import Counter
 from dataclasses import asdict, dataclass, fields
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -99,7 +99,7 @@ class Landings(Outlined):
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Trace:
     """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; of its corrections when and by what.
 
     ``corrections`` (C, 3): time, predicted miss at once (rad), and whether the motion was changed (1 or 0).
@@ -142,8 +142,8 @@ class ClosedLoop(Outlined):
     update_seconds: Array
     plan_torque_peak: Array
     effort: Array
-    paths: tuple[Path, ...]
-    uncorrected_paths: tuple[Path, ...]
+    paths: tuple[Trace, ...]
+    uncorrected_paths: tuple[Trace, ...]
     seconds: float
 
     @property
@@ -181,7 +181,7 @@ class ClosedLoop(Outlined):
 
 @one_thread
 def closed_loop(
-    plan: Plan | str | FilePath,
+    plan: Plan | str | Path,
     rate: float = 200.0,
     *,
     perturb: str | Perturbation = PERTURBED,
@@ -272,7 +272,7 @@ class _Flight:
     joints: float
     torque_peak: Array
     clearance: float
-    path: Path
+    path: Trace
     statuses: Counter[str]
     seconds: list[float]
 
@@ -364,7 +364,7 @@ class _Loop:
             joints=max(float(off.max(initial=0.0)) for off in self.reduced.off_goal(landing[BASE:], goal.positions)),
             torque_peak=peak,
             clearance=self._clearance(times, positions, planned),
-            path=Path(times[shown], orientation[shown], planned[shown], np.array(corrections).reshape(-1, 3)),
+            path=Trace(times[shown], orientation[shown], planned[shown], np.array(corrections).reshape(-1, 3)),
             statuses=statuses,
             seconds=seconds,
         )
