@@ -151,6 +151,19 @@ def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
 
 
+def _facts(asked: StudyFile) -> dict[str, Any]:
+    """What a folder says of its study, beside the hash."""
+    others = {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "pyarrow", "pin")}}
+    return {
+        "name": asked.name,
+        "problem": asked.base.name,
+        "rows": len(asked),
+        "vary": asked.paths,
+        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": {**versions(), **others},
+    }
+
+
 def study(
     path: str | Path,
     *,
@@ -196,7 +209,7 @@ def study(
     asked = load_study_file(as_path(path, "path"))
     place = StudyFolder(given or asked.folder, len(asked))
     with place.locked():
-        place.open(asked.digest(), facts(asked), restart)
+        place.open(asked.digest(), _facts(asked), restart)
         gaps = place.missing(RowCheck(asked).are_in)
         if asked.map:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
@@ -210,19 +223,3 @@ def study(
             with naming_the_folder(place.path):
                 done.files += maps.write_maps(asked, done.table, place.path)
     return done
-
-
-def facts(asked: StudyFile) -> dict[str, Any]:
-    """What a folder says of its study, beside the hash."""
-    return {
-        "name": asked.name,
-        "problem": asked.base.name,
-        "rows": len(asked),
-        "vary": asked.paths,
-        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": {
-            **versions(),
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "pyarrow", "pin")},
-        },
-    }
