@@ -126,7 +126,7 @@ class Drags:
         """Add an obstacle, or take one away."""
         count = len(self.session.view.problem.obstacles)
         if count and (count > 3 or self.rng.integers(2)):
-            self.session.edit(edits.without_obstacle(int(self.rng.integers(count))))
+            self.session.edit(edits.put_obstacle(int(self.rng.integers(count))))
         else:
             make = list(OBSTACLE_KINDS.values())[int(self.rng.integers(len(OBSTACLE_KINDS)))].example
             self.session.edit(edits.with_obstacle(make(complex(*self.rng.normal(0.0, 2.0, 2)), 1.0)))
@@ -136,9 +136,9 @@ class Drags:
         degrees: list[Any] = ["auto", 7, 9, 13]
         needed = dict.fromkeys(self.base.robot.motors, float(self.rng.uniform(0.1, 50.0)))
         choices = [
-            edits.flight(angular_momentum=str(self.rng.choice(["free", "midpoint"]))),
-            edits.motion(objective=str(self.rng.choice(list(OBJECTIVE_TABLE)))),
-            edits.motion(degree=degrees[int(self.rng.integers(4))]),
+            edits.change("flight", angular_momentum=str(self.rng.choice(["free", "midpoint"]))),
+            edits.change("motion", objective=str(self.rng.choice(list(OBJECTIVE_TABLE)))),
+            edits.change("motion", degree=degrees[int(self.rng.integers(4))]),
             edits.ground(bool(self.rng.integers(2))),
             edits.limit("torque", str(self.rng.choice(["none", "urdf", edits.BY_HAND])), needed),
             edits.limit("velocity", str(self.rng.choice(["none", "urdf", edits.BY_HAND])), needed),

@@ -22,7 +22,7 @@ from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
 from floatplan.studies.columns import read_table, table_of, written
-from floatplan.studies.file import StudyFile, Values, family, versions
+from floatplan.studies.file import StudyFile, Values, versions
 from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
@@ -60,7 +60,7 @@ def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
     """Plan the rows that begin with ``first``, in any process on any machine; whatever is wrong is a row's status."""
     began = time.perf_counter()
     study = _unpacked(content)
-    problems = family(study.base, study.factors, values)
+    problems = study.problems(values)
     columns = _together(study, problems) if is_plain_family(problems) else None
     if columns is None:
         rows = [_alone(study, problems[index : index + 1], first + index) for index in range(len(problems))]

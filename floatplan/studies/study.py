@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import version
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +137,7 @@ class Study:
             status=row["status"],
             objective=row["objective"] if solved else np.nan,
             angular_momentum=row["angular_momentum"],
-            coefficients=_padded(row["coefficients"]),
+            coefficients=np.array(list(zip_longest(*row["coefficients"], fillvalue=0.0))).T,
             starts=row["starts"],
             message="" if row["explanation"] == GOAL_MET else row["explanation"],
         )
@@ -144,11 +145,6 @@ class Study:
         if not solved:
             return plan
         return judged(plan, certify(plan))
-
-
-def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    longest = max(map(len, rows))
-    return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
 
 
 def _facts(asked: StudyFile) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 import floatplan as fp
 from floatplan.errors import import_optional
-from floatplan.studio.events import Actions
+from floatplan.studio.inputs import Actions
 from floatplan.studio.panel import Controls
 from floatplan.studio.player import Player
 from floatplan.studio.session import Session

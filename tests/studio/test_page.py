@@ -18,7 +18,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio import edits
-from floatplan.studio.events import Actions
+from floatplan.studio.inputs import Actions
 from floatplan.studio.page import Studio, is_own_page, opened
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
@@ -156,7 +156,7 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
         fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_place())))
         answered(fresh)
     for index in (2, 0, 1, 0):
-        fresh.session.edit(edits.without_obstacle(index))
+        fresh.session.edit(edits.put_obstacle(index))
         answered(fresh)
     assert fresh.session.view.problem.obstacles == ()
     fresh.stage.carry(0, 1 + 1j, begins=True)
