@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.page import Studio, opened
+from floatplan.studio.page import Studio
 from floatplan.studio.session import Part, Saving
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -186,7 +187,7 @@ def main() -> int:
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     problem = fp.load_problem(options.problem)
-    with tempfile.TemporaryDirectory() as folder, opened(problem, folder=folder, port=options.port) as studio:
+    with tempfile.TemporaryDirectory() as folder, closing(Studio(problem, folder=folder, port=options.port)) as studio:
         drags = Drags(studio, options.seed, folder)
         times = np.array([drags.gentle(number) for number in range(options.gentle)])
         found = times[times[:, 2] > 0]
