@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import version
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +137,7 @@ class Study:
             status=row["status"],
             objective=row["objective"] if solved else np.nan,
             angular_momentum=row["angular_momentum"],
-            coefficients=_padded(row["coefficients"]),
+            coefficients=np.array(list(zip_longest(*row["coefficients"], fillvalue=0.0))).T,
             starts=row["starts"],
             message="" if row["explanation"] == GOAL_MET else row["explanation"],
         )
@@ -146,9 +147,17 @@ class Study:
         return judged(plan, certify(plan))
 
 
-def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    longest = max(map(len, rows))
-    return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
+def _facts(asked: StudyFile) -> dict[str, Any]:
+    """What a folder says of its study, beside the hash."""
+    others = {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "pyarrow", "pin")}}
+    return {
+        "name": asked.name,
+        "problem": asked.base.name,
+        "rows": len(asked),
+        "vary": asked.paths,
+        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": {**versions(), **others},
+    }
 
 
 def study(
@@ -196,7 +205,7 @@ def study(
     asked = load_study_file(as_path(path, "path"))
     place = StudyFolder(given or asked.folder, len(asked))
     with place.locked():
-        place.open(asked.digest(), facts(asked), restart)
+        place.open(asked.digest(), _facts(asked), restart)
         gaps = place.missing(RowCheck(asked).are_in)
         if asked.map:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
@@ -210,19 +219,3 @@ def study(
             with naming_the_folder(place.path):
                 done.files += maps.write_maps(asked, done.table, place.path)
     return done
-
-
-def facts(asked: StudyFile) -> dict[str, Any]:
-    """What a folder says of its study, beside the hash."""
-    return {
-        "name": asked.name,
-        "problem": asked.base.name,
-        "rows": len(asked),
-        "vary": asked.paths,
-        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": {
-            **versions(),
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "pyarrow", "pin")},
-        },
-    }

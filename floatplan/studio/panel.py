@@ -13,8 +13,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.events import Actions, by_user, in_turn, on
-from floatplan.studio.inputs import Dial, Inputs
+from floatplan.studio.inputs import Actions, Dial, Inputs, by_user, in_turn, on
 from floatplan.studio.player import Player
 from floatplan.studio.session import Part, Saving, Session, View
 from floatplan.studio.stage import Stage
@@ -150,7 +149,7 @@ class Controls:
             "least",
             tuple(OBJECTIVE_TABLE),
             lambda each: each.motion.objective,
-            lambda word: edits.motion(objective=word),
+            lambda word: edits.change("motion", objective=word),
             "What the motion minimises.",
         )
         hint = "Of the polynomials: higher ones move more freely."
@@ -158,7 +157,7 @@ class Controls:
         self.inputs.tick("keep above the ground", lambda each: each.ground, edits.ground)
 
     def _momentum_edit(self, word: str) -> edits.Edit:
-        return edits.flight(angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
+        return edits.change("flight", angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
 
     def _momentum_of(self, problem: fp.Problem) -> float:
         asked = problem.flight.angular_momentum
@@ -205,7 +204,7 @@ def _degree_word(problem: fp.Problem) -> str:
 
 
 def _degree_edit(word: str) -> edits.Edit:
-    return edits.motion(degree=int(word) if word.isdecimal() else word)
+    return edits.change("motion", degree=int(word) if word.isdecimal() else word)
 
 
 class LimitsTab:
@@ -279,7 +278,7 @@ class ObstaclesTab:
         for index, obstacle in enumerate(obstacles):
             with self._tab, self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
                 self._sliders += [self._inputs.slider(dial, view.problem) for dial in obstacle_dials(index, obstacle)]
-                self._button("Remove", edits.without_obstacle(index))
+                self._button("Remove", edits.put_obstacle(index))
             self._folders.append(folder)
 
     def _button(self, label: str, edit: edits.Edit) -> None:
