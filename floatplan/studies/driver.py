@@ -164,8 +164,8 @@ class Progress:
         """As it is shown."""
         left = round(self.left)
         minutes = f"{left // 60} min {left % 60} s" if left < 3600 else f"{left // 3600} h {left % 3600 // 60} min"
-        told = f"{left} s" if left < 60 else minutes
-        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {told} left"
+        shown = f"{left} s" if left < 60 else minutes
+        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {shown} left"
 
 
 class StudyRun:

@@ -185,8 +185,8 @@ class Map:
     points: Mapping[tuple[int, int], MapPoint] = field(default_factory=dict)
 
     @classmethod
-    def around(cls, present: ShownPlan) -> Map:
-        """Return the empty map around a plan."""
+    def centred_at(cls, present: ShownPlan) -> Map:
+        """Return the empty map with a plan in its middle."""
         duration, momentum = present.plan.duration, present.plan.angular_momentum
         low, high = present.plan.angular_momentum_bounds
         step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)

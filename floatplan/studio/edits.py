@@ -96,8 +96,8 @@ def moved(obstacle: Obstacle, by: complex) -> Obstacle:
 
 def limit_choice(problem: fp.Problem, key: LimitKey) -> str:
     """Where a limit comes from: "none", "urdf" or "by hand"."""
-    asked = getattr(problem.limits, key)
-    return asked if isinstance(asked, str) else BY_HAND
+    given = getattr(problem.limits, key)
+    return given if isinstance(given, str) else BY_HAND
 
 
 def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:

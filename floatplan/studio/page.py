@@ -25,7 +25,7 @@ HOST = "127.0.0.1"  # of this machine alone
 THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
 PATIENCE = 60.0  # [s] for the first answer
 AGAIN = 0.3  # [s] until what the user held is drawn again
-CLOCK = 0.1  # [s] between two changes of the time that is told
+CLOCK = 0.1  # [s] between two changes of the time that is shown
 
 
 class Studio:

@@ -41,8 +41,8 @@ class Controls:
         self._server, self._gui, self._session, self._actions = server, server.gui, session, actions
         self._stage, self._player = stage, player
         self.inputs = Inputs(self._gui, session, actions)
-        self._told: View | None = None
-        self._begun = 0  # number of the newest question whose search was not told at once
+        self._drawn: View | None = None
+        self._begun = 0  # number of the newest question whose search was not drawn at once
         self._status = self._gui.add_html(cards.status_card(session.view))
         self._flying()
         tabs = self._gui.add_tab_group()
@@ -66,13 +66,13 @@ class Controls:
     def draw(self, view: View) -> bool:
         """Say and show what has changed; return whether it has to be drawn again soon.
 
-        So it is where the user holds a slider, or a search may take long enough to be told.
+        So it is where the user holds a slider, or a search may take long enough to be shown.
         """
-        begun = not cards.is_news(self._told, view) and view.number != self._begun
+        begun = not cards.is_news(self._drawn, view) and view.number != self._begun
         if begun:
             self._begun = view.number
         else:
-            self._told = view
+            self._drawn = view
             self._status.content = cards.status_card(view)
         self._map_html.content = cards.map_card(view.map, self._points, self._map_wanted.value)
         self._comparison.content = cards.comparison_card(view.answer, view.kept)
@@ -160,8 +160,8 @@ class Controls:
         return edits.change("flight", angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
 
     def _momentum_of(self, problem: fp.Problem) -> float:
-        asked = problem.flight.angular_momentum
-        return self._present_momentum(math.nan) if isinstance(asked, str) else float(asked)
+        momentum = problem.flight.angular_momentum
+        return self._present_momentum(math.nan) if isinstance(momentum, str) else float(momentum)
 
     def _present_momentum(self, unknown: float) -> float:
         answer = self._session.view.answer
@@ -195,8 +195,8 @@ class Controls:
 
 
 def _momentum_word(problem: fp.Problem) -> str:
-    asked = problem.flight.angular_momentum
-    return asked if isinstance(asked, str) else A_NUMBER
+    momentum = problem.flight.angular_momentum
+    return momentum if isinstance(momentum, str) else A_NUMBER
 
 
 def _degree_word(problem: fp.Problem) -> str:

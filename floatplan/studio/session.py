@@ -241,14 +241,14 @@ class Saving:
     def save(self, view: View, part: Part, folder: str) -> str:
         """Write the problem, its plan or the report; return what to say about it: nothing is raised."""
         try:
-            asked = Path(folder).expanduser() / FILE_NAMES[part]
-            numbered = (asked.with_stem(f"{asked.stem}-{number}") for number in count(2))
-            path = next(each for each in chain((asked,), numbered) if not os.path.lexists(each) or self._is_own(each))
+            wanted = Path(folder).expanduser() / FILE_NAMES[part]
+            numbered = (wanted.with_stem(f"{wanted.stem}-{number}") for number in count(2))
+            path = next(each for each in chain((wanted,), numbered) if not os.path.lexists(each) or self._is_own(each))
             _write(view, part, path)
             self._written[path.resolve()] = _version(path)
         except Exception as error:  # of a name, of a full disk, of what a report may find: the page goes on
             return f"Not saved: {Failure.of(error).words}"
-        return f"{path} is saved." if path == asked else f"{path} is saved: there is another {asked.name} already."
+        return f"{path} is saved." if path == wanted else f"{path} is saved: there is another {wanted.name} already."
 
     def _is_own(self, path: Path) -> bool:
         return path.is_file() and self._written.get(path.resolve()) == _version(path)
