@@ -40,8 +40,8 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
 @pytest.fixture
 def fresh(studio: Studio) -> Studio:
     """The studio with its first problem."""
-    while studio.session.view.can_undo:
-        studio.session.undo()
+    while studio.session.undo():
+        pass
     return studio
 
 
