@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arguments import FINITE, Check, Checked, text
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.planar.plane import Plane, choose_plane, is_parallel, joint_axes, normal_line
+from floatplan.robot.planar.plane import Plane, choose_plane, joint_axes
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
 AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
@@ -226,10 +226,8 @@ def _check_moving(
 
 def _in_plane(tree: UrdfTree, free: Sequence[str], axes: Mapping[str, Array], plane: str) -> tuple[str, ...]:
     """The joints among ``free`` that turn in the plane and are not held fast by their limits."""
-    line = normal_line(plane)
-    planned = tuple(
-        name for name in free if is_parallel(axes[name], line) and tree.joint[name].lower != tree.joint[name].upper
-    )
+    chosen, joints = Plane.of_axes(plane, ()), tree.joint
+    planned = tuple(name for name in free if chosen.sign(axes[name]) and joints[name].lower != joints[name].upper)
     if not planned:
         raise InputError(f'no joint is left to plan in the plane "{plane}"', element="joints")
     return planned
