@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import webbrowser
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,12 +38,12 @@ def studio(
     """
     from floatplan.cli.results import default_directory
     from floatplan.errors import import_optional
-    from floatplan.studio.page import opened
+    from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")
     problem = _problem(source, quiet)
     directory = default_directory(problem) / "studio" if output is None else output
-    with opened(problem, folder=str(directory), port=port, with_map=around) as page:
+    with closing(Studio(problem, folder=str(directory), port=port, with_map=around)) as page:
         typer.echo(f"{escaped(problem.name)}: {page.address} (Ctrl-C ends it)", err=True)
         if open_page:
             webbrowser.open(page.address)

@@ -8,9 +8,19 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.course import Look, minima
-from floatplan.kernel.watch import Block, ObstacleRows, PairRows, SumRows, Watch, watch
-from floatplan.kernel.watched import ByX, Instants, Motion
+from floatplan.kernel.constraints import (
+    Block,
+    ByX,
+    CompiledConstraints,
+    Instants,
+    Look,
+    Motion,
+    ObstacleRows,
+    PairRows,
+    SumRows,
+    compiled_constraints,
+    minima,
+)
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.transcription.constraints import (
@@ -57,18 +67,18 @@ def _name(quantity: Quantity) -> str:
 
 
 @lru_cache(maxsize=16)
-def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> Watch | None:
+def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints | None:
     """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel does not know one."""
     blocks = [block_of(constraint) for constraint in constraints]
     known = [block for block in blocks if block is not None]
-    return watch(flight, known, also=also) if len(known) == len(blocks) else None
+    return compiled_constraints(flight, known, also) if len(known) == len(blocks) else None
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledRows:
     """A program's rows, each where it is watched: ``watched`` (K,) of each constraint."""
 
-    watch: Watch
+    watch: CompiledConstraints
     variables: DecisionVariables
     sampling: Sampling
     constraints: tuple[Constraint, ...]
