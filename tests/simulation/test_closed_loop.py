@@ -20,9 +20,9 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight import authority as authority_module
 from floatplan.simulation import closed_loop as closed_loop_module
 from floatplan.simulation.forward import mujoco_accelerations, pinocchio_accelerations
-from floatplan.simulation.mujoco_model import mujoco_model
+from floatplan.simulation.mujoco_model import planar_model
 from floatplan.simulation.perturbation import Perturbation, parse_perturbation
-from floatplan.simulation.reduced_model import reduced_model
+from floatplan.simulation.recorded_motion import reduced_model
 from floatplan.view.report.flights import closed_loop_picture
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -88,7 +88,7 @@ def test_engines_agree(plan: fp.Plan) -> None:
     expected = pinocchio_accelerations(reduced.model)(q, v, forces)
 
     def by_mujoco(mass: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-        return mujoco_accelerations(*mujoco_model(plan.robot, reduced, mass, inertia))(q, v, forces)
+        return mujoco_accelerations(*planar_model(plan.robot, reduced, mass, inertia))(q, v, forces)
 
     np.testing.assert_allclose(by_mujoco(factors, factors), expected, rtol=1e-9, atol=1e-9)
     assert np.abs(by_mujoco(1.05 * factors, 0.95 * factors) - expected).max() > 1e-3
