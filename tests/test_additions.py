@@ -130,7 +130,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import floatplan as fp
 from floatplan.problem.schema import problem_schema
-from floatplan.studies.numbers import quantity
+from floatplan.studies.schema import varied_number
 from floatplan.studio import edits
 from floatplan.studio.session import View
 from floatplan.view.figures.figures import figures
@@ -169,7 +169,7 @@ assert "refuted" in {each.verdict for each in fp.certify("tampered.json").findin
 assert "Powers" in report(plan) and "powers" in figures(plan)
 assert LIMIT_TABLE["power"] in told_limits(plan.utilisation)
 assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
-assert quantity("limits.power", False).unit == "W"
+assert varied_number("limits.power", False).unit == "W"
 by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
 assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
 inputs = MagicMock()
@@ -184,7 +184,8 @@ else:
 """
 
 OBSTACLE_WORKS = """
-from floatplan.kernel.watch import ObstacleRows, watch
+from floatplan.inflight.prediction import DISTANCE_AIM
+from floatplan.kernel.constraints import ObstacleRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import compiled_rows
@@ -203,7 +204,8 @@ free = fp.plan(replace(problem, obstacles=()))
 assert free.clearances(times, [bend]).min() < 0
 assert np.array_equal(free.clearances(times, [bend]), free.clearances(times, bend.pieces))
 
-assert watch(flight_dynamics(asked), [ObstacleRows(bend, 0.0, 1.0)]).rows == 2 * len(problem.robot.shapes)
+compiled = compiled_constraints(flight_dynamics(asked), [ObstacleRows(bend, 0.0, 1.0)])
+assert compiled.rows == 2 * len(problem.robot.shapes)
 plan = fp.plan(asked, prove=True)
 assert plan.ok and plan.certificate.proved
 assert plan.clearances(times).min() >= 0.02 - 1e-8
@@ -218,7 +220,7 @@ def rows():
     return found.inequality, found.inequality_jacobian
 
 of_kernel = rows()
-compiled_rows.watch = lambda *arguments, **options: None
+compiled_rows.compiled_constraints = lambda *arguments, **options: None
 compiled_rows.watch_of.cache_clear()
 for one, other in zip(of_kernel, rows(), strict=True):
     assert np.allclose(one, other, rtol=1e-10, atol=1e-10) and np.abs(one).max() > 0
@@ -237,7 +239,7 @@ for shift in np.linspace(-0.5, 0.5, 11):
         assert found == ["proved" if finely > 0.02 else "refuted"], (shift, finely, found)
 
 replanner = fp.Replanner(plan)
-assert sum(type(rows).__name__ == "DistanceRows" for rows in replanner.views.rows) == 2
+assert [rows.block.obstacle for rows in replanner.views.rows if rows.aim == DISTANCE_AIM] == [bend]
 flown = fp.closed_loop(plan, perturb=fp.Perturbation(h=0.1), flights=4, budget=None)
 assert flown.uncorrected.clearance.min() < 0.9 * bend.margin < flown.corrected.clearance.min()
 
@@ -245,7 +247,7 @@ slab, *slabs = (obstacle_slab(plan, each, 0j, 1 + 1j) for each in (bend, *bend.p
 assert np.array_equal(slab[0], np.concatenate([corners for corners, _ in slabs]))
 assert "bend" in report(plan) and figures(plan)
 assert "BendTable" in problem_schema()["$defs"]
-assert quantity("obstacles.0.corner.1", False).unit == "m"
+assert varied_number("obstacles.0.corner.1", False).unit == "m"
 
 assert [dial.label for dial in obstacle_dials(0, bend)] == [
     "start →, m", "start ↑, m", "corner →, m", "corner ↑, m", "end →, m", "end ↑, m", "radius, m", "margin, m"

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import version
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,13 +24,11 @@ from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
-from floatplan.studies.columns import arrow
-from floatplan.studies.driver import Progress, fill
-from floatplan.studies.engines import started
-from floatplan.studies.file import StudyFile, load_study_file, versions
+from floatplan.studies.columns import arrow, words
+from floatplan.studies.driver import Progress, StudyRun, started
+from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
-from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
-from floatplan.studies.rows import Rows, row_seed
+from floatplan.studies.rows import RowCheck, row_seed
 from floatplan.tables import Range
 
 if TYPE_CHECKING:
@@ -52,24 +51,24 @@ class Study:
         The table, and the maps where there is one.
     """
 
-    def __init__(self, asked: StudyFile, folder: StudyFolder, table: Any) -> None:
-        self._asked = asked
+    def __init__(self, file: StudyFile, folder: StudyFolder, table: Any) -> None:
+        self._file = file
         self.folder = folder.path
         self.table = table
         self.files = [folder.results]
 
     def __len__(self) -> int:
-        return len(self._asked)
+        return len(self._file)
 
     def __repr__(self) -> str:
         """Where it is, how many rows it has by status, what varies, and what was found."""
         rows = [
             ("folder", str(self.folder)),
             ("rows", ", ".join(f"{count} {status}" for status, count in self.statuses.items())),
-            ("varied", ", ".join(self._asked.paths)),
+            ("varied", ", ".join(self._file.paths)),
             ("columns", ", ".join(self.table.column_names)),
         ]
-        return outline(f"Study({self._asked.name!r}, {len(self)} rows)", rows)
+        return outline(f"Study({self._file.name!r}, {len(self)} rows)", rows)
 
     @cached_property
     def statuses(self) -> dict[str, int]:
@@ -95,7 +94,10 @@ class Study:
             There is no such key or column.
         """
         x, y, z = (text(key, name) for key, name in ((x, "x"), (y, "y"), (z, "z")))
-        return draw(drawn_map(self._asked, self.table, x, y, z))
+        from floatplan.studies.maps import drawn_map
+        from floatplan.view.map import heatmap
+
+        return heatmap(drawn_map(self._file, self.table, x, y, z))
 
     def best(self, k: int = 1, by: str = "objective") -> Any:
         """Return the k best rows that hold a plan, as a table: least ``by`` first, of clearance the largest.
@@ -107,7 +109,8 @@ class Study:
         """
         pa, _ = arrow()
         k, by = whole(Range(0, 2**63 - 1, ""))(k, "k"), text(by, "by")
-        if by not in self.table.column_names or not _is_number(pa, self.table.schema.field(by).type):
+        kind = self.table.schema.field(by).type if by in self.table.column_names else pa.null()
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise InputError("is no column of numbers", element=f"by {by!r}")
         values = self.table[by].to_numpy().astype(np.float64)
         solved = np.isin(self.table["status"].to_numpy(), SOLVED) & ~np.isnan(values)
@@ -126,7 +129,7 @@ class Study:
         count = len(self)
         index = whole(Range(-count, count - 1, ""))(index, "index") % count
         row = self.table.slice(index, 1).to_pylist()[0]
-        family, seed = self._asked.family(index, index + 1), self._asked.samples.seed
+        family, seed = self._file.family(index, index + 1), self._file.samples.seed
         if row["coefficients"] is None:
             raise InputError(row["explanation"], element=f"row {index}")
         solved = row["status"] in SOLVED
@@ -134,7 +137,7 @@ class Study:
             status=row["status"],
             objective=row["objective"] if solved else np.nan,
             angular_momentum=row["angular_momentum"],
-            coefficients=_padded(row["coefficients"]),
+            coefficients=np.array(list(zip_longest(*row["coefficients"], fillvalue=0.0))).T,
             starts=row["starts"],
             message="" if row["explanation"] == GOAL_MET else row["explanation"],
         )
@@ -144,13 +147,17 @@ class Study:
         return judged(plan, certify(plan))
 
 
-def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    longest = max(map(len, rows))
-    return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
-
-
-def _is_number(pa: Any, kind: Any) -> bool:
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+def _facts(file: StudyFile) -> dict[str, Any]:
+    """What a folder says of its study, beside the hash."""
+    others = {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "pyarrow", "pin")}}
+    return {
+        "name": file.name,
+        "problem": file.base.name,
+        "rows": len(file),
+        "vary": file.paths,
+        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": {**versions(), **others},
+    }
 
 
 def study(
@@ -195,36 +202,20 @@ def study(
     jobs, progress = optional(JOBS)(jobs, "jobs"), optional(function)(progress, "progress")
     restart, engine = flag(restart, "restart"), text(engine, "engine")
     arrow()
-    asked = load_study_file(as_path(path, "path"))
-    place = StudyFolder(given or asked.folder, len(asked))
+    file = load_study_file(as_path(path, "path"))
+    place = StudyFolder(given or file.folder, len(file))
     with place.locked():
-        place.open(asked.digest(), facts(asked), restart)
-        gaps = place.missing(Rows(asked).are_in)
-        if asked.map:  # while others plan
-            threading.Thread(target=import_module, args=("floatplan.studies.page",), daemon=True).start()
+        place.open(file.digest(), _facts(file), restart)
+        gaps = place.missing(RowCheck(file).are_in)
+        if file.map:  # while others plan
+            threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:
             with started(engine, jobs, scheduler) as chosen:
-                fill(asked, place, gaps, chosen, progress)
-        done = Study(asked, place, place.merge())
-        if asked.map:
-            from floatplan.studies import page
+                StudyRun(file, place, chosen, progress).fill(gaps)
+        done = Study(file, place, place.merge())
+        if file.map:
+            from floatplan.studies import maps
 
             with naming_the_folder(place.path):
-                done.files += page.write_maps(asked, done.table, place.path)
+                done.files += maps.write_maps(file, done.table, place.path)
     return done
-
-
-def facts(asked: StudyFile) -> dict[str, Any]:
-    """What a folder says of its study, beside the hash."""
-    return {
-        "name": asked.name,
-        "problem": asked.base.name,
-        "rows": len(asked),
-        "vary": asked.paths,
-        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": {
-            **versions(),
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "pyarrow", "pin")},
-        },
-    }
