@@ -74,8 +74,9 @@ class Jump(JumpMotion):
         """What was found out, for a person: "flight proved, stances checked" only where both are true."""
         if self.flight is None:
             return "no jump found"
-        flight = verdict_in_words(self.flight.ok, self.flight.certificate, bool(self.flight.warnings))
-        return f"{flight}, stances {'checked' if self.check.ok else 'not within limits'}"
+        flight = verdict_in_words(self.flight.ok, self.flight.certificate, False)
+        stances = "stances checked" if self.check.ok else "stances not within limits"
+        return ", ".join([flight, stances, *(["with warnings"] if self.flight.warnings else [])])
 
     def to_dict(self) -> dict[str, Any]:
         """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""

@@ -28,7 +28,7 @@ from floatplan.tables import Range
 
 STARTS = 3
 MOST_STARTS = Range(1, 1000, "")
-ROOM = Room(1.0, 1.0, 0.7, 4, 1.4)  # of the nodes: limits are those of the factor
+ROOM = Room(1.0, 1.0, 0.6, 4, 1.4)  # of the nodes: limits are those of the factor
 AT_REST = 1e-6  # [m/s] of the frame in flight
 LIMITED = ("torque", "rates")  # how labels of what is divided by the factor begin
 MOST = 20.0  # [-] the largest factor that is looked for

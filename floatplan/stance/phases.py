@@ -16,6 +16,8 @@ from floatplan.robot import Robot
 from floatplan.stance.contacts import LEVEL, Contact, heights_over_com
 
 FLIGHT = (2.57, 16)  # [sqrt(height / g), -] guessed duration, and intervals
+HOP = (1.2, 16)  # [sqrt(height / g), -] the same of a flight without a turn
+SHORTEST_HOP = 0.3  # [-] of that
 STANCES = {"takeoff": ((1.7, 14), (1.03, 14)), "landing": ((0.86, 14), (2.3, 14))}  # the same of each phase
 SINGLE = {"takeoff": (2.73, 28), "landing": (3.16, 28)}  # where there is but one
 WIDEST = {
@@ -75,6 +77,7 @@ def phases_of(
     height: float,
     gravity: float,
     bounds: Sequence[tuple[float, float] | None],
+    turns: int,
 ) -> tuple[Phase, ...]:
     """Return the phases of a jump, with generic durations.
 
@@ -84,6 +87,7 @@ def phases_of(
     height : of the centre of mass where the robot stands, m
     gravity : m/s^2
     bounds : of the durations of all phases, s; None for generic ones
+    turns : of the base in flight
     """
     unit = math.sqrt(height / gravity)
     sides: list[tuple[Side, Sequence[tuple[Contact, ...]]]] = [
@@ -94,11 +98,14 @@ def phases_of(
     phases: list[Phase] = []
     for side, groups in sides:
         anchor = takeoff[-1][0] if side == "takeoff" else landing[0][0]
-        shares = [FLIGHT] if side == "flight" else STANCES[side] if len(groups) > 1 else [SINGLE[side]]
+        shares = (
+            [FLIGHT if turns else HOP] if side == "flight" else STANCES[side] if len(groups) > 1 else [SINGLE[side]]
+        )
         for contacts, (share, intervals) in zip(groups, shares, strict=True):
             ordered = tuple(sorted(contacts, key=lambda each: each != anchor))
             guess, given = share * unit, bounds[len(phases)]
-            low, high = given if given is not None else (WIDEST[side][0] * guess, WIDEST[side][1] * guess)
+            least = SHORTEST_HOP if side == "flight" and not turns else WIDEST[side][0]
+            low, high = given if given is not None else (least * guess, WIDEST[side][1] * guess)
             phases.append(Phase(side, ordered, min(max(guess, low), high), (low, high), intervals))
     return tuple(phases)
 

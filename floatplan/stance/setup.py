@@ -81,7 +81,8 @@ class Setup:
             friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
-        watched = watched_points(problem.robot, self.ground, self.standing[0, 1:], room.directions)
+        rest = self.standing[0 if self.phases[0].contacts else -1, 1:]
+        watched = watched_points(problem.robot, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
         return NodeRows(model, phases, watched, bounds, self.standing)
 
@@ -131,7 +132,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         (time, time) if "duration" in request.fixed else None,
         *_bounds(request, "landing", len(landing)),
     ]
-    phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds)
+    phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
     standing = np.stack((np.append(0.0, posture), np.append(TURN * turns, rest)))
     return Setup(problem, request, phases, standing, ground)
 
@@ -167,7 +168,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
     ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
     unbounded = [None] * (2 * len(contacts) + 1)
     both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
-    phases = [each for each in phases_of(*both, -ground, gravity, unbounded) if each.side == side]
+    phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
     time = problem.flight.duration
     flight = Phase("flight", (), time, (time, time), 0)
     rest = np.append(TURN * round(meeting[0] / TURN), posture)

@@ -1,4 +1,4 @@
-"""Whether a flight can begin and end: ``floatplan takeoff``, ``launch``, and ``jump``, from standing to standing."""
+"""The commands about what the ground has to do with a flight: ``jump``, from standing to standing, and ``launch``."""
 
 from __future__ import annotations
 
@@ -9,47 +9,29 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.bundled import argument
-from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Quiet, Urdf, print_json, program, reporting_errors
+from floatplan.cli.common import (
+    DONE,
+    FAILED,
+    Json,
+    PlanFile,
+    ProblemFile,
+    Quiet,
+    Urdf,
+    print_json,
+    program,
+    reporting_errors,
+    tell,
+)
 from floatplan.cli.progress import progress
-from floatplan.errors import escaped, naming
+from floatplan.errors import naming
 
 Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
 Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
 
 
 @reporting_errors
-def takeoff(
-    problem_file: Annotated[str, argument("PROBLEM.toml", "A problem file.")],
-    json_output: Json = False,
-) -> None:
-    """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
-
-    Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
-    rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
-    """
-    from floatplan.plans.contact import landing as at_landing
-    from floatplan.plans.contact import no_common_momentum
-    from floatplan.plans.contact import takeoff as at_takeoff
-    from floatplan.problem.file import load_problem
-
-    problem = load_problem(problem_file)
-    ends = at_takeoff(problem), at_landing(problem)
-    disagreement = no_common_momentum(problem)
-    if json_output:
-        facts = {str(contact.end): contact.to_dict() for contact in ends}
-        print_json({"joints": list(problem.robot.joints), **facts, "no_common_momentum": disagreement})
-    else:
-        from floatplan.cli.contact_summary import contact_summary
-        from floatplan.cli.summary import print_summary
-
-        print_summary(contact_summary(ends, disagreement))
-    raise typer.Exit(DONE if all(contact.ok for contact in ends) and disagreement is None else FAILED)
-
-
-@reporting_errors
 def jump(
-    problem_file: Annotated[str, argument("PROBLEM.toml", "A problem file, with a table [jump] or without.")],
+    problem_file: ProblemFile,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
     ] = None,
@@ -77,9 +59,9 @@ def jump(
         if found.flight is not None and found.flight.ok:
             bar.say("proving the flight")
             found = found.with_certificate(certify(found.flight))
-    files = write_jump(found, directory, None if quiet else lambda words: typer.echo(escaped(words), err=True))
+    files = write_jump(found, directory, tell(quiet))
     if not quiet:
-        from floatplan.cli.contact_summary import jump_summary
+        from floatplan.cli.jump_summary import jump_summary
         from floatplan.cli.summary import print_summary
 
         print_summary(jump_summary(found, files, time.perf_counter() - began, program()), stderr=json_output)
@@ -122,7 +104,7 @@ def launch(
             {**facts, "friction": request.friction, "sentences": list(found.sentences), "figures": found.figures}
         )
     else:
-        from floatplan.cli.contact_summary import launch_summary
+        from floatplan.cli.jump_summary import launch_summary
         from floatplan.cli.summary import print_summary
 
         print_summary(launch_summary(found, request.friction))

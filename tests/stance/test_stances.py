@@ -1,0 +1,74 @@
+"""What stances are made of: contacts found by shape, standing postures, and quintics between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from jumps import GO2, INSTALLED
+from needed import skip_or_fail
+
+from floatplan.errors import InputError
+from floatplan.robot import Robot
+from floatplan.stance.contacts import contact_at, heights_over_com, standing_feet
+from floatplan.stance.exact import blend
+from floatplan.stance.motion import hermite
+from floatplan.stance.phases import standing_posture
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+TALOS = "example-robot-data:talos_data/robots/talos_reduced.urdf"
+
+
+def test_a_quadruped_stands_on_four_feet_in_two_pairs() -> None:
+    robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+    rear, front = standing_feet(robot, "RL_foot", np.array(robot.resting))
+    (contact,) = contact_at(robot, front, np.array(robot.resting))
+    assert rear == "RL_foot"
+    assert set(contact.names) == {"FL_foot", "FR_foot"}
+    assert 0.015 < contact.depth < 0.03
+
+
+def test_a_humanoid_stands_on_heel_and_toe() -> None:
+    robot = Robot.from_urdf(TALOS, coupled="mirror", plane="xz", reference="half_sitting")
+    toe, heel = contact_at(robot, "leg_left_6_link", np.array(robot.resting))
+    assert (toe.suffix, heel.suffix, toe.vertical, heel.vertical) == (".toe", ".heel", False, True)
+    places = heights_over_com(robot, [toe.spots[0], heel.spots[0]], 0.0, np.array(robot.resting))
+    assert 0.15 < places[0].real - places[1].real < 0.3
+    assert abs(places[0].imag - toe.depth - places[1].imag + heel.depth) < 1e-9
+
+
+def test_a_standing_posture_is_level_and_balanced() -> None:
+    robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+    wanted = np.array(robot.resting) + np.array([0.1, 0.0, -0.1, 0.1])
+    contacts = [contact_at(robot, frame, wanted)[0] for frame in ("RL_foot", "FL_foot")]
+    found = standing_posture(robot, contacts, wanted, np.asarray(robot.position_limits))
+    places = heights_over_com(robot, [each.spots[0] for each in contacts], 0.0, found)
+    assert abs(np.ptp(places.imag - [each.depth for each in contacts])) < 1e-5
+    assert places.real.min() < 0 < places.real.max()
+    assert np.abs(found - wanted).max() < 0.2
+
+
+def test_where_nothing_stands_the_message_says_what_to_give() -> None:
+    robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
+    contacts = [contact_at(robot, frame, np.array(robot.resting))[0] for frame in ("RL_foot", "FL_foot")]
+    narrow = np.array([[0.0, 0.1], [-1.0, -0.9], [1.5, 1.6], [-1.0, -0.9]])
+    with pytest.raises(InputError, match="standing"):
+        standing_posture(robot, contacts, np.array(robot.resting), narrow)
+
+
+def test_quintics_pass_through_what_they_are_given() -> None:
+    times = np.array([0.0, 0.3, 0.5])
+    y, v, a = np.random.default_rng(0).normal(size=(3, 2, 3))
+    curve = hermite(times, y, v, a)
+    for order, values in enumerate((y, v, a)):
+        found = (curve.derivative(order) if order else curve)(times)
+        np.testing.assert_allclose(found.T, values, atol=1e-9)
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.2, 0.7), (0.7, 0.2)])
+def test_a_blend_dies_out_at_its_other_end(near: float, far: float) -> None:
+    values = np.array([[0.3, -1.0, 4.0]])
+    found = blend(np.array([near, far]), near, far, values)
+    for order, part in enumerate(found):
+        np.testing.assert_allclose(part[0], [values[0, order], 0.0], atol=1e-9)
