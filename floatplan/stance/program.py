@@ -36,7 +36,7 @@ ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 250
+ITERATIONS = 400
 
 
 @dataclass(frozen=True, eq=False)
