@@ -14,6 +14,7 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.stance.check import SLIP
 from floatplan.stance.exact import exact_side
 from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
 from floatplan.stance.jump import Jump
@@ -26,6 +27,7 @@ from floatplan.tables import Range
 ROOM = Room(0.9, 0.97, 0.7, 4)  # of the first program; the next depends on what its jump breaks
 CORRECTIONS = 2  # [-] programs after the first
 FINER = 1.4  # [-] times the nodes in each
+LESS_FRICTION = 0.85  # [-] where forces leave the cone
 STRICTER = 0.97  # [-] beyond what a figure shows
 STARTS = 4
 MOST_STARTS = Range(1, 1000, "")
@@ -126,6 +128,8 @@ def _stricter(room: Room, answer: Jump) -> Room:
     torque = min(share("torque", margin["torque"], room.torque), share("torque_speed", margin["torque"], room.torque))
     velocity = share("velocity", margin["velocity"], room.velocity)
     friction = share("friction", answer.request.friction, room.friction)
+    if figures.get("slip", 0.0) > SLIP:
+        friction *= LESS_FRICTION
     return Room(torque, velocity, friction, 2 * room.directions, FINER * room.finer)
 
 

@@ -36,7 +36,7 @@ ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
-ITERATIONS = 250
+ITERATIONS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Solution:
     durations : (phases,) s
     momentum : h, kg m^2/s
     worst : largest violation of a constraint, scaled; and which it is
-    converged : bool
+    converged : whether every constraint holds, though the cost may not be least where IPOPT ended early
     iterations : int
     cost : integral of squared torques, N^2 m^2 s
     raw : the variables, scaled
@@ -292,7 +292,7 @@ class JumpProgram:
             durations=rest[-2].ravel(),
             momentum=float(rest[-1].item()),
             worst=(float(excess[at]), rows.labels[at]),
-            converged=bool(stats["success"]) and float(excess[at]) < CONVERGED,
+            converged=float(excess[at]) < (CONVERGED if stats["success"] else HELD),
             iterations=int(stats["iter_count"]),
             cost=float(cost[0]) * (self.node.weight * self.node.height) ** 2,
             raw=raw,
