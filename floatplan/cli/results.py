@@ -82,14 +82,14 @@ def write_jump(jump: Jump, directory: Path, tell: Callable[[str], object] | None
 
     def replacing() -> None:
         was_jump = (directory / JUMP).is_file()
-        _remove_older(directory, tell)
+        _remove_older(directory, tell, kept=(JUMP,))
         if was_jump and jump.flight is None:
             (directory / PLAN).unlink(missing_ok=True)
 
     return write_together(contents, replacing=replacing)
 
 
-def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None:
+def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: Sequence[str] = ()) -> None:
     """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
 
     Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
@@ -104,7 +104,7 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None
     made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
     made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
-    older = [path for path in made if path.is_file()]
+    older = [path for path in made if path.is_file() and path.name not in kept]
     for path in older:
         path.unlink()
     names = dict.fromkeys(path.relative_to(directory).parts[0] for path in older if path.name != TRAJECTORY)

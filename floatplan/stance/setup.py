@@ -193,16 +193,17 @@ def _side(
     outer = contacts[0 if takes_off else -1]
     asked = request.takeoff.from_ if takes_off else request.landing.to
     found = standing_posture(robot, outer, wanted, inside(np.asarray(problem.position_limits)))
-    floating = in_the_air(robot, outer, wanted if found is None else found)
+    own = isinstance(asked, Mapping)
+    is_other = own and found is not None and np.abs(found - wanted).max() > NEAR
+    floating = "" if is_other else in_the_air(robot, outer, wanted if found is None else found)
     if floating:
         raise InputError(floating, element=place, advice="name what is on the ground where it stands")
-    own = isinstance(asked, Mapping)
-    if found is None or (own and np.abs(found - wanted).max() > NEAR):
-        nearest = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found, strict=True)]
+    if found is None or is_other:
+        static = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found, strict=True)]
         raise InputError(
             f"the posture is not static: {not_static(robot, outer, wanted)}",
             element=("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place,
-            advice=f"near it is {', '.join(nearest)} rad" if nearest else "give another, or other contacts",
+            advice=f"static is {', '.join(static)} rad" if static else "give another, or other contacts",
         )
     return contacts, found
 

@@ -1,0 +1,206 @@
+"""``floatplan jump`` and ``launch``: files, words and exit codes; what is wrong is refused with file and key."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jumps import INSTALLED, backflip
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.stance import launch as launching
+from floatplan.stance import planner
+from floatplan.stance.check import JumpCheck
+from floatplan.stance.jump import Jump
+from floatplan.stance.launch import Launch
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+Command = Callable[..., Any]
+
+
+@pytest.fixture
+def go2(root: Path) -> Path:
+    return root / "problems" / "jumps" / "go2.toml"
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> list[fp.Problem]:
+    """The search finds the jump that is at hand; which problems it is asked."""
+    asked: list[fp.Problem] = []
+
+    def search(problem: fp.Problem, **_: Any) -> Jump:
+        asked.append(problem)
+        return backflip()
+
+    monkeypatch.setattr(planner, "jump", search)
+    return asked
+
+
+def answering(monkeypatch: pytest.MonkeyPatch, answer: Jump) -> None:
+    monkeypatch.setattr(planner, "jump", lambda problem, **_: answer)
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+def test_found_checked_and_proved(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
+    run = floatplan("jump", go2, "-o", "results")
+    assert run.code == 0
+    for part in ("flight proved, stances checked", "FL_foot", "torques take", "jump.json", "plan.json", "not proved"):
+        assert part in words(run.stdout)
+    assert len(run.stdout.splitlines()) < 40
+    assert [each.jump is not None for each in found] == [True]
+    flight = fp.load_plan("results/plan.json")
+    assert flight.certificate is not None
+    assert flight.certificate.proved
+    again = fp.load_jump("results/jump.json")
+    assert again.ok
+    assert again.verdict.startswith("flight proved, stances checked")
+    assert sorted(path.name for path in Path("results").iterdir()) == ["jump.json", "plan.json"]
+
+
+def test_json(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
+    run = floatplan("jump", go2, "--json", "--quiet")
+    assert run.code == 0
+    facts = json.loads(run.stdout)
+    assert facts["verdict"].startswith("flight proved, stances checked")
+    assert [phase["kind"] for phase in facts["phases"]] == ["stance", "stance", "flight", "stance", "stance"]
+    assert facts["figures"]["torque"] <= 0.85
+    assert Path("runs/go2_backflip/jump.json").is_file()
+
+
+def test_an_older_plan_goes_with_what_was_made_of_it(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
+    floatplan("jump", go2, "-o", "results", "--quiet")
+    Path("results/report.html").touch()
+    assert "report.html" in floatplan("jump", go2, "-o", "results").stderr
+    assert not Path("results/report.html").exists()
+
+
+def test_not_found(floatplan: Command, go2: Path, found: list[fp.Problem], monkeypatch: pytest.MonkeyPatch) -> None:
+    floatplan("jump", go2, "-o", "results", "--quiet")
+    problem = fp.load_problem(go2)
+    assert problem.jump is not None
+    answering(monkeypatch, Jump(problem, problem.jump, explanation="Friction stands in the way."))
+    run = floatplan("jump", go2, "-o", "results")
+    assert run.code == 1
+    assert "no jump found" in run.stdout
+    assert "Friction stands in the way." in run.stdout
+    assert [path.name for path in Path("results").iterdir()] == ["jump.json"]
+    assert not fp.load_jump("results/jump.json").ok
+
+
+def test_stances_that_do_not_hold_are_not_called_checked(
+    floatplan: Command, go2: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = replace(backflip())
+    figures = {**backflip().check.figures, "torque": 1.2}
+    vars(broken)["check"] = JumpCheck(False, figures, ("torques take 120% of their limits, 0.85 at most",))
+    answering(monkeypatch, broken)
+    run = floatplan("jump", go2, "-o", "results")
+    assert run.code == 1
+    assert "stances checked" not in words(run.stdout)
+    assert "not within limits: torques take 120% of their limits" in words(run.stdout)
+
+
+def test_without_casadi_it_says_what_to_install(
+    floatplan: Command, go2: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = backflip().flight
+    assert flight is not None
+    plan = flight.save(tmp_path / "plan.json")
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    for command in (("jump", go2), ("launch", plan)):
+        run = floatplan(*command)
+        assert run.code == 2
+        assert "CasADi is not installed" in run.stderr
+        assert "jump]" in run.stderr
+    assert list(Path.cwd().iterdir()) == []
+
+
+WRONG = {  # in go2.toml: what is replaced, and what is said then
+    "a posture that is not static": (
+        'contacts = [["RL_foot", "FL_foot"]',
+        'from = { RL_calf_joint = -100 }\ncontacts = [["RL_foot", "FL_foot"]',
+        "jump.takeoff.from: the posture is not static: its feet are",
+    ),
+    "a posture that falls": (
+        'contacts = [["FL_foot"], ["FL_foot", "RL_foot"]]',
+        'to = { FL_thigh_joint = -50, RL_thigh_joint = -50 }\ncontacts = [["FL_foot"], ["FL_foot", "RL_foot"]]',
+        "jump.landing.to: the posture is not static: its centre of mass is",
+    ),
+    "a contact in the air": (
+        '[["RL_foot", "FL_foot"], ["RL_foot"]]',
+        '[["RL_foot", "FL_calf"], ["RL_foot"]]',
+        "jump.takeoff.contacts: 'FL_calf' is in the air",
+    ),
+    "friction 0": ("friction = 0.6", "friction = 0", "jump.friction: 0.0 is not positive"),
+    "no gravity": ("duration = 0.4", "duration = 0.4\ngravity = 0", "flight.gravity: nothing stands without gravity"),
+    "a momentum that is no number": (
+        "[jump.takeoff]",
+        'fixed = ["angular_momentum"]\n[jump.takeoff]',
+        "flight.angular_momentum: 'free' is no number to keep",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_refused(floatplan: Command, go2: Path, tmp_path: Path, name: str) -> None:
+    before, after, said = WRONG[name]
+    text = go2.read_text()
+    assert before in text
+    path = tmp_path / "wrong.toml"
+    path.write_text(text.replace(before, after))
+    run = floatplan("jump", path)
+    assert run.code == 2, run.stdout
+    assert "wrong.toml" in run.stderr
+    assert said in words(run.stderr)
+    assert list(Path.cwd().iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("answer", "code", "said"),
+    [
+        (Launch(True, 0.9, "velocity", "q1", ("A stance reaches the takeoff.",), {}), 0, "checked 2000 times"),
+        (Launch(False, 1.7, "torque", "q1", ("No stance was found.",), {}), 1, "does not prove that none exists"),
+        (Launch(False, float("inf"), "", "", ("No stance was found.",), {}), 1, "does not prove that none exists"),
+    ],
+)
+def test_launch(
+    floatplan: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: Launch, code: int, said: str
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(launching, "launch", lambda plan, request, **words: asked.append((request, words)) or answer)
+    flight = backflip().flight
+    assert flight is not None
+    path = flight.save(tmp_path / "plan.json")
+    run = floatplan("launch", path, "--landing", "--friction", "0.4")
+    assert run.code == code
+    assert answer.sentences[0] in run.stdout
+    assert "Friction 0.4." in run.stdout
+    assert said in words(run.stdout)
+    assert (asked[0][0].friction, asked[0][1]["end"]) == (0.4, "landing")
+    facts = json.loads(floatplan("launch", path, "--json").stdout)
+    assert (facts["ok"], facts["friction"]) == (answer.ok, 0.6)
+
+
+def test_launch_of_no_plan(floatplan: Command) -> None:
+    assert floatplan("launch", "nowhere.json").code == 2
+
+
+@pytest.mark.long
+def test_from_end_to_end(floatplan: Command, go2: Path) -> None:
+    run = floatplan("jump", go2, "-o", "results", "--starts", "1")
+    assert run.code == 0
+    assert "flight proved, stances checked" in words(run.stdout)
+    run = floatplan("launch", "results/plan.json")
+    assert run.code == 0
+    assert "to spare" in run.stdout
