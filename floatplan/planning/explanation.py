@@ -58,7 +58,7 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
         if rows.size:
             row = int(best.worst.row[rows[np.argmin(best.worst.value[rows])]])
             amount = f"{_rounded_up(-best.worst.value[rows].min() * block.scale[row])} {block.unit}"
-            wishes.append(block.relaxed(row, amount))
+            wishes.append(block.relaxed.format(label=block.labels[row], amount=amount))
     return [f"It would be a plan with {' and '.join(wishes)}; another seed, or more starts, may find one without that."]
 
 
@@ -105,7 +105,7 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
                 amount = -values[end, row] * block.scale[row]
                 sentences.append(
                     f"At {verb} the {name} itself is impossible: {block.labels[row]} is violated by"
-                    f" {amount:.4g} {block.unit} ({block.cause_at(name)})."
+                    f" {amount:.4g} {block.unit} ({block.cause.format(end=name)})."
                 )
     return sentences
 

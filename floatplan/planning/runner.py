@@ -32,9 +32,12 @@ def runner(
 ) -> Iterator[Run]:
     """What follows starts at some degrees by their numbers: the given ones come first, then random ones."""
 
+    def follow(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
+        return _follow(prepared, given, number, degrees, expired, work_left())
+
     def run_here(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome]:
         for number in numbers:
-            outcome = _follow(prepared, given, number, degrees, expired, work_left())
+            outcome = follow(degrees, given, number)
             if outcome is None:
                 return
             yield outcome
@@ -59,7 +62,7 @@ def runner(
                 try:
                     outcome = future.result()
                 except BrokenExecutor:
-                    outcome = _follow(prepared, given, number, degrees, expired, work_left())
+                    outcome = follow(degrees, given, number)
                 if outcome:
                     yield outcome
 
@@ -75,12 +78,8 @@ def _follow(
     most_work: float,
 ) -> Outcome | None:
     """Follow a start by its number: the given ones come first; None where there are not so many."""
-    if number < len(given):
-        return prepared.attempt(given[number], number, degrees, expired, most_work)
-    drawn = prepared.first_starts(degrees, number + 1 - len(given))
-    if len(drawn) < number + 1 - len(given):
-        return None
-    return prepared.attempt(drawn[-1], number, degrees, expired, most_work)
+    known = [*given, *prepared.first_starts(degrees, max(number + 1 - len(given), 0))]
+    return prepared.attempt(known[number], number, degrees, expired, most_work) if number < len(known) else None
 
 
 _prepared: Attempts

@@ -11,6 +11,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import ClassVar
 
@@ -18,15 +19,14 @@ import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.kernel.stages import WANTED_AFTER_FAILURE
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome, best
-from floatplan.planning.compiled import Followed
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
 from floatplan.planning.runner import expiry, runner
 from floatplan.planning.starts import MOMENTUM_FRACTIONS
-from floatplan.planning.work import DEFAULT_WORK
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
 LOG = logging.getLogger(__name__)
+DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
 MOST_JOBS = 64  # [-] processes
 MOST_SOLVED = 1000  # [-] solved starts to choose the best from
 JOBS = whole(Range(1, MOST_JOBS, ""))
@@ -44,18 +44,48 @@ STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solv
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Result of a search: the best outcome, all that hold in order of their objectives, and the work it took."""
+    """Where the attempts of a search ended, in their order, and why there are no more of them."""
 
-    best: Outcome
-    holding: tuple[Outcome, ...]
-    attempts: int
-    solved: int
-    iterations: int
-    evaluations: int
-    work: float
-    ran_out_of_time: bool
-    ran_out_of_patience: bool
-    interrupted: bool
+    outcomes: Sequence[Outcome]
+    ran_out_of_time: bool = False
+    ran_out_of_patience: bool = False
+    interrupted: bool = False
+
+    @cached_property
+    def best(self) -> Outcome:
+        """The best outcome, the first of equals."""
+        return best(self.outcomes)
+
+    @cached_property
+    def holding(self) -> tuple[Outcome, ...]:
+        """All that hold, in the order of their objectives, which a single one need not have evaluated."""
+        holding = [outcome for outcome in self.outcomes if outcome.holds]
+        return tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding)
+
+    @property
+    def attempts(self) -> int:
+        """Number of starts followed."""
+        return sum(outcome.starts for outcome in self.outcomes)
+
+    @property
+    def solved(self) -> int:
+        """Number of those solved."""
+        return sum(outcome.solved for outcome in self.outcomes if outcome.holds)
+
+    @property
+    def iterations(self) -> int:
+        """Of the solver, in all attempts."""
+        return sum(outcome.solution.iterations for outcome in self.outcomes)
+
+    @property
+    def evaluations(self) -> int:
+        """Motions evaluated in all attempts."""
+        return sum(outcome.solution.evaluations for outcome in self.outcomes)
+
+    @property
+    def work(self) -> float:
+        """Done in all attempts, instants of one body."""
+        return sum(outcome.work for outcome in self.outcomes)
 
 
 @dataclass(frozen=True)
@@ -69,8 +99,7 @@ class SearchOptions(Checked):
     budget : s, or None: the usual work
     jobs : processes
     progress : told in a few words what the search is doing
-    work : instants of one body, where there is no budget; None: the usual work
-    patience : of that work, how much may be done before a start is solved; None: all of it
+    patience : instants of one body, how much of the usual work may be done before a start is solved; None: all of it
         Only with one process. A search that ends sooner is otherwise the same.
 
     Raises
@@ -84,7 +113,6 @@ class SearchOptions(Checked):
     budget: float | None = None
     jobs: int = 1
     progress: Callable[[str], None] | None = None
-    work: float | None = None
     patience: float | None = None
 
     checks: ClassVar[Mapping[str, Check]] = {
@@ -106,68 +134,46 @@ def search(
     these the best alone is kept. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
-    work = (options.work or DEFAULT_WORK) if options.budget is None else np.inf
-    allowance = Allowance(work) if options.patience is None else Allowance.with_patience(work, options.patience)
+    work = DEFAULT_WORK if options.budget is None else np.inf
+    patience = np.inf if options.patience is None else options.patience
+    allowance = Allowance(min(work, patience), held_back=work - patience if patience < work else 0.0)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
     try:
         for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), attempts):
             outcomes.append(outcome)
-            tried, solved = _counts(outcomes)
+            so_far = SearchResult(outcomes)
             if LOG.isEnabledFor(logging.INFO):
-                LOG.info("%s", _said(prepared, outcomes))
+                LOG.info("%s", _said(prepared, so_far))
             if options.progress and time.monotonic() - announced > 1:
                 announced = time.monotonic()
-                options.progress(f"{tried} starts tried, {solved} solved, degree {max(outcome.degrees)}")
+                tried, degree = so_far.attempts, max(outcome.degrees)
+                options.progress(f"{tried} starts tried, {so_far.solved} solved, degree {degree}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
     except KeyboardInterrupt:
         interrupted = True
         if not outcomes:
             outcomes.append(prepared.attempt(prepared.plain_start, 0, prepared.problem.degrees, lambda: True))
-    holding = [outcome for outcome in outcomes if outcome.holds]
-    tried, solved = _counts(outcomes)
-    return SearchResult(
-        best(outcomes),
-        tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding),
-        attempts=tried,
-        solved=solved,
-        iterations=sum(outcome.solution.iterations for outcome in outcomes),
-        evaluations=sum(outcome.solution.evaluations for outcome in outcomes),
-        work=sum(outcome.work for outcome in outcomes),
-        ran_out_of_time=allowance.is_used_up or expired(),
-        ran_out_of_patience=allowance.is_used_up and allowance.held_back > 0,
-        interrupted=interrupted,
-    )
+    out_of_patience = allowance.is_used_up and allowance.held_back > 0
+    return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
 
-def _counts(outcomes: Sequence[Outcome]) -> tuple[int, int]:
-    """Starts followed, and of them those solved."""
-    return sum(outcome.starts for outcome in outcomes), sum(outcome.solved for outcome in outcomes if outcome.holds)
-
-
-def _said(prepared: Attempts, outcomes: list[Outcome]) -> str:
+def _said(prepared: Attempts, so_far: SearchResult) -> str:
     """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
-    outcome = outcomes[-1]
-    degrees = sorted(set(outcome.degrees))
-    parts = [
-        f"start {_counts(outcomes)[0]}, degree {' to '.join(map(str, degrees))}, {outcome.solution.iterations} steps"
-    ]
+    outcome = so_far.outcomes[-1]
+    degrees = " to ".join(map(str, sorted(set(outcome.degrees))))
+    steps = f"start {so_far.attempts}, degree {degrees}, {outcome.solution.iterations} steps"
+    least = f"best violation {min(each.violation for each in so_far.outcomes):.3g}"
     if outcome.holds:
-        parts.append(f"{outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}")
-    else:
-        parts.append(f"violation {outcome.violation:.3g}{_of(prepared, outcome)}")
-    return "; ".join([*parts, f"best violation {min(each.violation for each in outcomes):.3g}"])
-
-
-def _of(prepared: Attempts, outcome: Outcome) -> str:
-    worst = outcome.worst
-    if not worst.value.size or -worst.least < outcome.violation:
-        return " rad of the goal's orientation"
-    index = int(np.argmin(worst.value))
-    row = prepared.constraints[worst.block[index]].labels[int(worst.row[index])]
-    return f" of {row} at {worst.s[index] * prepared.problem.flight.duration:.3g} s"
+        return f"{steps}; {outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
+    worst, of = outcome.worst, " rad of the goal's orientation"
+    if worst.value.size and -worst.least >= outcome.violation:
+        index = int(np.argmin(worst.value))
+        row = prepared.constraints[worst.block[index]].labels[int(worst.row[index])]
+        of = f" of {row} at {worst.s[index] * prepared.problem.flight.duration:.3g} s"
+    return f"{steps}; violation {outcome.violation:.3g}{of}; {least}"
 
 
 @dataclass
@@ -177,11 +183,6 @@ class Allowance:
     left: float
     held_back: float = 0.0
     is_used_up: bool = False
-
-    @classmethod
-    def with_patience(cls, work: float, patience: float) -> Allowance:
-        """Hold back what is beyond the patience."""
-        return cls(min(work, patience), max(work - patience, 0.0))
 
     def grants(self, outcome: Outcome, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
@@ -201,7 +202,9 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         return False
     constrained = bool(prepared.constraints)
     if constrained and prepared.plain_start.variables.momentum.free:
-        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or _agree([outcomes[index] for index in solved])
+        values = sorted(outcomes[index].objective_value for index in solved)[:AGREEING]
+        agree = len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
+        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agree
     if outcomes[0].converged_quickly or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
@@ -209,21 +212,13 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
     )
 
 
-def _agree(solved: list[Outcome]) -> bool:
-    """Whether several of the solutions are the best one: different starts led there."""
-    values = sorted(outcome.objective_value for outcome in solved)[:AGREEING]
-    return len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
-
-
 def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
     """Degrees and how many starts to try with them."""
     if not problem.raises_degree:
         yield problem.degrees, ATTEMPTS
         return
-    degree = problem.degrees[0]
-    while degree < HIGHEST_AUTOMATIC_DEGREE:
+    for degree in range(problem.degrees[0], HIGHEST_AUTOMATIC_DEGREE, DEGREE_STEP):
         yield (degree,) * len(problem.degrees), ATTEMPTS_BEFORE_RAISING
-        degree += DEGREE_STEP
     yield (HIGHEST_AUTOMATIC_DEGREE,) * len(problem.degrees), ATTEMPTS
 
 

@@ -16,7 +16,7 @@ import pytest
 import floatplan as fp
 from floatplan.certificate.certify import certify
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import Planned, planned
+from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.starts import Start
 from floatplan.tables import CLEARANCE, ORIENTATION, RELATIVE
@@ -26,7 +26,7 @@ FRACTIONS = (-0.5, 0.25, 0.75, 1.25, 4.0)  # of the tolerance, by which a plan f
 
 
 @cache
-def answer(name: str) -> Planned:
+def answer(name: str) -> SearchedPlan:
     problem = fp.load_problem(PROBLEMS / f"{name}.toml")
     return planned(problem, SearchOptions(budget=60.0))
 

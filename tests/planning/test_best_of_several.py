@@ -18,9 +18,9 @@ from floatplan.optimization import quadratic_program
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning import repair, search
 from floatplan.planning.attempt import best
-from floatplan.planning.planned import Planned, alternatives, planned
-from floatplan.planning.search import SearchOptions
-from floatplan.planning.work import DEFAULT_WORK
+from floatplan.planning.planned import SearchedPlan, planned
+from floatplan.planning.repair import alternatives
+from floatplan.planning.search import DEFAULT_WORK, SearchOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
@@ -39,7 +39,7 @@ def numbered(number: int) -> fp.Problem:
     return list(problems().values())[number]
 
 
-def searched(problem: fp.Problem, starts: int, jobs: int = 1) -> Planned:
+def searched(problem: fp.Problem, starts: int, jobs: int = 1) -> SearchedPlan:
     return planned(problem, SearchOptions(starts=starts, jobs=jobs))
 
 

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.course import Look, minima
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.kernel.stages import (
     COARSE,
@@ -25,12 +26,12 @@ from floatplan.kernel.stages import (
     ROUGH,
     nearly_resolved,
 )
+from floatplan.kernel.watch import Watch
 from floatplan.motion.extrema import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
 from floatplan.optimization.sqp import Solution, minimise
-from floatplan.planning.transcription.compiled_rows import compiled_minima, first_instants, watch_of
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective
 from floatplan.planning.transcription.program import (
@@ -39,15 +40,10 @@ from floatplan.planning.transcription.program import (
     instants_beside_nodes,
     scaled,
     steerable,
+    watch_of,
     watching,
 )
-from floatplan.planning.transcription.trajectory import (
-    FlightModel,
-    Sampling,
-    Trajectory,
-    sample_also,
-    trajectory,
-)
+from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import ORIENTATION
 
@@ -94,45 +90,45 @@ def local_minima(
     if not constraints:
         return NOTHING_NEAR
     nodes = model.nodes(level, variables.polynomials.form)
-    if watch_of(model.flight, constraints, ""):
+    if watch := watch_of(model.flight, constraints, ""):
         resolved = known if known and known.sampling.nodes == nodes.nodes else trajectory(model, variables, nodes, x)
-        return Worst(*compiled_minima(resolved, constraints, FIRST_LOOK, NEAR))
+        return _compiled_minima(watch, resolved, constraints)
 
-    def values(sampling: Sampling) -> list[Array]:
+    def values(sampling: Sampling) -> Array:
         motion = trajectory(model, variables, sampling, x)
-        result = []
-        for block in constraints:
-            rows = block.values(motion)[sampling.nodes :]
-            exists = applies(block, sampling.s[sampling.nodes :])
-            result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
-        return result
+        s = sampling.s[nodes.nodes :]
+        rows = [(block.values(motion)[nodes.nodes :], applies(block, s)) for block in constraints]
+        return np.concatenate([np.where(exists[:, None], row, np.inf) for row, exists in rows], axis=1)
 
-    first_look = _first_look(nodes, window_ends(constraints))
-    return _refined(values(first_look), first_look.s[nodes.nodes :], lambda s: values(sample_also(nodes, s)))
-
-
-@lru_cache(maxsize=64)
-def _first_look(nodes: Sampling, ends: tuple[float, ...]) -> Sampling:
-    return sample_also(nodes, first_instants(FIRST_LOOK, ends))
-
-
-def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
-    """Narrow down the local minima of values (K, r) on a grid, by ever finer grids about each of them."""
-    columns = np.cumsum([0, *(rows.shape[1] for rows in first)])
-    value = np.concatenate(first, axis=1)
-    at, column = lowest_of_neighbours(value)
-    near = (value - _rise(value))[at, column] < NEAR
+    block, row, look = _look(constraints)
+    first = values(sample_also(nodes, look.grid))
+    at, column = lowest_of_neighbours(first)
+    near = (first - _rise(first))[at, column] < NEAR
     at, column = at[near], column[near]
-    s, low = narrowed(
-        lambda instants: np.concatenate(values(instants), axis=1),
-        column,
-        grid[at],
-        value[at, column],
-        1 / (FIRST_LOOK - 1),
-        1.0,
-    )
-    block = np.searchsorted(columns, column, side="right") - 1
-    return Worst(block, column - columns[block], s, low)
+    closer, span = lambda s: values(sample_also(nodes, s)), 1 / (FIRST_LOOK - 1)
+    s, least = narrowed(closer, column, look.grid[at], first[at, column], span, 1.0)
+    return Worst(block[column], row[column], s, least)
+
+
+def _compiled_minima(watch: Watch, motion: Trajectory, constraints: tuple[Constraint, ...]) -> Worst:
+    """The same by the kernel."""
+    block, rows, look = _look(constraints)
+    found = minima(watch, motion.flown, motion.variables.polynomials, look, NEAR, 1 / (FIRST_LOOK - 1))
+    row, s, value, looked = found
+    motion.model.evaluated(motion.sampling.nodes + len(look.grid))
+    motion.model.evaluated(looked, len(row))
+    return Worst(block[row], rows[row], s, value)
+
+
+@lru_cache(maxsize=16)
+def _look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
+    """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
+    lengths = [len(block.labels) for block in constraints]
+    block = np.repeat(np.arange(len(lengths)), lengths)
+    low, high = np.array([each.window for each in constraints])[block].T
+    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), window_ends(constraints))
+    row = np.concatenate([np.arange(length) for length in lengths])
+    return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high))
 
 
 def _rise(value: Array) -> Array:

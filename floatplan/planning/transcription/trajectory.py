@@ -1,8 +1,14 @@
-"""The motion of the whole robot at chosen instants, and its derivatives by the decision variables of the search."""
+"""The motion of the whole robot at chosen instants, and its derivatives by the decision variables of the search.
+
+How much a search has done is measured here without a clock, the same on every machine, busy or quiet. Where answers are
+compared or repeated, a search must end at the same place each time; processor time is no such measure, but the instants
+evaluated are, and they cost nearly all of it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -11,9 +17,12 @@ from floatplan.arrays import Array
 from floatplan.motion.dynamics import Distances, FlightDynamics, Flown, Grid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.work import Work
+from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
+
+EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
+DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
+ENTRY = 0.5  # [instants of one body] of a Jacobian
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,24 +69,24 @@ def sample_nodes(grid: Grid, form: Form) -> Sampling:
 
 def sample_also(sampling: Sampling, extra: Array) -> Sampling:
     """Add ``extra`` instants of [0, 1] to a sampling."""
-    values, added = sampling.values, basis(sampling.form).values(extra)
-    return Sampling(
-        sampling.grid.also(extra),
-        sampling.form,
-        (
-            np.concatenate((values[0], added[0])),
-            np.concatenate((values[1], added[1])),
-            np.concatenate((values[2], added[2])),
-        ),
-    )
+    value, rate, curvature = map(np.concatenate, zip(sampling.values, basis(sampling.form).values(extra), strict=True))
+    return Sampling(sampling.grid.also(extra), sampling.form, (value, rate, curvature))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FlightModel:
-    """What a problem fixes of every motion; ``work`` counts the motions evaluated with it."""
+    """What a problem fixes of every motion, and the ``work`` done with it: evaluations of one body at one instant."""
 
     flight: FlightDynamics
-    work: Work = field(default_factory=Work)
+    work: float = 0.0
+
+    def evaluated(self, instants: int, motions: int = 1) -> None:
+        """Count the evaluation of a motion, or of several at so many instants in all."""
+        self.work += motions * EVALUATION + instants * self.flight.bodies
+
+    def differentiated(self, entries: int) -> None:
+        """Count a Jacobian."""
+        self.work += DIFFERENTIATION + ENTRY * entries
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
@@ -127,24 +136,9 @@ class Trajectory:
         return self.sampling.s if motions == 1 else np.tile(self.sampling.s, motions)
 
     @cached_property
-    def times(self) -> Array:
-        """Instants (S K,) s."""
-        return self.duration * self.s
-
-    @cached_property
     def distances(self) -> dict[object, Distances]:
         """What constraints have measured here, for their derivatives."""
         return {}
-
-    @property
-    def torques(self) -> Array:
-        """Generalised joint torques (S K, n) N m: of a leader and its followers together."""
-        return self.flown.torques
-
-    @property
-    def motor_torques(self) -> Array:
-        """Each motor's own torque (S K, m) N m."""
-        return self.flown.motor_torques
 
     @cached_property
     def torque_jacobian(self) -> Array:
@@ -161,8 +155,17 @@ class Trajectory:
     @cached_property
     def velocity_jacobian(self) -> Array:
         """Derivatives (K, n, size) of the joint velocities by x."""
+        return self.jacobian(Partials(by_velocity=self._of_each_joint))
+
+    @property
+    def acceleration_jacobian(self) -> Array:
+        """Derivatives (K, n, size) of the joint accelerations by x."""
+        return self.jacobian(Partials(by_acceleration=self._of_each_joint))
+
+    @property
+    def _of_each_joint(self) -> Array:
         count, n = self.motion.velocities.shape
-        return self.jacobian(Partials(by_velocity=np.broadcast_to(np.eye(n), (count, n, n))))
+        return np.broadcast_to(np.eye(n), (count, n, n))
 
     @cached_property
     def base_rate_jacobian(self) -> Array:
@@ -219,7 +222,7 @@ class Trajectory:
         if partials.by_attitude is not None:
             for direction in range(self.model.flight.tangent):
                 result += partials.by_attitude[..., direction, None] * self.attitude_jacobian[:, None, direction, :]
-        self.model.work.differentiated(result.size)
+        self.model.differentiated(result.size)
         return result
 
     def _chained(self, partials: Partials) -> Array:
@@ -258,7 +261,7 @@ def _sum(first: Array | None, second: Array) -> Array:
 
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
-    model.work.evaluated(len(sampling.s), model.flight.bodies)
+    model.evaluated(len(sampling.s))
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
@@ -271,7 +274,7 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     """
     polynomials, momentum = variables.polynomials, variables.momentum
     sampling = model.nodes(level, polynomials.form)
-    model.work.evaluated(len(x) * sampling.nodes, model.flight.bodies)
+    model.evaluated(len(x) * sampling.nodes)
     z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
     h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
@@ -282,3 +285,33 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
     motion = polynomials.motion_of_coefficients(coefficients, sampling.values)
     return Trajectory(model, variables, sampling, motion, h)
+
+
+EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
+
+
+@dataclass(frozen=True)
+class MotionQuantity:
+    """What limits and objectives are about: values (K, m) of a trajectory, and their derivatives (K, m, size) by x.
+
+    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing.
+    """
+
+    values: Callable[[Trajectory], Array]
+    jacobian: Callable[[Trajectory], Array]
+    depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
+
+
+QUANTITIES: dict[str, MotionQuantity] = {
+    "velocities": MotionQuantity(
+        lambda it: it.motion.velocities, lambda it: it.velocity_jacobian, frozenset({"velocities"})
+    ),
+    "accelerations": MotionQuantity(
+        lambda it: it.motion.accelerations, lambda it: it.acceleration_jacobian, frozenset({"accelerations"})
+    ),
+    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.torque_jacobian),
+    "motor_torques": MotionQuantity(lambda it: it.flown.motor_torques, lambda it: it.motor_torque_jacobian),
+    "orientation_rate": MotionQuantity(
+        lambda it: it.flown.rate, lambda it: it.base_rate_jacobian, frozenset({"velocities", "momentum"})
+    ),
+}

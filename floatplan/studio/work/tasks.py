@@ -13,7 +13,8 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.errors import printable
 from floatplan.kernel.rows import is_plain_family
-from floatplan.planning.near import plan_near
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
 from floatplan.studio.work.flown import Flown, flown, largest_use
 
 
@@ -41,10 +42,8 @@ class Quick:
 
     def answer(self) -> Flown:
         """Plan."""
-        asked, near = time.perf_counter(), self.near
-        if near is None:
-            return flown(fp.plan(self.problem, budget=self.budget), False, asked)
-        return flown(plan_near(self.problem, near, self.budget), False, asked)
+        asked = time.perf_counter()
+        return flown(planned(self.problem, SearchOptions(budget=self.budget), self.near).plan, False, asked)
 
 
 @dataclass(frozen=True, eq=False)
