@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 import floatplan as fp
+from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
-from floatplan.motion.planar.momentum import centroidal_coupling
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.planning.transcription.constraints import constraints
 from floatplan.planning.transcription.objectives import objective

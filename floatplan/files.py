@@ -136,8 +136,17 @@ def check_finite(content: Any, element: str = "") -> None:
     InputError
         Its element is the path of the first such number.
     """
-    if not numbers_hold(content, _is_finite):
-        _refuse_infinite(content, element)
+    check_numbers(content, element, _is_finite, _not_finite)
+
+
+def check_numbers(
+    content: Any, element: str, holds: Callable[[float], bool], refusal: Callable[[float], InputError]
+) -> None:
+    """Raise the refusal, with its place, of the first number in mappings and sequences that does not hold."""
+    if not numbers_hold(content, holds):
+        for place, number in _numbers_of(content, element):
+            if not holds(number):
+                raise refusal(number).within(element=place)
 
 
 def numbers_hold(content: Any, holds: Callable[[float], bool]) -> bool:
@@ -159,17 +168,23 @@ def numbers_hold(content: Any, holds: Callable[[float], bool]) -> bool:
     return True
 
 
-def _refuse_infinite(content: Any, element: str) -> None:
+def _numbers_of(content: Any, element: str) -> Iterator[tuple[str, float]]:
+    """The numbers in nested mappings and sequences, each with its place."""
     if hasattr(content, "tolist"):
         content = content.tolist()
     if isinstance(content, Mapping):
         for key, item in content.items():
-            _refuse_infinite(item, f"{element}.{key}".lstrip("."))
+            yield from _numbers_of(item, f"{element}.{key}".lstrip("."))
     elif isinstance(content, list | tuple):
         for index, item in enumerate(content):
-            _refuse_infinite(item, f"{element}[{index}]")
-    elif isinstance(content, int | float) and not _is_finite(content):
-        raise InputError(f"is not finite: {_shown(content)}", element=element, advice="give a finite number")
+            yield from _numbers_of(item, f"{element}[{index}]")
+    elif isinstance(content, int | float):
+        yield element, content
+
+
+def _not_finite(number: float) -> InputError:
+    shown = json.dumps(number) if isinstance(number, float) else f"an integer of {number.bit_length()} bits"
+    return InputError(f"is not finite: {shown}", advice="give a finite number")
 
 
 def plain(value: Any) -> Any:
@@ -296,7 +311,3 @@ def _is_finite(number: float) -> bool:
         return math.isfinite(number)
     except OverflowError:  # an integer beyond all doubles
         return False
-
-
-def _shown(number: float) -> str:
-    return json.dumps(number) if isinstance(number, float) else f"an integer of {number.bit_length()} bits"

@@ -1,6 +1,6 @@
 """What a problem can limit and minimise, and how large its numbers may be: one row each, read by all rooms.
 
-A row names its quantity as :class:`~floatplan.motion.flight_state.FlightState` does.
+A row names its quantity as :class:`~floatplan.motion.dynamics.FlightState` does.
 """
 
 from __future__ import annotations

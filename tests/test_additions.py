@@ -33,7 +33,7 @@ POWER: Edits = {
             '    ] = "none"\n    acceleration: Annotated[',
         ),
     ),
-    "floatplan/motion/flight_state.py": (
+    "floatplan/motion/dynamics.py": (
         (
             "    def shaped(self",
             "    @property\n    def powers(self) -> Array:\n"

@@ -26,8 +26,8 @@ from floatplan.certificate.planar.refine import fly
 from floatplan.certificate.planar.robots import recorded_robot
 from floatplan.certificate.planar.shapes import LinkShape, ShapeWeights, given_shapes, place_shapes, urdf_shapes
 from floatplan.errors import InputError
+from floatplan.plans.reading import checked
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
 from floatplan.robot.urdf.example_robots import urdf_path
 

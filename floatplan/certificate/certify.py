@@ -15,9 +15,8 @@ from floatplan.arguments import path as as_path
 from floatplan.certificate.certificate import BUDGET, prove
 from floatplan.certificate.planar.shapes import LinkShape
 from floatplan.errors import naming
+from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.recorded_robot import Recorded, check_meshes, find_urdf, recorded, recorded_robot
-from floatplan.plans.schema import checked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool.threads import one_thread
 from floatplan.robot.robot import LinkCapsule, Robot

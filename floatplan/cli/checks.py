@@ -83,7 +83,7 @@ def replay(
     With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
     corrected.
     """
-    from floatplan.plans.plan_file import load_plan
+    from floatplan.plans.plan import load_plan
     from floatplan.simulation.replay import check_engine
     from floatplan.simulation.replay import replay as fly
 

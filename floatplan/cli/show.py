@@ -40,7 +40,7 @@ def show(
 ) -> None:
     """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import check_directory
-    from floatplan.plans.plan_file import load_plan
+    from floatplan.plans.plan import load_plan
 
     plan = load_plan(plan_file, urdf)
     other = None if compare is None else load_plan(compare)
@@ -112,7 +112,7 @@ def export(
     """  # noqa: D301
     from floatplan.export.formats import export as write
     from floatplan.export.formats import format_of
-    from floatplan.plans.plan_file import load_plan
+    from floatplan.plans.plan import load_plan
 
     known = format_of(form)
     plan = load_plan(plan_file, urdf)

@@ -16,7 +16,7 @@ from floatplan.errors import InputError
 from floatplan.export.ros_bag import write_mcap
 from floatplan.export.table import sample_times, write_full_csv, write_parquet, write_table
 from floatplan.files import write_atomically
-from floatplan.motion.planar.free_flyer import free_flyer
+from floatplan.motion.planar.full_model import free_flyer
 from floatplan.plans.plan import Plan
 
 Writer: TypeAlias = Callable[[Plan, Path, float], Path]

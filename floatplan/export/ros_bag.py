@@ -19,7 +19,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
 from floatplan.export.table import sample_times
 from floatplan.files import write_atomically
-from floatplan.motion.planar.full_motion import FullMotion
+from floatplan.motion.planar.full_model import FullMotion
 from floatplan.plans.plan import Plan
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so

@@ -17,11 +17,9 @@ from floatplan.inflight.correction import REACHED
 from floatplan.inflight.prediction import Prediction, Present
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import given_plan
+from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.shown import Outlined
 

@@ -7,9 +7,9 @@ centre of mass the first measurements are averaged, later ones weigh as ``dt / P
 What is measured of a flight obeys ``h = D(q) . (theta0', q')`` with the real robot's D. The orientation, the angular
 momentum and, relative to the plan's, every body's mass and inertia are the state; but for the orientation, which turns
 as (4) says, they do not change. D is linear in the inertias; by a mass m_b the coupling C of
-:mod:`floatplan.motion.planar.momentum` changes by ``conj(w_b) w_b``, w_b the weights of its centre of mass. With masses
-alone wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while the robot tucks and
-stretches: a filter of h alone would lag behind it. The angles, too, tell of h: by how the base turned.
+:mod:`floatplan.motion.planar.closed_form` changes by ``conj(w_b) w_b``, w_b the weights of its centre of mass. With
+masses alone wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while the robot
+tucks and stretches: a filter of h alone would lag behind it. The angles, too, tell of h: by how the base turned.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.inflight.measurement import Measurement
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
 from floatplan.robot.planar.tree import PlanarTree
 
 PLACE_TIME = 0.02  # [s] time constant of the low-pass filter

@@ -16,7 +16,8 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
 from floatplan.kernel.watch import can_write
-from floatplan.motion.planar.clearance import Distances, Segments, obstacle_distances, pair_distances
+from floatplan.motion.dynamics import Distances
+from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.flight import PlanarFlown
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle

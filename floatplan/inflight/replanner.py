@@ -21,8 +21,7 @@ from floatplan.inflight.update import EVALUATIONS, KEPT, Corrected, Update
 from floatplan.inflight.warm_start import WarmStarts
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import given_plan
+from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.shown import outline
 

@@ -24,7 +24,7 @@ from floatplan.kernel.layout import ENUMERATIONS
 from floatplan.kernel.library import Kernel, kernel
 from floatplan.kernel.watch import PAIR, written_obstacle
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.momentum import TurningBodies, centroidal_coupling
+from floatplan.motion.planar.closed_form import TurningBodies, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.problem.parts import Obstacle

@@ -12,7 +12,7 @@ from floatplan.arrays import Array
 from floatplan.initial.problems import MOTION, limits_of
 from floatplan.initial.robots import ChosenRobot
 from floatplan.initial.stance import FAST
-from floatplan.motion.planar.momentum import momentum_mapping
+from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.problem.limits import position_limits
 from floatplan.problem.parts import Flight, Posture
 from floatplan.problem.problem import Problem
@@ -74,6 +74,7 @@ def _turns(chosen: ChosenRobot, start: Array, goals: Array) -> Array:
     shares = (nodes + 1) / 2
     ways = goals - start
     positions = start + shares[:, None, None] * ways
-    rows = momentum_mapping(chosen.robot.tree)(positions.reshape(-1, len(start))).rows.reshape(NODES, len(goals), -1)
+    rows = tree_dynamics(chosen.robot.tree).momentum_map(positions.reshape(-1, len(start)))
+    rows = rows.reshape(NODES, len(goals), -1)
     rates = (rows[:, :, 1:] * ways).sum(axis=2) / rows[:, :, 0]
     return np.asarray(-(weights @ rates) / 2)

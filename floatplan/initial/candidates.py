@@ -144,7 +144,7 @@ class Flights:
         """Inertia D_0, kg m^2, that the robot can fold itself to."""
         low, high = self.ranges.T
         postures = low + (high - low) * qmc.Sobol(len(low), seed=0).random(SAMPLES)
-        return float(np.quantile(self.stance.momentum(postures).rows[:, 0], TUCKED))
+        return float(np.quantile(self.stance.dynamics.momentum_map(postures)[:, 0], TUCKED))
 
     @cached_property
     def box(self) -> Array:

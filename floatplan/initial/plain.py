@@ -31,7 +31,7 @@ class PlainMotion:
     def turns(self, stance: Stance, momenta: Array) -> Array:
         """How far (K,) rad the base turns, by (4), with angular momenta (K,) kg m^2/s."""
         count, _, joints = self.positions.shape
-        rows = stance.momentum(self.positions.reshape(-1, joints)).rows.reshape(count, len(NODES), joints + 1)
+        rows = stance.dynamics.momentum_map(self.positions.reshape(-1, joints)).reshape(count, len(NODES), joints + 1)
         of_base = (momenta[:, None] - (rows[:, :, 1:] * self.rates).sum(axis=2)) / rows[:, :, 0]
         return np.asarray(of_base @ WEIGHTS * self.durations / 2)
 

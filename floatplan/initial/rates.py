@@ -1,6 +1,6 @@
 """Rates with which a frame is at rest, for many postures at once.
 
-They are those of :func:`floatplan.motion.planar.least_rates.least_rates`, whose docstring has the linear program, for
+They are those of :func:`floatplan.motion.planar.contact_rates.least_rates`, whose docstring has the linear program, for
 more than one joint, each with a limit, in general position: one joint is free, all others turn at the same share of
 their limits.
 """

@@ -14,8 +14,8 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.initial.limbs import upright
 from floatplan.initial.rates import EndRates, end_rates
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.motion.planar.contact import STILL
-from floatplan.motion.planar.momentum import MomentumMapping, TurningBodies, momentum_mapping
+from floatplan.motion.planar.closed_form import Dynamics, TurningBodies, tree_dynamics
+from floatplan.motion.planar.end_rates import STILL
 from floatplan.robot.planar.tree import rotations_of
 from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.tables import CLEARANCE
@@ -64,9 +64,9 @@ class Stance:
         return np.asarray(inertia / (limits @ np.abs(robot.motor_ratios)))
 
     @cached_property
-    def momentum(self) -> MomentumMapping:
+    def dynamics(self) -> Dynamics:
         """D of (4)."""
-        return momentum_mapping(self.robot.tree)
+        return tree_dynamics(self.robot.tree)
 
     @cached_property
     def _shapes(self) -> tuple[LinkCapsule, ...]:
@@ -212,7 +212,7 @@ class Standing:
     @cached_property
     def inertia(self) -> Array:
         """D (K, n+1) of (4), kg m^2."""
-        return self.stance.momentum(self.positions).rows
+        return self.stance.dynamics.momentum_map(self.positions)
 
     def rates(self, com_velocities: Array, momenta: Array) -> EndRates:
         """Least rates with which the frame is at rest; ``com_velocities`` (K, 2) m/s, momenta (K,) kg m^2/s."""

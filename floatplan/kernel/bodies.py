@@ -1,7 +1,7 @@
 """A planar tree as the kernel sees it: bodies that turn alike merged, what is constant folded into the coupling.
 
 With ``q_i = centre_i + amplitude_i sin p_i`` the angle of body a is a constant and ``sum_i turns_ai amplitude_i sin
-p_i``. The constants go into C of :mod:`floatplan.motion.planar.momentum`, and so do the senses of rotation and the
+p_i``. The constants go into C of :mod:`floatplan.motion.planar.closed_form`, and so do the senses of rotation and the
 moments of inertia. Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right,
 are then one.
 """
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.robot.planar.tree import PlanarTree
 
 NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding

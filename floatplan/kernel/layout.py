@@ -14,9 +14,13 @@ from floatplan.kernel.build import FOLDER
 
 HEADERS = ("kernel.hpp", "quadratic_kernel.hpp", "watch_kernel.hpp")
 NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
-ARRAYS = {"double": np.dtype(np.float64).str, "std::int64_t": np.dtype(np.int64).str}
+ARRAYS = {"double": np.dtype(np.float64), "std::int64_t": np.dtype(np.int64)}
 MULTIPLES = {"Eights": 8, "ThirtyTwos": 32}  # kinds of counts
+HEAD = object.__basicsize__  # bytes
 RETURNED: dict[str, Any] = {"void": None, "std::int64_t": ctypes.c_int64, "const char *": ctypes.c_char_p}
+
+
+_begins = ctypes.c_void_p.from_address
 
 
 class Structure(ctypes.Structure):
@@ -24,13 +28,13 @@ class Structure(ctypes.Structure):
 
     Attributes
     ----------
-    arrays : of each pointer, the numbers it points to as NumPy writes them, and whether they are only read
+    arrays : of each pointer, the type of the numbers it points to, and whether they are only read
     lengths : of members that are arrays themselves
     multiples : of counts, what they must be a multiple of
     """
 
     __slots__ = ()
-    arrays: ClassVar[dict[str, tuple[str, bool]]]
+    arrays: ClassVar[dict[str, tuple[np.dtype[Any], bool]]]
     lengths: ClassVar[dict[str, int]]
     multiples: ClassVar[dict[str, int]]
 
@@ -46,15 +50,18 @@ class Structure(ctypes.Structure):
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to arrays as they are, which must be kept as long."""
         for name, array in arrays.items():
-            interface, numbers = array.__array_interface__, self.arrays[name][0]
-            if interface["typestr"] != numbers or interface["strides"] is not None:
+            numbers = self.arrays[name][0]
+            if array.dtype != numbers or not array.flags.c_contiguous:
                 raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {numbers}")
-            setattr(self, name, interface["data"][0])
+            setattr(self, name, address(array))
 
 
 def address(values: np.ndarray[Any, Any]) -> int:
-    """Where an array begins in memory."""
-    return int(values.__array_interface__["data"][0])
+    """Where an array begins in memory: NumPy's ``PyArrayObject`` holds it after the head of every object.
+
+    ``values.ctypes.data`` says the same in seven times the time, which a plan of 0.1 ms notices.
+    """
+    return _begins(id(values) + HEAD).value or 0
 
 
 def _read(*names: str) -> str:

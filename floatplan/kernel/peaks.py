@@ -13,8 +13,8 @@ from floatplan.kernel.filled import Filled, FilledArray, filled_robot
 from floatplan.kernel.layout import STRUCTURES
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.extrema import chebyshev_nodes
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import centroidal_coupling
+from floatplan.motion.quadrature import chebyshev_nodes
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot

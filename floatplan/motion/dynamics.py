@@ -14,13 +14,18 @@ the other: their arrays have S K rows.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
 from floatplan.arrays import Array
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Obstacle
+from floatplan.shown import Outlined
+
+# The joints' rates (2, n), rad/s, at takeoff and landing for h (e,), and their derivatives (2, n, e) by h
+RatesAtEnds: TypeAlias = Callable[[Array], tuple[Array, Array]]
 
 
 class Partials(NamedTuple):
@@ -53,23 +58,17 @@ class MomentumSet:
         return int(self.axes.shape[1])
 
 
-class EndRates(Protocol):
-    """Rates of the joints at takeoff and landing, as far as they follow from the angular momentum."""
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances ``values`` (K, r) between surfaces at K instants, m; negative where the surfaces overlap."""
 
-    def __call__(self, angular_momentum: Array) -> tuple[Array, Array]:
-        """Rates (2, n), rad/s, at takeoff and at landing for h (e,), and their derivatives (2, n, e) by h."""
-
-
-class Distances(Protocol):
-    """Distances between surfaces, of which r are measured at K instants."""
-
-    @property
-    def values(self) -> Array:
-        """Distances (K, r), m; negative where the surfaces overlap."""
+    values: Array
+    differentiate: Callable[[], Array]
 
     @property
     def by_body(self) -> Array:
         """Derivatives (K, r, bodies, or 3 for each in space) by the bodies' turns, m."""
+        return self.differentiate()
 
 
 class Grid(Protocol):
@@ -197,3 +196,77 @@ class FlightDynamics(Protocol):
 
     def __hash__(self) -> int:
         """Of the object: what is computed for a flight is kept with it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FlightState(Outlined):
+    """The robot at instants of its flight: a number, or an array of any shape, which is the ``...`` of all others.
+
+    Attributes
+    ----------
+    times : (...) s
+    orientation, orientation_rate : (...) rad, rad/s
+    positions, velocities, accelerations, torques : (..., n) rad, rad/s, rad/s^2, N m
+        Torques are generalised: a leader's is the sum over its group, by ratio.
+    motor_torques : (..., m) N m
+        Each motor's own, in the order of ``robot.motors``.
+    com_position, com_velocity : (..., 2) m, m/s; horizontal, vertical
+    base_position : (..., 2) m
+        Origin of the base link.
+    angular_momentum : (...) kg m^2/s
+        Computed from the state, not assumed.
+    """
+
+    times: Array
+    orientation: Array
+    orientation_rate: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    torques: Array
+    motor_torques: Array
+    com_position: Array
+    com_velocity: Array
+    base_position: Array
+    angular_momentum: Array
+
+    def shaped(self, shape: tuple[int, ...]) -> FlightState:
+        """Return the same with as many instants in another shape."""
+        if shape == self.times.shape:
+            return self
+        arrays = {name: values.reshape(shape + values.shape[1:])[()] for name, values in vars(self).items()}
+        return FlightState(**arrays)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Peaks(Outlined):
+    """Extremes over the flight, and the instants, s, of those that belong to one.
+
+    Attributes
+    ----------
+    joints, joint_instants : key of a limit of the joints' motion -> (n,), in the unit of its row
+        Largest magnitudes of what :data:`floatplan.tables.JOINT_LIMITS` limit.
+    torque : (n,) N m; largest magnitudes of the generalised torques
+    clearance : m; None without obstacles
+    motor_torque : (m,) N m, of the motors' own torques
+    position : (n, 2) rad, lowest and highest
+    motor_torque_instant : (m,)
+    """
+
+    joints: Mapping[str, Array]
+    joint_instants: Mapping[str, Array]
+    torque: Array
+    clearance: float | None
+    motor_torque: Array
+    position: Array
+    motor_torque_instant: Array
+
+    @property
+    def velocity(self) -> Array:
+        """Largest magnitudes (n,) of the joints' rates, rad/s."""
+        return self.joints["velocity"]
+
+    @property
+    def velocity_instant(self) -> Array:
+        """When they are reached (n,), s."""
+        return self.joint_instants["velocity"]

@@ -1,23 +1,30 @@
-"""Spectral quadrature on [0, 1]: Gauss-Legendre nodes, and integrals up to any instant between them.
+"""Analytic functions on [0, 1] from their values at nodes: integrals up to any instant, and extremes.
 
-The integrand of (14) and (18) is analytic, so its Legendre coefficients fall geometrically, and their tail says whether
-the nodes are enough (Trefethen, Approximation Theory and Approximation Practice, ch. 8 and 19).
+Integrals are from Gauss-Legendre nodes, extremes from Chebyshev's. The integrand of (14) and (18) is analytic, so its
+Legendre coefficients fall geometrically, and their tail says whether the nodes are enough (Trefethen, Approximation
+Theory and Approximation Practice, ch. 8 and 19).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.pool.threads import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
-EIGENVALUES = 256  # nodes up to which NumPy's own way, by eigenvalues, is quick
-NEWTON_STEPS = 3
+FINENESS = 8  # points of the search grid per node
+NEWTON_STEPS = 4
+GRID = 257  # instants of the first look for the least value of a function that is not smooth
+AT_ONCE = 32  # candidates: the function gives all its columns for each
+CLOSER_LOOKS = 4  # times that the look at each candidate narrows, 8-fold each
+LOOKED_AT = 17  # instants about a candidate at each of them
+LOWEST = 8  # candidates
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +69,6 @@ class GaussLegendre:
         coefficients[0] /= 2
         return read_only(np.triu(coefficients, -1) @ self.transform)
 
-    def interpolation(self, instants: Array) -> Array:
-        """Matrix (len(instants), N): values at the nodes to values of their interpolant at the instants."""
-        return legendre.legvander(2 * instants - 1, len(self.nodes) - 1) @ self.transform
-
     def tail(self, values: Array) -> float:
         """Size of the last three Legendre coefficients of the interpolant of ``values`` (N,)."""
         return float(np.abs(self.transform[-3:] @ values).max())
@@ -88,24 +91,136 @@ def chebyshev_values(x: Array, degree: int) -> Array:
     return values.T
 
 
-def _newton(count: int) -> tuple[Array, Array]:
-    """Nodes and weights on [-1, 1] by Newton's method, from Tricomi's asymptotic nodes: in count^2 operations."""
-    angle = np.pi * (4 * np.arange(count, 0, -1) - 1) / (4 * count + 2)
-    x = (1 - (count - 1) / (8 * count**3)) * np.cos(angle)
-    for _ in range(NEWTON_STEPS):
-        before, value = legendre.legvander(x, count).T[-2:]
-        slope = count * (before - x * value) / (1 - x**2)
-        x = x - value / slope
-    x = (x - x[::-1]) / 2
-    before, value = legendre.legvander(x, count).T[-2:]
-    w = 2 * (1 - x**2) / (count * (before - x * value)) ** 2
-    return x, 2 * w / w.sum()
-
-
 @lru_cache(maxsize=32)
 def gauss_legendre(count: int) -> GaussLegendre:
     """Return the quadrature with ``count`` nodes."""
-    x, w = legendre.leggauss(count) if count <= EIGENVALUES else _newton(count)
+    x, w = legendre.leggauss(count)
     degree = np.arange(count)
     transform = (degree[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w
     return GaussLegendre(read_only((x + 1) / 2), read_only(w / 2), read_only(transform))
+
+
+@lru_cache(maxsize=16)
+def chebyshev_nodes(count: int) -> Array:
+    """``count`` Chebyshev-Lobatto nodes on [0, 1], rising from 0 to 1."""
+    return read_only((1 - np.cos(np.pi * np.arange(count) / (count - 1))) / 2)
+
+
+@lru_cache(maxsize=16)
+@one_thread
+def _coefficient_map(count: int) -> Array:
+    """Values at the nodes to Chebyshev coefficients."""
+    return read_only(np.linalg.inv(chebyshev.chebvander(2 * chebyshev_nodes(count) - 1, count - 1)))
+
+
+@lru_cache(maxsize=16)
+def _grid_values(count: int) -> tuple[Array, Array]:
+    grid = chebyshev_nodes(FINENESS * (count - 1) + 1)
+    return grid, read_only(chebyshev.chebvander(2 * grid - 1, count - 1))
+
+
+def resolution(values: Array) -> float:
+    """Size of the last three Chebyshev coefficients of functions (count, r), relative to the largest value."""
+    tail = np.abs(_coefficient_map(len(values))[-3:] @ values).max()
+    return float(tail / max(float(np.abs(values).max()), 1e-300))
+
+
+def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
+    """Local minima on [0, 1] of the interpolants of ``values`` (count, r) at the Chebyshev nodes.
+
+    Returns
+    -------
+    column : (L,) which function
+    s : (L,) where
+    value : (L,)
+    """
+    count = len(values)
+    coefficients = _coefficient_map(count) @ values
+    grid, at_grid = _grid_values(count)
+    fine = at_grid @ coefficients
+    row, column = lowest_of_neighbours(fine)
+    s, found = grid[row], fine[row, column]
+    low, high = grid[np.maximum(row - 1, 0)], grid[np.minimum(row + 1, len(grid) - 1)]
+    first = np.asarray(chebyshev.chebder(coefficients, scl=2), dtype=np.float64)
+    second = np.asarray(chebyshev.chebder(first, scl=2), dtype=np.float64)
+    refined = s.copy()
+    for _ in range(NEWTON_STEPS):
+        slope = _evaluate(first, column, refined)
+        curvature = _evaluate(second, column, refined)
+        safe = np.where(curvature > 0, curvature, 1.0)
+        refined = np.clip(np.where(curvature > 0, refined - slope / safe, refined), low, high)
+    value = _evaluate(coefficients, column, refined)
+    better = value < found
+    return column, np.where(better, refined, s), np.where(better, value, found)
+
+
+def largest_magnitudes(values: Array) -> tuple[Array, Array]:
+    """Largest absolute values (r,) on [0, 1] of the interpolants of ``values`` (count, r), and where (r,)."""
+    low, at_low, high, at_high = extremes(values)
+    below = -low > high
+    return np.maximum(np.where(below, -low, high), 0.0), np.where(below, at_low, at_high)
+
+
+def extremes(values: Array) -> tuple[Array, Array, Array, Array]:
+    """Least values (r,) on [0, 1] of the interpolants of ``values`` (count, r), where, the largest ones, and where."""
+    r = values.shape[1]
+    column, s, value = local_minima(np.concatenate((values, -values), axis=1))
+    order = np.lexsort((value, column))
+    known, first = np.unique(column[order], return_index=True)
+    least, where = np.full((2, 2 * r), np.nan)
+    least[known], where[known] = value[order][first], s[order][first]
+    return least[:r], where[:r], -least[r:], where[r:]
+
+
+def least_by_grids(values: Callable[[Array], Array], duration: float, instants: Iterable[float]) -> tuple[float, float]:
+    """Least value of a function (N,) of times (N,) in [0, duration], s, and where: grids, ever finer where it is low.
+
+    ``instants`` are looked at too: where the function may jump. Infinite where it is infinite throughout.
+    """
+    grid = np.unique(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
+    found = values(grid)
+    lowest, _ = lowest_of_neighbours(found[:, None])
+    lowest = lowest[np.argsort(found[lowest])[:LOWEST]]
+    column = np.zeros(len(lowest), dtype=np.int64)
+    span = duration / (GRID - 1)
+    when, least = narrowed(lambda t: values(t)[:, None], column, grid[lowest], found[lowest], span, duration)
+    if not lowest.size:
+        return np.inf, 0.0
+    best = int(np.argmin(least))
+    return float(least[best]), float(when[best])
+
+
+def lowest_of_neighbours(values: Array) -> tuple[IntArray, IntArray]:
+    """Rows (L,) and columns (L,) of the finite values (K, r) that no neighbour in their column is below."""
+    padded = np.pad(values, ((1, 1), (0, 0)), constant_values=np.inf)
+    row, column = np.nonzero((values <= padded[:-2]) & (values <= padded[2:]) & np.isfinite(values))
+    return row, column
+
+
+def narrowed(
+    values: Callable[[Array], Array], column: IntArray, where: Array, least: Array, span: float, last: float
+) -> tuple[Array, Array]:
+    """Narrow down local minima ``least`` (L,) at ``where`` (L,), in [0, last], of ``column`` (L,) of a function.
+
+    The function gives (N, r) at (N,); ``span`` is how far the first look goes to both sides, each next one 8 times
+    closer. Returned are where the minima are, and their values.
+    """
+    if len(where) > AT_ONCE:
+        parts = [slice(first, first + AT_ONCE) for first in range(0, len(where), AT_ONCE)]
+        found = [narrowed(values, column[part], where[part], least[part], span, last) for part in parts]
+        return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+    chosen = np.arange(len(where))
+    for _ in range(CLOSER_LOOKS if len(where) else 0):
+        around = np.clip(where[:, None] + span * np.linspace(-1, 1, LOOKED_AT), 0, last)
+        near = values(around.ravel()).reshape(len(where), LOOKED_AT, -1)[chosen, :, column]
+        best = np.argmin(near, axis=1)
+        better = near[chosen, best] < least
+        where = np.where(better, around[chosen, best], where)
+        least = np.where(better, near[chosen, best], least)
+        span /= 8
+    return where, least
+
+
+def _evaluate(coefficients: Array, column: IntArray, s: Array) -> Array:
+    polynomials = chebyshev.chebvander(2 * s - 1, len(coefficients) - 1)
+    return np.asarray(np.einsum("lk,kl->l", polynomials, coefficients[:, column]))

@@ -7,65 +7,27 @@ asked for or not: it is a warning beside the verdict.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.flight_state import Peaks
-from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.motion.dynamics import Peaks
 from floatplan.plans.contact import Contact
 from floatplan.plans.contact_advice import FAST
-from floatplan.problem.parts import Obstacle
+from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot.parts import Coupling
 from floatplan.robot.robot import Robot
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns"]
 
-RELATIVE = 1e-9  # [-] of limits
 ROUNDING = 1e-9  # [rad] of joint ranges
 MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
-
-
-class Measured(Protocol):
-    """What is measured of a plan; see :class:`floatplan.Plan`."""
-
-    @property
-    def problem(self) -> Problem:
-        """What was asked."""
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that flies."""
-
-    @property
-    def ballistics(self) -> Ballistics:
-        """Path of the centre of mass."""
-
-    @property
-    def peaks(self) -> Peaks:
-        """Extremes over the flight."""
-
-    @property
-    def holding_torques(self) -> Mapping[str, tuple[float, float]]:
-        """Largest torque on each locked joint, and when."""
-
-    @property
-    def contacts(self) -> Sequence[Contact]:
-        """The frames that leave and meet the ground."""
-
-    def least_height(self) -> tuple[float, float, str]:
-        """Least height over the ground, when, and of which link."""
-
-    def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
-        """Least distance to obstacles at times."""
 
 
 @dataclass(frozen=True)
@@ -153,53 +115,54 @@ def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
 def _of_motor(problem: Problem, peaks: Peaks, index: int) -> Utilisation:
     robot = problem.robot
     joint = robot.motors[index]
-    leader, ratio, offset = _follows(robot.coupled.get(joint, Coupling(joint)), robot.joints)
-    low, high = sorted(ratio * peaks.position[leader] + offset)
-    limits = sorted(ratio * problem.position_limits[leader] + offset)
+    leader, ratio, offset = _coupling(robot, joint)
+    low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
+    least, most = sorted((ratio * problem.position_limits[leader] + offset).tolist())
     used: dict[str, Any] = {}
-    most, instant = 0.0, float(peaks.motor_torque_instant[index])
+    largest, instant = 0.0, float(peaks.motor_torque_instant[index])
     for row in USED:
         if row.of == "motors":
-            peak, when = float(peaks.motor_torque[index]), float(peaks.motor_torque_instant[index])
-            asked = min(float(problem.motor_torque_limits[index]), float(problem.motor_stall[index]))
+            peak, when = peaks.motor_torque[index], peaks.motor_torque_instant[index]
+            asked = min(problem.motor_torque_limits[index], problem.motor_stall[index])
         else:
-            peak, when = abs(ratio) * float(peaks.joints[row.key][leader]), float(peaks.joint_instants[row.key][leader])
-            asked = abs(ratio) * float(problem.joint_limits[row.key][leader])
-        of_urdf = float(getattr(robot, f"motor_{row.key}_limits")[index]) if row.in_urdf else math.inf
-        limit = _first_finite(asked, of_urdf)
-        use = None if limit is None else peak / limit
-        if (use or 0.0) > most:
-            most, instant = use or 0.0, when
-        values = {"peak": peak, "limit": limit, "utilisation": use, "instant": when}
+            peak, when = abs(ratio) * peaks.joints[row.key][leader], peaks.joint_instants[row.key][leader]
+            asked = abs(ratio) * problem.joint_limits[row.key][leader]
+        of_urdf = getattr(robot, f"motor_{row.key}_limits")[index] if row.in_urdf else math.inf
+        limit = next((float(each) for each in (asked, of_urdf) if math.isfinite(each)), None)
+        use = None if limit is None else float(peak) / limit
+        if (use or 0.0) > largest:
+            largest, instant = use or 0.0, float(when)
+        values = {"peak": float(peak), "limit": limit, "utilisation": use, "instant": float(when)}
         used |= {f"{row.key}_{name}": value for name, value in values.items()}
-    return Utilisation(
-        joint=joint,
-        **used,
-        position_low=float(low),
-        position_high=float(high),
-        range_used=float((high - low) / (limits[1] - limits[0])),
-        instant=instant,
+    used |= {"position_low": low, "position_high": high, "range_used": (high - low) / (most - least)}
+    return Utilisation(joint=joint, **used, instant=instant)
+
+
+def measured_warnings(plan: PlannedMotion, contacts: Sequence[Contact]) -> tuple[PlanWarning, ...]:
+    """Return what the plan does to the ground and to limits, wherever that is more than they allow."""
+    problem = plan.problem
+    return (
+        *_ground(plan),
+        *_contacts(contacts),
+        *_ranges_and_rates(problem.robot, plan.peaks),
+        *_torques(plan),
+        *_turns(problem),
     )
 
 
-def measured_warnings(plan: Measured) -> tuple[PlanWarning, ...]:
-    """Return what the plan does to the ground and to limits, wherever that is more than they allow."""
-    return (*_ground(plan), *_contacts(plan), *_joints(plan), *_motors(plan), *_held(plan), *_turns(plan.problem))
-
-
-def _ground(plan: Measured) -> Iterator[PlanWarning]:
+def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
     """Links below the horizontal line on which the robot took off; without gravity there is no such line."""
     if plan.ballistics.gravity == 0:
         return
+    takeoff = plan.problem.takeoff_frame.link
     try:
         plan.robot.check_shapes()
         height, instant, link = plan.least_height()
     except InputError as error:
         message = f"What the flight does to the ground could not be measured: {error}."
-        yield PlanWarning("ground", plan.problem.takeoff_frame.link, None, 0.0, "m", None, message)
+        yield PlanWarning("ground", takeoff, None, 0.0, "m", None, message)
         return
     if not height >= -CLEARANCE:
-        takeoff = plan.problem.takeoff_frame.link
         at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
         if at_takeoff < -CLEARANCE:
             message = (
@@ -214,31 +177,31 @@ def _ground(plan: Measured) -> Iterator[PlanWarning]:
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
 
 
-def _contacts(plan: Measured) -> Iterator[PlanWarning]:
+def _contacts(contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
     """Frames that no joint rates within the limits, or such as no robot's are, let leave or meet the ground at rest."""
-    for contact in plan.contacts:
-        instant = 0.0 if contact.end == "takeoff" else plan.problem.flight.duration
+    for contact in contacts:
         if not contact.ok:
-            message = f"{contact.verdict.rstrip('.')}; floatplan takeoff tells what would help."
-            yield PlanWarning(
-                contact.end, contact.joint or contact.frame, contact.rate, contact.limit, "rad/s", instant, message
-            )
+            subject, rate, limit = contact.joint or contact.frame, contact.rate, contact.limit
+            message = contact.verdict.rstrip(".")
         elif contact.unlimited and contact.unlimited[1] > FAST:
-            joint, rate = contact.unlimited
+            (subject, rate), limit = contact.unlimited, FAST
             message = (
-                f"{joint} turns at {rate:.4g} rad/s for {contact.frame} to be at rest at {contact.end}, more than"
-                f" {FAST:g} rad/s, and its URDF gives no limit; floatplan takeoff tells what would help."
+                f"{subject} turns at {rate:.4g} rad/s for {contact.frame} to be at rest at {contact.end}, more than"
+                f" {FAST:g} rad/s, and its URDF gives no limit"
             )
-            yield PlanWarning(contact.end, joint, rate, FAST, "rad/s", instant, message)
+        else:
+            continue
+        instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
+        message += "; floatplan takeoff tells what would help."
+        yield PlanWarning(contact.end, subject, rate, limit, "rad/s", instant, message)
 
 
-def _joints(plan: Measured) -> Iterator[PlanWarning]:
+def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
     """Joints that leave the URDF's ranges or turn faster than it allows, each of a group on its own."""
-    robot, peaks = plan.robot, plan.peaks
     for joint in (*robot.joints, *robot.coupled):
         written = robot.layout.tree.joint[joint]
-        leader, ratio, offset = _follows(robot.coupled.get(joint, Coupling(joint)), robot.joints)
-        low, high = sorted(ratio * peaks.position[leader] + offset)
+        leader, ratio, offset = _coupling(robot, joint)
+        low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
         beyond, value, limit = max(
             (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
         )
@@ -246,7 +209,7 @@ def _joints(plan: Measured) -> Iterator[PlanWarning]:
             message = (
                 f'{joint} goes to {value:.4g} rad, its URDF ends at {limit:.4g} rad; limits.position = "urdf" keeps it.'
             )
-            yield PlanWarning("position", joint, float(value), limit, "rad", None, message)
+            yield PlanWarning("position", joint, value, limit, "rad", None, message)
         rate, instant = abs(ratio) * float(peaks.velocity[leader]), float(peaks.velocity_instant[leader])
         if rate > written.velocity * (1 + RELATIVE):
             message = (
@@ -256,34 +219,28 @@ def _joints(plan: Measured) -> Iterator[PlanWarning]:
             yield PlanWarning("velocity", joint, rate, written.velocity, "rad/s", instant, message)
 
 
-def _motors(plan: Measured) -> Iterator[PlanWarning]:
-    """Motors that need more torque than the URDF's effort."""
+def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
+    """Motors, and locked joints to be held, that need more torque than the URDF's effort."""
     robot, peaks = plan.robot, plan.peaks
-    limits = robot.motor_torque_limits.tolist()
-    instants = peaks.motor_torque_instant.tolist()
-    for joint, torque, limit, instant in zip(robot.motors, peaks.motor_torque.tolist(), limits, instants, strict=True):
+    of_motors = zip(robot.motor_torque_limits, peaks.motor_torque, peaks.motor_torque_instant, strict=True)
+    for joint, (limit, torque, instant) in zip(robot.motors, of_motors, strict=True):
         if torque > limit * (1 + RELATIVE):
             message = (
                 f"{joint} needs {torque:.4g} N m at {instant:.3g} s, its URDF allows {limit:.4g} N m;"
                 ' limits.torque = "urdf" keeps it.'
             )
-            yield PlanWarning("torque", joint, torque, limit, "N m", instant, message)
-
-
-def _held(plan: Measured) -> Iterator[PlanWarning]:
-    """Locked joints that take more torque to hold than the URDF's effort."""
-    joints = plan.robot.layout.tree.joint
-    if not any(math.isfinite(joints[name].effort) for name in plan.robot.locked):
+            yield PlanWarning("torque", joint, float(torque), float(limit), "N m", float(instant), message)
+    joints = robot.layout.tree.joint
+    if not any(math.isfinite(joints[name].effort) for name in robot.locked):
         return
     for name, (torque, instant) in plan.holding_torques.items():
-        joint = joints[name]
-        unit = "N" if joint.type == "prismatic" else "N m"
-        if torque > joint.effort * (1 + RELATIVE):
+        effort, unit = joints[name].effort, "N" if joints[name].type == "prismatic" else "N m"
+        if torque > effort * (1 + RELATIVE):
             message = (
                 f"Holding the locked joint {name} takes {torque:.4g} {unit} at {instant:.3g} s, its URDF allows"
-                f" {joint.effort:.4g} {unit}; lock it elsewhere, or move the others more slowly."
+                f" {effort:.4g} {unit}; lock it elsewhere, or move the others more slowly."
             )
-            yield PlanWarning("holding_torque", name, torque, joint.effort, unit, instant, message)
+            yield PlanWarning("holding_torque", name, torque, effort, unit, instant, message)
 
 
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
@@ -300,10 +257,7 @@ def _turns(problem: Problem) -> Iterator[PlanWarning]:
             yield PlanWarning("turns", name, angle, MOST_TURNS, "rad", None, message)
 
 
-def _follows(coupling: Coupling, joints: tuple[str, ...]) -> tuple[int, float, float]:
-    """Index of the leader, ratio, and offset, rad."""
-    return joints.index(coupling.leader), coupling.ratio, coupling.offset
-
-
-def _first_finite(asked: float, urdf: float) -> float | None:
-    return asked if math.isfinite(asked) else urdf if math.isfinite(urdf) else None
+def _coupling(robot: Robot, joint: str) -> tuple[int, float, float]:
+    """Index of the planned joint that a joint follows, or is; ratio, and offset, rad."""
+    coupling = robot.coupled.get(joint, Coupling(joint))
+    return robot.joints.index(coupling.leader), coupling.ratio, coupling.offset

@@ -1,4 +1,4 @@
-"""The answer, alive: a plan that is a motion, callable in time."""
+"""The answer, alive: a plan that is a motion, callable in time; made by a search, or read from its file."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,32 +17,35 @@ import numpy as np
 from floatplan.arguments import flag, function, made, optional, positive, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
-from floatplan.motion.extrema import chebyshev_nodes, extremes, largest_magnitudes, least_by_grids, resolution
-from floatplan.motion.flight_state import FlightState, Peaks
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.errors import InputError, naming
+from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.clearance import obstacle_distances
-from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.contact import Contact, landing, takeoff
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
-from floatplan.plans.outputs import output
 from floatplan.plans.planned_motion import PlannedMotion
+from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.recorded_robot import robot_record
+from floatplan.plans.schema import check_asked
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool.threads import one_thread
-from floatplan.problem.file import problem_to_dict
+from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
-from floatplan.robot.leak import leak_along
-from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_EXPLANATION = 300  # [characters] in a representation
-PEAK_NODES = (33, 65, 129, 257)
-PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
+MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
+ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
+# Pictures and exports, loaded by name when they are asked for: the one place where a lower room calls upper ones.
+OUTPUTS = {
+    "figures": "floatplan.view.figures.figures",
+    "animate": "floatplan.view.figures.animation",
+    "write_report": "floatplan.view.report.report",
+    "notebook_frame": "floatplan.view.report.report",
+    "export": "floatplan.export.formats",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,50 +121,6 @@ class Plan(PlannedMotion):
         object.__setattr__(self, "_certificate", None if content is None else Certificate.from_dict(content))
 
     @cached_property
-    def _resolved(self) -> FlightState:
-        """The state at as many Chebyshev nodes as torques and rates need."""
-        for count in PEAK_NODES:
-            state = self.at(chebyshev_nodes(count) * self.duration)
-            if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
-                break
-        return state
-
-    @cached_property
-    @one_thread
-    def peaks(self) -> Peaks:
-        """Largest torques and rates, the ranges of motion, and the least clearance, over all times."""
-        state = self._resolved
-        of_joints = [getattr(state, row.quantity) for row in JOINT_LIMITS]
-        columns = [state.torques, state.motor_torques, *of_joints]
-        largest, where = largest_magnitudes(np.concatenate(columns, axis=1))
-        ends = np.cumsum([column.shape[1] for column in columns])[:-1]
-        torque, motor_torque, *peaks = np.split(largest, ends)
-        _, motor_instant, *instants = np.split(where * self.duration, ends)
-        lowest, _, highest, _ = extremes(state.positions)
-        return Peaks(
-            joints={row.key: read_only(peak) for row, peak in zip(JOINT_LIMITS, peaks, strict=True)},
-            joint_instants={row.key: read_only(when) for row, when in zip(JOINT_LIMITS, instants, strict=True)},
-            torque=read_only(torque),
-            clearance=self._least_clearance(),
-            motor_torque=read_only(motor_torque),
-            position=read_only(np.stack((lowest, highest), axis=1)),
-            motor_torque_instant=read_only(motor_instant),
-        )
-
-    @cached_property
-    @one_thread
-    def holding_torques(self) -> Mapping[str, tuple[float, float]]:
-        """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
-        state, robot = self._resolved, self.robot
-        forces = self.dynamics.full_forces(
-            state.positions, state.velocities, state.accelerations, state.orientation_rate
-        )
-        rows = [robot.model.getJointId(joint) - 1 for joint in robot.locked]
-        largest, where = largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
-        pairs = zip(largest.tolist(), (where * self.duration).tolist(), strict=True)
-        return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
-
-    @cached_property
     @one_thread
     def contacts(self) -> tuple[Contact, ...]:
         """The frames that leave and meet the ground, and the joint rates with which they would be at rest."""
@@ -172,27 +131,12 @@ class Plan(PlannedMotion):
     @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
         """What the motion does to the ground and to limits that is no part of the verdict."""
-        return measured_warnings(self)
+        return measured_warnings(self, self.contacts)
 
     @property
     def utilisation(self) -> tuple[Utilisation, ...]:
         """How much of its limits each motor uses, worst first."""
         return utilisation(self.problem, self.peaks)
-
-    def _least_clearance(self) -> float | None:
-        """Least of :meth:`clearances` over the flight."""
-        ends = [time for obstacle in self.problem.obstacles for time in obstacle.window or ()]
-        least = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
-        return least if np.isfinite(least) else None
-
-    @one_thread
-    def least_height(self) -> tuple[float, float, str]:
-        """Least height, m, of a link's surface over the ground's line; when, s; and which link's it is."""
-        ground = self.problem.ground_plane
-        height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
-        segments, shapes = self.segments(np.array([instant]), hulls=True), self.problem.ground_shapes
-        distances = obstacle_distances(segments, ground, np.array([instant])).values[0]
-        return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
 
     @property
     def record(self) -> PlanRecord:
@@ -202,58 +146,29 @@ class Plan(PlannedMotion):
     @cached_property
     @one_thread
     def _measured_record(self) -> PlanRecord:
-        peaks = self.peaks
+        peaks, problem = self.peaks, self.problem
+        ends = {"start": problem.initial.orientation, "end": self.final_orientation, "goal": problem.final.orientation}
+        try:
+            floatplan = version("floatplan")
+        except PackageNotFoundError:
+            floatplan = ""
         return PlanRecord(
-            status=self.status,
-            ok=self.ok,
-            explanation=self.explanation,
-            problem=problem_to_dict(self.problem),
+            **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
+            problem=problem_to_dict(problem),
             robot=robot_record(self.robot),
-            angular_momentum=self.angular_momentum,
-            angular_momentum_bounds=self.angular_momentum_bounds,
-            centre=self.centre,
-            amplitude=self.amplitude,
-            coefficients=self.coefficients,
-            orientation={
-                "start": self.problem.initial.orientation,
-                "end": self.final_orientation,
-                "goal": self.problem.final.orientation,
-            },
-            com={
-                "position0": self.ballistics.position0,
-                "velocity0": self.ballistics.velocity0,
-                "gravity": self.ballistics.gravity,
-            },
-            objective={"name": self.problem.motion.objective, "value": self.objective_value},
+            orientation=ends,
+            com=vars(self.ballistics),
+            objective={"name": problem.motion.objective, "value": self.objective_value},
             torque_peak=peaks.torque,
             velocity_peak=peaks.velocity,
             clearance_min=peaks.clearance,
-            solver=self.solver,
             motor_torque_peak=dict(zip(self.robot.motors, peaks.motor_torque.tolist(), strict=True)),
             warnings=tuple(warning.to_dict() for warning in self.warnings),
             utilisation=tuple(use.to_dict() for use in self.utilisation),
             out_of_plane_leak=self.out_of_plane_leak,
-            floatplan=_version(),
-            problem_file=self.problem.file_text,
+            floatplan=floatplan,
+            problem_file=problem.file_text,
         )
-
-    @cached_property
-    @one_thread
-    def out_of_plane_leak(self) -> float:
-        """Largest angular momentum that the motion makes out of the plane, over that in it."""
-        state = self.at(chebyshev_nodes(PEAK_NODES[0]) * self.duration)
-        return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
-
-    @cached_property
-    @one_thread
-    def objective_value(self) -> float:
-        """Value of the problem's objective, in the unit that the table of objectives gives."""
-        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
-        if quantity is None:
-            return float(np.linalg.norm(self.coefficients))
-        quadrature = gauss_legendre(NODE_COUNTS[-1])
-        integrand = getattr(self.at(quadrature.nodes * self.duration), quantity)
-        return float(self.duration * (quadrature.weights @ (integrand**2).sum(axis=1)))
 
     @property
     def certificate(self) -> Certificate | None:
@@ -279,7 +194,7 @@ class Plan(PlannedMotion):
     def figures(self, compare: Plan | None = None) -> dict[str, Figure]:
         """Return the paper's figures, by name, as matplotlib figures; the curves of a plan to compare are dashed."""
         optional(made(Plan))(compare, "compare")
-        found: dict[str, Figure] = output("figures")(self, compare=compare)
+        found: dict[str, Figure] = _output("figures")(self, compare=compare)
         return found
 
     def animate(
@@ -295,12 +210,12 @@ class Plan(PlannedMotion):
         """
         path, speed = as_path(path, "path"), positive()(speed, "speed")
         progress = optional(function)(progress, "progress")
-        return Path(output("animate")(self, path, speed=speed, progress=progress))
+        return Path(_output("animate")(self, path, speed=speed, progress=progress))
 
     def show(self, path: str | Path = "report.html", *, browse: bool = True) -> Path:
         """Write the report, a page that plays the flight, and open it in the browser unless ``browse`` is false."""
         browse = flag(browse, "browse")
-        page = Path(output("write_report")(self, as_path(path, "path")))
+        page = Path(_output("write_report")(self, as_path(path, "path")))
         if browse:
             webbrowser.open(page.resolve().as_uri())
         return page
@@ -324,7 +239,7 @@ class Plan(PlannedMotion):
             The format is unknown, or the rate is wrong.
         """
         path, rate = optional(as_path)(path, "path"), optional(positive(unit="Hz"))(rate, "rate")
-        return Path(output("export")(self, text(form, "format"), path, rate))
+        return Path(_output("export")(self, text(form, "format"), path, rate))
 
     def __repr__(self) -> str:
         """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
@@ -336,7 +251,7 @@ class Plan(PlannedMotion):
 
     def _repr_html_(self) -> str:
         """The report, as notebooks show it: it plays."""
-        return str(output("notebook_frame")(self))
+        return str(_output("notebook_frame")(self))
 
 
 def _motion(
@@ -355,8 +270,56 @@ def _motion(
     }
 
 
-def _version() -> str:
-    try:
-        return version("floatplan")
-    except PackageNotFoundError:
-        return ""
+def _output(name: str) -> Callable[..., Any]:
+    function: Callable[..., Any] = getattr(import_module(OUTPUTS[name]), name)
+    return function
+
+
+@one_thread
+def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Path | None = None) -> Plan:
+    """Bring a record back to life; the URDF, elsewhere if ``urdf`` says so, must still be what it was.
+
+    Raises
+    ------
+    InputError
+        The URDF is missing or has changed, the record's problem does not fit it, or its certificate is none.
+    """
+    with naming(source):
+        check_asked(record)
+    robot = recorded_robot(record.robot, source, urdf)
+    if record.asks_clearance:
+        check_meshes(robot, record.robot, source)
+    if (record.clearance_min is None) == bool(record.problem.get("obstacles")):
+        fault = "is null although there are" if record.clearance_min is None else "is given without"
+        raise InputError(f"{fault} obstacles", source=source, element="clearance_min")
+    problem = problem_from_dict(dict(record.problem), robot, source, written=record.problem_file)
+    com = record.com
+    with naming(source):
+        return Plan(
+            problem=problem,
+            ballistics=Ballistics(read_only(com["position0"]), read_only(com["velocity0"]), float(com["gravity"])),
+            as_recorded=record,
+            **{name: getattr(record, name) for name in (*MOTION, *ANSWER)},
+        )
+
+
+def given_plan(plan: Plan | str | Path) -> Plan:
+    """Return the plan that a function was given, or read its file; errors as :func:`load_plan`."""
+    if isinstance(plan, Plan):
+        return plan
+    if not isinstance(plan, str | Path):
+        raise InputError(f"{plan!r} is neither a Plan nor the path of one", element="plan")
+    return load_plan(plan)
+
+
+@one_thread
+def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
+    """Read a plan file and the URDF that it names, or another place of the same file.
+
+    Raises
+    ------
+    InputError
+        Either is missing, damaged, or does not belong to the other.
+    """
+    path, urdf = as_path(path, "path"), optional(as_path)(urdf, "urdf")
+    return rebuild(load_record(path), path, urdf)

@@ -1,10 +1,11 @@
-"""The motion of a plan: a function of time, by which everything else about the plan is measured."""
+"""The motion of a plan: a function of time, and what is measured of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -12,20 +13,31 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.motion.flight_state import FlightState
+from floatplan.motion.dynamics import FlightState, Peaks
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
-from floatplan.motion.planar.free_flyer import free_flyer
-from floatplan.motion.planar.full_motion import FullMotion
-from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
-from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
+from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics, free_flyer
+from floatplan.motion.quadrature import (
+    NODE_COUNTS,
+    GaussLegendre,
+    chebyshev_nodes,
+    extremes,
+    gauss_legendre,
+    largest_magnitudes,
+    least_by_grids,
+    resolution,
+)
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.pool.threads import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
+from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
 RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
+PEAK_NODES = (33, 65, 129, 257)
+PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +134,7 @@ class PlannedMotion:
         """Configuration (..., nq), m and rad, in the order of the free-flyer model of the file itself.
 
         That is ``pin.buildModelFromUrdf(file, pin.JointModelFreeFlyer())``: place of the root link, quaternion x y z w,
-        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.free_flyer` for the world's
+        all joints (``continuous`` ones as cos, sin); see :mod:`floatplan.motion.planar.full_model` for the world's
         axes, for what that model makes of q, v, a and tau, and for joints that floatplan had to turn into the plane.
 
         Parameters
@@ -213,3 +225,76 @@ class PlannedMotion:
         com = self.ballistics.positions(instants)
         shapes = LinkShapes(self.robot.tree, self.robot.shapes, self.problem.ground_shapes if hulls else ())
         return shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+
+    @cached_property
+    def _resolved(self) -> FlightState:
+        """The state at as many Chebyshev nodes as torques and rates need."""
+        for count in PEAK_NODES:
+            state = self.at(chebyshev_nodes(count) * self.duration)
+            if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
+                break
+        return state
+
+    @cached_property
+    @one_thread
+    def peaks(self) -> Peaks:
+        """Largest torques and rates, the ranges of motion, and the least clearance, over all times."""
+        state = self._resolved
+        of_joints = [getattr(state, row.quantity) for row in JOINT_LIMITS]
+        columns = [state.torques, state.motor_torques, *of_joints]
+        largest, where = largest_magnitudes(np.concatenate(columns, axis=1))
+        splits = np.cumsum([column.shape[1] for column in columns])[:-1]
+        torque, motor_torque, *peaks = np.split(largest, splits)
+        _, motor_instant, *instants = np.split(where * self.duration, splits)
+        lowest, _, highest, _ = extremes(state.positions)
+        ends = [time for obstacle in self.problem.obstacles for time in obstacle.window or ()]
+        clearance = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
+        return Peaks(
+            joints={row.key: read_only(peak) for row, peak in zip(JOINT_LIMITS, peaks, strict=True)},
+            joint_instants={row.key: read_only(when) for row, when in zip(JOINT_LIMITS, instants, strict=True)},
+            torque=read_only(torque),
+            clearance=clearance if np.isfinite(clearance) else None,
+            motor_torque=read_only(motor_torque),
+            position=read_only(np.stack((lowest, highest), axis=1)),
+            motor_torque_instant=read_only(motor_instant),
+        )
+
+    @cached_property
+    @one_thread
+    def holding_torques(self) -> Mapping[str, tuple[float, float]]:
+        """Largest torque, N m (force, N, of a joint that slides), on each locked joint, and when, s."""
+        state, robot = self._resolved, self.robot
+        forces = self.dynamics.full_forces(
+            state.positions, state.velocities, state.accelerations, state.orientation_rate
+        )
+        rows = [robot.model.getJointId(joint) - 1 for joint in robot.locked]
+        largest, where = largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
+        pairs = zip(largest.tolist(), (where * self.duration).tolist(), strict=True)
+        return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
+
+    @one_thread
+    def least_height(self) -> tuple[float, float, str]:
+        """Least height, m, of a link's surface over the ground's line; when, s; and which link's it is."""
+        ground = self.problem.ground_plane
+        height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
+        segments, shapes = self.segments(np.array([instant]), hulls=True), self.problem.ground_shapes
+        distances = obstacle_distances(segments, ground, np.array([instant])).values[0]
+        return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
+
+    @cached_property
+    @one_thread
+    def out_of_plane_leak(self) -> float:
+        """Largest angular momentum that the motion makes out of the plane, over that in it."""
+        state = self.at(chebyshev_nodes(PEAK_NODES[0]) * self.duration)
+        return leak_along(self.robot, state.positions, state.velocities, state.orientation_rate, self.angular_momentum)
+
+    @cached_property
+    @one_thread
+    def objective_value(self) -> float:
+        """Value of the problem's objective, in the unit that the table of objectives gives."""
+        quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
+        if quantity is None:
+            return float(np.linalg.norm(self.coefficients))
+        quadrature = gauss_legendre(NODE_COUNTS[-1])
+        integrand = getattr(self.at(quadrature.nodes * self.duration), quantity)
+        return float(self.duration * (quadrature.weights @ (integrand**2).sum(axis=1)))

@@ -19,6 +19,9 @@ from floatplan.shown import Outlined
 
 SOLVED = ("optimal", "feasible")
 GOAL_MET = "The goal is met."
+WORDS, NUMBERS = ("status", "verdict"), ("objective", "angular_momentum", "residual")
+COUNTS = ("evaluations", "iterations", "starts", "solved")
+COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and an Answer one of
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +51,7 @@ class Answer:
             angular_momentum=plan.angular_momentum,
             residual=abs(plan.final_orientation - plan.problem.final.orientation),
             coefficients=plan.coefficients,
-            **{name: plan.solver[name] for name in ("evaluations", "iterations", "starts", "solved")},
+            **{name: plan.solver[name] for name in COUNTS},
             verdict="" if certificate is None else certificate.verdict,
             message=plan.explanation,
             certificate=plan.record.certificate,
@@ -130,27 +133,14 @@ class Plans(Outlined, Sequence[Plan]):
     def of(cls, problems: Sequence[Problem], joints: int, columns: int, seed: int) -> Plans:
         """Return room for answers of so many joints and coefficients, all of them "not_found" yet."""
         count = len(problems)
-        numbers: dict[str, Any] = {
-            name: np.full(count, np.nan) for name in ("objective", "angular_momentum", "residual")
-        }
-        counts: dict[str, Any] = {
-            name: np.zeros(count, np.int64) for name in ("evaluations", "iterations", "starts", "solved")
-        }
-        return cls(
-            problems,
-            status=np.full(count, "not_found", dtype="<U10"),
-            verdict=np.full(count, "", dtype="<U10"),
-            coefficients=np.full((count, joints, columns), np.nan),
-            seed=seed,
-            **numbers,
-            **counts,
-        )
+        arrays: dict[str, Any] = {name: np.full(count, np.nan) for name in NUMBERS}
+        arrays |= {name: np.zeros(count, np.int64) for name in COUNTS}
+        arrays |= {name: np.full(count, word, "<U10") for name, word in zip(WORDS, ("not_found", ""), strict=True)}
+        return cls(problems, coefficients=np.full((count, joints, columns), np.nan), seed=seed, **arrays)
 
     def keep(self, index: int, answer: Answer) -> None:
         """Take the answer to one problem."""
-        for name in ("status", "objective", "angular_momentum", "residual", "verdict"):
-            getattr(self, name)[index] = getattr(answer, name)
-        for name in ("evaluations", "iterations", "starts", "solved"):
+        for name in COLUMNS:
             getattr(self, name)[index] = getattr(answer, name)
         n, columns = answer.coefficients.shape
         missing = columns - self.coefficients.shape[2]
@@ -194,16 +184,8 @@ class Plans(Outlined, Sequence[Plan]):
         coefficients = self.coefficients[index]
         there = np.isfinite(coefficients)
         return Answer(
-            status=str(self.status[index]),
-            objective=float(self.objective[index]),
-            angular_momentum=float(self.angular_momentum[index]),
-            residual=float(self.residual[index]),
+            **{name: getattr(self, name)[index].item() for name in COLUMNS},
             coefficients=coefficients[there.any(axis=1)][:, there.any(axis=0)],
-            evaluations=int(self.evaluations[index]),
-            iterations=int(self.iterations[index]),
-            starts=int(self.starts[index]),
-            solved=int(self.solved[index]),
-            verdict=str(self.verdict[index]),
             message=self.messages.get(index, ""),
             certificate=self.certificates.get(index),
         )

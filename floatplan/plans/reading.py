@@ -1,84 +1,31 @@
-"""A plan file, or a record built in Python, read: it holds what a plan has, in numbers that a flight can have."""
+"""A plan file, or a record built in Python, read: it holds what a plan has, in numbers that a flight can have.
+
+Its robot is found again, read as it was read, and must be the same file as then.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError
-from floatplan.files import check_depth, check_finite, numbers_hold, read_json
-from floatplan.plans.kinds import (
-    POINT,
-    Each,
-    ListOf,
-    OneOf,
-    OrNull,
-    Table,
-    boolean,
-    check_table,
-    number,
-    positive,
-    text,
-)
+from floatplan.errors import InputError, naming
+from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
+from floatplan.plans.schema import FILE, check_asked
+from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.urdf.example_robots import PREFIX
 from floatplan.tables import check_number
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
 LARGEST_ANGLE = 1e6  # [rad] of a term of p
 ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
-SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
-NO_KEY = "must not be there: a plan file has no such key"
-
-
-def _anything(value: Any, element: str) -> None:
-    """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
-
-
-ROWS = OrNull(ListOf(check_table))
-ROBOT = Table(
-    {"urdf": text, "sha256": text, "joints": ListOf(text), "plane": text},
-    {
-        "coupled": Each(Table({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
-        "locked": Each(number),
-        "meshes": Each(text),
-    },
-    NO_KEY,
-)
-FILE = Table(
-    {
-        "format": OneOf((FORMAT,)),
-        "status": OneOf(("optimal", "feasible", "infeasible", "interrupted")),
-        "ok": boolean,
-        "explanation": text,
-        "problem": Table({"flight": Table({"duration": positive}, unknown="")}, unknown=""),
-        "robot": ROBOT,
-        "angular_momentum": number,
-        "angular_momentum_bounds": POINT,
-        **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),
-        "orientation": Table(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
-        "com": Table({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
-        "objective": Table({"name": text, "value": number}, unknown=NO_KEY),
-        "clearance_min": OrNull(number),
-        "solver": Table({}, dict.fromkeys(SOLVER, OrNull(number)), unknown=""),
-        "problem_file": OrNull(text),
-    },
-    {
-        "motor_torque_peak": OrNull(Each(number)),
-        "warnings": ROWS,
-        "utilisation": ROWS,
-        "out_of_plane_leak": OrNull(number),
-        "certificate": OrNull(check_table),
-        "replay": OrNull(check_table),
-        "floatplan": text,
-    },
-    NO_KEY,
-)
 # What may hold numbers that are not finite: null in a file.
 NOT_STATED = ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay")
 
@@ -92,40 +39,52 @@ def load_record(path: str | Path) -> PlanRecord:
         The file is missing, is no plan file, lacks a key, gives one twice, or holds what cannot be, such as a number
         that is not finite.
     """
-    path = Path(path)
-    content = read_json(path)
-    try:
+    content = read_json(Path(path))
+    with naming(path):
         return record_from_dict(content)
-    except InputError as error:
-        raise error.within(source=path) from None
 
 
 def record_from_dict(content: Any) -> PlanRecord:
-    """Rebuild a record from what a plan file holds."""
+    """Rebuild a record from what a plan file holds; errors as :func:`load_record`."""
     if not isinstance(content, dict):
         raise InputError("is not a plan: no JSON object")
     check_finite(content)
     return _record(content)
 
 
+def checked(record: PlanRecord) -> PlanRecord:
+    """Return a record as its file would be read, having seen that nothing in it would be passed over.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_record` and :func:`~floatplan.plans.schema.check_asked`; and of numbers that are not finite,
+        which a file would hold as ``null``.
+    """
+    check_depth(vars(record))
+    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
+    check_finite({**stated, "robot": vars(record.robot)})
+    written = _record(record.to_dict())
+    check_asked(written)
+    return written
+
+
 def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     FILE(content, "")
-    robot = RobotRecord(**content["robot"])
-    values = {**content, "robot": replace(robot, joints=tuple(robot.joints))}
-    n = len(robot.joints)
+    robot = RobotRecord(**{**content["robot"], "joints": tuple(content["robot"]["joints"])})
+    values = {**content, "robot": robot}
     for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
-        values[name] = _numbers(content[name], name, (n,))
+        values[name] = _numbers(content[name], name, (len(robot.joints),))
     if not (values["amplitude"] > 0).all():
         raise InputError("is not positive", element="amplitude")
-    values["coefficients"] = _numbers(content["coefficients"], "coefficients", (n, None))
+    values["coefficients"] = _numbers(content["coefficients"], "coefficients", (len(robot.joints), None))
     if not values["coefficients"].shape[1]:
         raise InputError("is empty", element="coefficients")
-    low, high = map(float, content["angular_momentum_bounds"])
+    low, high = values["angular_momentum_bounds"] = tuple(map(float, content["angular_momentum_bounds"]))
     if low > high:
         raise InputError(f"low {low} is above high {high}", element="angular_momentum_bounds")
-    values["angular_momentum_bounds"] = (low, high)
     for name in ("angular_momentum", "clearance_min", "out_of_plane_leak"):
         if content.get(name) is not None:
             values[name] = float(content[name])
@@ -146,53 +105,132 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
     solver = {name: value for name, value in content["solver"].items() if name != "seed"}
     for name, value in {**content, "solver": solver}.items():
         if name not in ("coefficients", "certificate", "replay"):
-            largest = LARGEST if name in ASKED else LARGEST_FOUND
-            if not numbers_hold(value, lambda number, largest=largest: not abs(number) > largest):  # type: ignore[misc]
-                _refuse_size(value, name, largest)
+            _check_size(value, name, LARGEST if name in ASKED else LARGEST_FOUND)
 
 
-def _refuse_size(value: Any, element: str, largest: float) -> None:
-    if isinstance(value, dict):
-        for key, item in value.items():
-            _refuse_size(item, f"{element}.{key}", largest)
-    elif isinstance(value, list | tuple):
-        for index, item in enumerate(value):
-            _refuse_size(item, f"{element}[{index}]", largest)
-    elif isinstance(value, int | float) and abs(value) > largest:
-        raise InputError(f"{value:g} is larger than anything in a flight, {largest:g}", element=element)
+def _check_size(value: Any, element: str, largest: float) -> None:
+    check_numbers(
+        value,
+        element,
+        lambda number: not abs(number) > largest,
+        lambda number: InputError(f"{number:g} is larger than anything in a flight, {largest:g}"),
+    )
 
 
-def as_written(record: PlanRecord) -> PlanRecord:
-    """Return a record as its file would be read: one that was built in Python is judged no other way.
+def _numbers(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
+    array = np.array(value, dtype=object)
+    if not all(type(number) in (int, float) for number in array.flat):
+        raise InputError("does not hold numbers", element=element)
+    if array.ndim != len(shape) or any(want not in (None, have) for have, want in zip(array.shape, shape, strict=True)):
+        raise InputError(f"has shape {array.shape}, not {shape}", element=element)
+    return read_only(array)
+
+
+class Recorded(Protocol):
+    """A plan with its record and its robot, such as :class:`floatplan.Plan`."""
+
+    @property
+    def record(self) -> PlanRecord:
+        """The plan as data."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that flies."""
+
+
+def recorded(plan: Recorded | PlanRecord | str | Path) -> tuple[PlanRecord, str | Path | None, Robot | None]:
+    """Return a plan's record; the file that it was read from, and its robot, where there is one.
 
     Raises
     ------
     InputError
-        As :func:`load_record`; and of numbers that are not finite, which a file would hold as ``null``.
+        It is no plan, nor the path of one; or its file is wrong.
     """
-    check_depth(vars(record))
-    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
-    check_finite({**stated, "robot": vars(record.robot)})
-    return _record(record.to_dict())
+    if isinstance(plan, PlanRecord):
+        return plan, None, None
+    if isinstance(plan, str | Path):
+        return load_record(plan), plan, None
+    if not isinstance(getattr(plan, "record", None), PlanRecord):
+        raise InputError(f"{plan!r} is neither a Plan nor the path of one", element="plan")
+    return plan.record, None, plan.robot
 
 
-def _holds_truth(value: Any) -> bool:
-    """Whether there is a true or false among numbers, which NumPy takes for 1 or 0."""
-    if isinstance(value, list | tuple):
-        return any(map(_holds_truth, value))
-    return isinstance(value, bool)
+def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urdf: str | Path | None = None) -> Robot:
+    """Load the robot that a plan is for.
+
+    Parameters
+    ----------
+    record : RobotRecord
+    plan_file : path, optional
+        The plan's file, beside which the URDF may lie too.
+    urdf : path, optional
+        The robot's file, where it is elsewhere.
+
+    Raises
+    ------
+    InputError
+        The URDF is missing, or is not what it was when the plan was made.
+    """
+    choices = {
+        "plane": record.plane,
+        "joints": record.joints,
+        "coupled": {name: Coupling(**values) for name, values in record.coupled.items()},
+        "locked": dict(record.locked),
+    }
+    source = find_urdf(record.urdf, plan_file) if urdf is None else urdf
+    robot = robot_as_asked(source, choices, plan_file, "robot.")
+    if robot.sha256 != record.sha256:
+        raise _changed("the URDF", f"robot.sha256 of {urdf or record.urdf}", plan_file)
+    return robot
 
 
-def _numbers(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
+def _changed(what: str, element: str, source: str | Path | None) -> InputError:
+    advice = "plan again, or bring the old file back"
+    return InputError(f"{what} has changed since the plan was made", source=source, element=element, advice=advice)
+
+
+def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None = None) -> None:
+    """Refuse collision meshes that are not what they were when the plan was made; those of no known hash pass.
+
+    Raises
+    ------
+    InputError
+        A mesh has changed, or is no longer there; or the collision geometry is of a kind that is not read.
+    """
     try:
-        array = np.array(value)
-    except ValueError:
-        raise InputError("does not hold numbers", element=element) from None
-    if array.dtype.kind not in "iuf" or _holds_truth(value):
-        raise InputError("does not hold numbers", element=element)
-    fits = array.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
+        robot.check_shapes()
+    except InputError as error:
+        raise error.within(source=plan_file or error.source) from None
+    for filename, digest in record.meshes.items():
+        if robot.meshes.get(filename) != digest:
+            raise _changed("the collision mesh", f"robot.meshes of {filename}", plan_file)
+
+
+def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
+    """Return where the URDF of a plan is: as recorded, or beside or relative to the plan file.
+
+    Raises
+    ------
+    InputError
+        It is in none of these places.
+    """
+    if plan_file is None or urdf.startswith(PREFIX) or is_file(Path(urdf)):
+        return urdf
+    for name in (Path(urdf).name, urdf):
+        path = Path(plan_file).parent / name
+        if is_file(path):
+            return str(path)
+    raise InputError("no such file", source=plan_file, element=f"robot.urdf {urdf}", advice="--urdf says where it is")
+
+
+def robot_record(robot: Robot) -> RobotRecord:
+    """Return which robot this is and how it was read, for a plan file."""
+    return RobotRecord(
+        urdf=robot.source if robot.source.startswith(PREFIX) or robot.path is None else str(robot.path.resolve()),
+        sha256=robot.sha256,
+        joints=robot.joints,
+        plane=robot.plane.name,
+        coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
+        locked=dict(robot.locked),
+        meshes=dict(robot.meshes),
     )
-    if not fits:
-        raise InputError(f"has shape {array.shape}, not {shape}", element=element)
-    return read_only(array)

@@ -1,37 +1,212 @@
-"""What a plan file's problem may ask: which keys there are, and what each may hold.
+"""What a plan file may hold: its keys, and what each may be.
 
-A key that the certificate does not know is something that it would not prove, and a value of another kind something
-that it would pass over: both are refused, and so are the few numbers that have to fit each other.
+A key of its problem that the certificate does not know is something that it would not prove, and a value of another
+kind something that it would pass over: both are refused, and so are the few numbers that have to fit each other.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+from floatplan.arguments import FINITE, Check, flag, one_of, optional, positive, text, whole
+from floatplan.arguments import number as number_in
 from floatplan.errors import InputError
-from floatplan.plans.kinds import (
-    POINT,
-    Check,
-    ListOf,
-    OneOf,
-    OrNull,
-    Table,
-    boolean,
-    check_table,
-    direction,
-    non_negative,
-    number,
-    positive,
-    text,
-    whole,
-)
-from floatplan.plans.reading import as_written
-from floatplan.plans.record import PlanRecord
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST
+from floatplan.plans.record import FORMAT, PlanRecord
+from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVES, REST, Range
 
-MOMENTUM = ("midpoint", "free")
+SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
+NO_KEY = "must not be there: a plan file has no such key"
+NOT_PROVED = "is not known, and so cannot be proved"
+
+number = FINITE
+non_negative = number_in(Range(0.0, math.inf, ""))
+
+
+def table(value: Any, element: str) -> None:
+    """Check that something is a table."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"must be a table, not {value!r}", element=element)
+
+
+@dataclass(frozen=True)
+class ListOf:
+    """A list, of a certain length where one is given."""
+
+    entry: Check
+    length: int | None = None
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        if not isinstance(value, list | tuple):
+            raise InputError(f"must be a list, not {value!r}", element=element)
+        if self.length is not None and len(value) != self.length:
+            raise InputError(f"must have {self.length} entries, not {len(value)}", element=element)
+        for index, item in enumerate(value):
+            self.entry(item, f"{element}[{index}]")
+
+
+@dataclass(frozen=True)
+class TableOf:
+    """A table of any keys, each of which holds the same."""
+
+    entry: Check
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        table(value, element)
+        for name, item in value.items():
+            self.entry(item, f"{element}.{name}")
+
+
+@dataclass(frozen=True)
+class KeyedTable:
+    """A table with these keys and no others, unless ``unknown``, what is said of others, is left empty."""
+
+    keys: Mapping[str, Check]
+    optional: Mapping[str, Check] = field(default_factory=dict)
+    unknown: str = NOT_PROVED
+
+    def __call__(self, value: Any, element: str) -> None:
+        """Refuse everything else."""
+        table(value, element)
+        inside = f"{element}." if element else ""
+        for name, item in value.items():
+            check = self.keys.get(name) or self.optional.get(name)
+            if check is not None:
+                check(item, inside + name)
+            elif self.unknown:
+                raise InputError(self.unknown, element=f"{inside}{name}")
+        for name in self.keys:
+            if name not in value:
+                raise InputError("is missing", element=inside + name)
+
+
+POINT = ListOf(number, 2)
+
+
+def direction(value: Any, element: str) -> None:
+    """Check that something is two numbers that are not both zero."""
+    POINT(value, element)
+    if not any(value):
+        raise InputError("has length zero", element=element)
+
+
+def _anything(value: Any, element: str) -> None:
+    """What is checked elsewhere: arrays by their shapes, the problem's tables where they are proved."""
+
+
+ROBOT = KeyedTable(
+    {"urdf": text, "sha256": text, "joints": ListOf(text), "plane": text},
+    {
+        "coupled": TableOf(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
+        "locked": TableOf(number),
+        "meshes": TableOf(text),
+    },
+    NO_KEY,
+)
+FILE = KeyedTable(
+    {
+        "format": one_of(FORMAT),
+        "status": one_of("optimal", "feasible", "infeasible", "interrupted"),
+        "ok": flag,
+        "explanation": text,
+        "problem": KeyedTable({"flight": KeyedTable({"duration": positive()}, unknown="")}, unknown=""),
+        "robot": ROBOT,
+        "angular_momentum": number,
+        "angular_momentum_bounds": POINT,
+        **dict.fromkeys(("centre", "amplitude", "coefficients", "torque_peak", "velocity_peak"), _anything),
+        "orientation": KeyedTable(dict.fromkeys(("start", "end", "goal"), number), unknown=NO_KEY),
+        "com": KeyedTable({"position0": POINT, "velocity0": POINT, "gravity": number}, unknown=NO_KEY),
+        "objective": KeyedTable({"name": text, "value": number}, unknown=NO_KEY),
+        "clearance_min": optional(number),
+        "solver": KeyedTable({}, dict.fromkeys(SOLVER, optional(number)), unknown=""),
+        "problem_file": optional(text),
+    },
+    {
+        "motor_torque_peak": optional(TableOf(number)),
+        **dict.fromkeys(("warnings", "utilisation"), optional(ListOf(table))),
+        "out_of_plane_leak": optional(number),
+        **dict.fromkeys(("certificate", "replay"), optional(table)),
+        "floatplan": text,
+    },
+    NO_KEY,
+)
+
+SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
+OBSTACLES: Mapping[str, Mapping[str, Check]] = {
+    "circle": {"center": POINT, "radius": non_negative},
+    "half-plane": {"point": POINT, "normal": direction},
+    "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
+}
+
+
+@lru_cache(maxsize=8)
+def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTable:
+    """What a problem may hold whose planned joints are ``joints``, and those with a motor ``moving``."""
+    n = len(joints)
+    numbers = ListOf(number, n)
+    limits = ListOf(optional(number), n)
+    postures = {
+        end: KeyedTable(
+            {"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers},
+            optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
+        )
+        for end, rest in REST.items()
+    }
+    flight: dict[str, Check] = {
+        "duration": positive(),
+        "angular_momentum": one_of("midpoint", "free", or_number=number),
+        "takeoff": KeyedTable({"frame": text, "position": POINT}),
+        "landing": KeyedTable({"frame": text, "height": number}),
+        "horizontal_velocity": number,
+        "gravity": number,
+    }
+    kept: dict[str, Check] = {"position": ListOf(POINT, n), "torque": limits}
+    motor = KeyedTable({"stall": positive(), "slope": non_negative})
+    may_be_kept: dict[str, Check] = {
+        "motor": KeyedTable({}, dict.fromkeys(moving, motor)),
+        "motor_torque": KeyedTable({}, dict.fromkeys(moving, positive())),
+        "orientation_rate": optional(number),
+    }
+    for row in JOINT_LIMITS:
+        (kept if row.always else may_be_kept)[row.key] = limits
+    return KeyedTable(
+        {
+            **postures,
+            "flight": KeyedTable(flight),
+            "motion": KeyedTable({"degree": _degree(n), "objective": one_of(*OBJECTIVES)}),
+            "limits": KeyedTable(kept, may_be_kept),
+        },
+        {"name": text, "ground": flag, "obstacles": ListOf(_obstacle), "self_clearance": ListOf(_pair)},
+    )
+
+
+def _degree(n: int) -> Check:
+    integer = whole(Range(-math.inf, math.inf, ""))
+
+    def check(value: Any, element: str) -> None:
+        (ListOf(integer, n) if isinstance(value, list | tuple) else one_of("auto", or_number=integer))(value, element)
+
+    return check
+
+
+def _obstacle(value: Any, element: str) -> None:
+    table(value, element)
+    kind = one_of(*OBSTACLES)(value.get("kind"), f"{element}.kind")
+    KeyedTable({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
+    window = value.get("window")
+    if window is not None and not window[0] <= window[1]:
+        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
+
+
+def _pair(value: Any, element: str) -> None:
+    KeyedTable({"links": ListOf(text, 2)}, {"margin": non_negative})(value, element)
+    if value["links"][0] == value["links"][1]:
+        raise InputError("names one link twice", element=f"{element}.links")
 
 
 def check_asked(record: PlanRecord) -> None:
@@ -43,128 +218,29 @@ def check_asked(record: PlanRecord) -> None:
         A table of the problem holds a key that is not known or lacks one, a value is of the wrong kind, a list is not
         one entry per joint; or degree, objective and coefficients do not fit together.
     """
-    joints = record.robot.joints
+    joints, problem = record.robot.joints, record.problem
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
-    _problem_table(joints, (*joints, *record.robot.coupled))(record.problem, "problem")
+    problem_table(joints, (*joints, *record.robot.coupled))(problem, "problem")
     for name in ("obstacles", "self_clearance"):
-        count = len(record.problem.get(name) or ())
+        count = len(problem.get(name) or ())
         if count > MOST_OBSTACLES:
             raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=f"problem.{name}")
     _check_degree(record)
-    objective = record.problem["motion"]["objective"]
+    objective = problem["motion"]["objective"]
     if record.objective["name"] != objective:
         raise InputError(f"is {record.objective['name']!r}, but {objective!r} is asked", element="objective.name")
 
 
-def checked(record: PlanRecord) -> PlanRecord:
-    """Return a record as its file would be read, having seen that nothing in it would be passed over.
-
-    Raises
-    ------
-    InputError
-        As :func:`floatplan.plans.reading.as_written` and :func:`check_asked`.
-    """
-    written = as_written(record)
-    check_asked(written)
-    return written
-
-
-SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": OrNull(POINT)}
-OBSTACLES: Mapping[str, Mapping[str, Check]] = {
-    "circle": {"center": POINT, "radius": non_negative},
-    "half-plane": {"point": POINT, "normal": direction},
-    "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
-}
-
-
-@lru_cache(maxsize=8)
-def _problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> Table:
-    n = len(joints)
-    numbers = ListOf(number, n)
-    limits = ListOf(OrNull(number), n)
-    motor: Check = Table({"stall": positive, "slope": non_negative})
-    postures = {
-        end: Table(
-            {"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers},
-            optional={"velocities_asked": OneOf((rest,)), "accelerations_asked": OneOf(("free",))},
-        )
-        for end, rest in REST.items()
-    }
-    return Table(
-        {
-            **postures,
-            "flight": Table(
-                {
-                    "duration": positive,
-                    "angular_momentum": _angular_momentum,
-                    "takeoff": Table({"frame": text, "position": POINT}),
-                    "landing": Table({"frame": text, "height": number}),
-                    "horizontal_velocity": number,
-                    "gravity": number,
-                }
-            ),
-            "motion": Table({"degree": _degree(n), "objective": OneOf(OBJECTIVES)}),
-            "limits": Table(
-                {"position": ListOf(POINT, n), "torque": limits, **_joint_limits(limits, required=True)},
-                {
-                    **_joint_limits(limits, required=False),
-                    "motor": Table({}, dict.fromkeys(moving, motor)),
-                    "motor_torque": Table({}, dict.fromkeys(moving, positive)),
-                    "orientation_rate": OrNull(number),
-                },
-            ),
-        },
-        {"name": text, "ground": boolean, "obstacles": ListOf(_obstacle), "self_clearance": ListOf(_pair)},
-    )
-
-
-def _joint_limits(limits: Check, required: bool) -> dict[str, Check]:
-    """Limits that every plan file has, or those that may be left out."""
-    return {row.key: limits for row in JOINT_LIMITS if row.always == required}
-
-
-def _angular_momentum(value: Any, element: str) -> None:
-    (OneOf(MOMENTUM) if isinstance(value, str) else number)(value, element)
-
-
-def _degree(n: int) -> Check:
-    def check(value: Any, element: str) -> None:
-        if isinstance(value, str):
-            OneOf(("auto",))(value, element)
-        elif isinstance(value, list | tuple):
-            ListOf(whole, n)(value, element)
-        else:
-            whole(value, element)
-
-    return check
-
-
-def _obstacle(value: Any, element: str) -> None:
-    check_table(value, element)
-    kind = value.get("kind")
-    OneOf(tuple(OBSTACLES))(kind, f"{element}.kind")
-    Table({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
-    window = value.get("window")
-    if window is not None and not window[0] <= window[1]:
-        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
-
-
-def _pair(value: Any, element: str) -> None:
-    Table({"links": ListOf(text, 2)}, {"margin": non_negative})(value, element)
-    if value["links"][0] == value["links"][1]:
-        raise InputError("names one link twice", element=f"{element}.links")
-
-
 def _check_degree(record: PlanRecord) -> None:
     """The coefficients are those of polynomials of the degrees asked for, (12)."""
-    degree, n = record.problem["motion"]["degree"], len(record.robot.joints)
+    degree, joints = record.problem["motion"]["degree"], record.robot.joints
     if isinstance(degree, str):
         return
-    degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * n
+    degrees = list(degree) if isinstance(degree, list | tuple) else [degree] * len(joints)
     written = record.coefficients.shape[1] - 1
     if max(degrees, default=written) != written:
         raise InputError(f"is {degree}, but the coefficients are of degree {written}", element="problem.motion.degree")
-    for joint, row, own in zip(record.robot.joints, record.coefficients, degrees, strict=True):
+    for joint, row, own in zip(joints, record.coefficients, degrees, strict=True):
         if row[own + 1 :].any():
             raise InputError(f"is {own} for {joint}, whose coefficients go beyond", element="problem.motion.degree")

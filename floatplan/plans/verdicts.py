@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-import numpy as np
-
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
+from floatplan.files import plain
 from floatplan.shown import html_table
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
@@ -77,7 +76,7 @@ class Finding:
     def from_dict(cls, content: Mapping[str, Any]) -> Finding:
         """Rebuild a finding from what :meth:`to_dict` returned."""
         kind, subject = _constraint(content["label"])
-        numbers = (_number_or_none(content.get(key)) for key in ("bound", "instant", "limit", "gap"))
+        numbers = (_number(content.get(key), None) for key in ("bound", "instant", "limit", "gap"))
         return cls(kind, subject, _verdict(content["verdict"]), *numbers)
 
 
@@ -139,19 +138,8 @@ class Certificate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a plan file and ``floatplan certify --json`` hold; numbers that are not finite are null."""
-        values: dict[str, Any] = {
-            "verdict": self.verdict,
-            "orientation_end": list(self.orientation_end),
-            "clearance_min": self.clearance_min,
-            "torque_peak": self.torque_peak.tolist(),
-            "velocity_peak": self.velocity_peak.tolist(),
-            "motor_torque_peak": dict(self.motor_torque_peak),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "subintervals": self.subintervals,
-            "seconds": self.seconds,
-        }
-        finite: dict[str, Any] = _finite(values)
-        return finite
+        values: dict[str, Any] = plain({**vars(self), "findings": [finding.to_dict() for finding in self.findings]})
+        return values
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Certificate:
@@ -164,15 +152,15 @@ class Certificate:
         """
         try:
             low, high = content["orientation_end"]
+            motors = (content.get("motor_torque_peak") or {}).items()
+            torques, rates = ([_number(peak) for peak in content[f"{of}_peak"]] for of in ("torque", "velocity"))
             return cls(
                 verdict=_verdict(content["verdict"]),
                 orientation_end=(_number(low, -math.inf), _number(high)),
-                clearance_min=_number_or_none(content["clearance_min"]),
-                torque_peak=_numbers(content["torque_peak"]),
-                velocity_peak=_numbers(content["velocity_peak"]),
-                motor_torque_peak={
-                    str(name): _number(peak) for name, peak in (content.get("motor_torque_peak") or {}).items()
-                },
+                clearance_min=_number(content["clearance_min"], None),
+                torque_peak=read_only(torques),
+                velocity_peak=read_only(rates),
+                motor_torque_peak={str(name): _number(peak) for name, peak in motors},
                 findings=tuple(Finding.from_dict(finding) for finding in content["findings"]),
                 subintervals=int(content["subintervals"]),
                 seconds=_number(content["seconds"]),
@@ -207,10 +195,9 @@ def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool)
 
 def worst(findings: Sequence[Finding]) -> Verdict:
     """Refuted if anything is, else undecided if anything is, else proved."""
-    verdicts = {finding.verdict for finding in findings}
-    if "refuted" in verdicts:
-        return "refuted"
-    return "undecided" if "undecided" in verdicts else "proved"
+    return max(
+        (finding.verdict for finding in findings), key=("proved", "undecided", "refuted").index, default="proved"
+    )
 
 
 def _constraint(label: str) -> tuple[Kind, Subject]:
@@ -232,21 +219,5 @@ def _verdict(value: Any) -> Verdict:
     return verdict
 
 
-def _number(value: Any, unknown: float = math.inf) -> float:
+def _number(value: Any, unknown: Any = math.inf) -> Any:
     return unknown if value is None else float(value)
-
-
-def _number_or_none(value: Any) -> float | None:
-    return None if value is None else float(value)
-
-
-def _numbers(values: Sequence[Any]) -> Array:
-    return read_only(np.array([_number(value) for value in values]))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -23,8 +23,7 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight.correction import Correction
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import given_plan
+from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.feedback import FASTEST, feedback_of

@@ -19,8 +19,8 @@ from floatplan.arguments import SEED, made, one_of, optional, positive
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
+from floatplan.plans.reading import Recorded, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.recorded_robot import Recorded, recorded, recorded_robot
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot

@@ -19,7 +19,7 @@ from floatplan.arguments import LARGEST_SEED
 from floatplan.errors import InputError, naming, refuse
 from floatplan.files import plain, read_regular
 from floatplan.kernel.library import description
-from floatplan.plans.recorded_robot import robot_record
+from floatplan.plans.reading import robot_record
 from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem

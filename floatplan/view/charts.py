@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.motion.flight_state import FlightState
+from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.tables import JOINT_LIMITS, LimitRow

@@ -22,7 +22,7 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
 from floatplan.files import plain
-from floatplan.motion.planar.momentum import centroidal_coupling
+from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.problem.file import problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.view.report.data import pairs, rounded, scene_data

@@ -17,7 +17,7 @@ from floatplan.arrays import read_only
 from floatplan.certificate import findings as say
 from floatplan.certificate.enclosure import Balls
 from floatplan.errors import InputError
-from floatplan.plans.plan_file import load_plan, rebuild
+from floatplan.plans.plan import load_plan, rebuild
 from floatplan.plans.reading import record_from_dict
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.schema import check_asked

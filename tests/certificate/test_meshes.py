@@ -13,7 +13,7 @@ from robot_samples import inertial, joint
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.plans.plan_file import load_plan
+from floatplan.plans.plan import load_plan
 from floatplan.plans.reading import load_record
 from floatplan.robot import Robot
 from floatplan.robot.shapes.cache import cache_folder

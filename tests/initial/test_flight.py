@@ -61,8 +61,8 @@ def test_joints_swing_to_where_they_turn_the_base_farthest(root: Path) -> None:
 
 def afloat_turn(robot: fp.Robot, start: np.ndarray, goal: np.ndarray) -> float:
     """Of (4) with h = 0 along the straight way, by small steps."""
-    from floatplan.motion.planar.momentum import momentum_mapping
+    from floatplan.motion.planar.closed_form import tree_dynamics
 
     shares = (np.arange(2000) + 0.5) / 2000
-    rows = momentum_mapping(robot.tree)(start + shares[:, None] * (goal - start)).rows
+    rows = tree_dynamics(robot.tree).momentum_map(start + shares[:, None] * (goal - start))
     return float(-np.mean(rows[:, 1:] @ (goal - start) / rows[:, 0]))

@@ -18,7 +18,7 @@ from floatplan.initial.plain import plain_motion
 from floatplan.initial.rates import end_rates
 from floatplan.initial.robots import chosen_robot
 from floatplan.initial.stance import Stance
-from floatplan.motion.planar.least_rates import least_rates
+from floatplan.motion.planar.contact_rates import least_rates
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")

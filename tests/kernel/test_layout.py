@@ -39,10 +39,17 @@ def test_pointers_know_what_they_point_to():
         "struct Two {\n    One one;\n    One others[3];\n};\n"
     )
     assert [name for name, _ in known["One"]._fields_] == ["a", "b", "read", "written", "count"]
-    assert known["One"].arrays == {"read": ("<f8", True), "written": ("<i8", False)}
+    assert known["One"].arrays == {"read": (np.dtype(np.float64), True), "written": (np.dtype(np.int64), False)}
     assert layout.ctypes.sizeof(known["Two"]) == 4 * 48
     with pytest.raises(KeyError, match="float"):
         layout.structures("struct One {\n    float a;\n};\n")
+
+
+def test_an_address_is_numpy_s():
+    whole = np.arange(24.0).reshape(4, 6)
+    for values in (whole, whole[1:], whole[:, 2], whole.T, np.empty(0), np.arange(3), np.array(5.0)):
+        values.flags.writeable = False
+        assert layout.address(values) == values.ctypes.data
 
 
 @pytest.mark.parametrize(
@@ -62,14 +69,14 @@ def test_what_a_structure_does_not_hold_is_refused(name, values, message):
 def test_arrays_are_of_the_right_numbers_and_none_is_left_out():
     arrays = {name: np.zeros(8) for name in STRUCTURES["Grid"].arrays}
     grid = Filled("Grid", nodes=8, **arrays)
-    with pytest.raises(TypeError, match=r"Grid\.tail takes a contiguous array of <f8"):
+    with pytest.raises(TypeError, match=r"Grid\.tail takes a contiguous array of float64"):
         grid.point_to(tail=np.zeros(8, dtype=np.float32))
     with pytest.raises(TypeError, match=r"Grid\.tail takes a contiguous array"):
         grid.point_to(tail=np.zeros(16)[::2])
     del arrays["slope"], arrays["tail"]
     with pytest.raises(TypeError, match="Grid needs slope, tail"):
         Filled("Grid", nodes=8, **arrays)
-    with pytest.raises(TypeError, match=r"Peaks\.peaks takes a contiguous array of <f8"):  # no copy is written
+    with pytest.raises(TypeError, match=r"Peaks\.peaks takes a contiguous array of float64"):  # no copy is written
         Filled("Peaks", **{name: np.zeros(8, dtype=np.int64) for name in STRUCTURES["Peaks"].arrays})
 
 

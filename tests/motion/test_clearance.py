@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.motion.planar.clearance import Distances, LinkShapes, obstacle_distances, pair_distances
+from floatplan.motion.dynamics import Distances
+from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances, pair_distances
 from floatplan.problem.parts import Obstacle
 from floatplan.robot import LinkCapsule
 

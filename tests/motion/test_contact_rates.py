@@ -12,8 +12,13 @@ from robot_samples import TWO_LINKS, robot_text
 from scipy.optimize import linprog
 
 import floatplan as fp
-from floatplan.motion.planar.contact_rates import contact_equations, contact_rates, has_contact, rate_limits
-from floatplan.motion.planar.least_rates import least_rates
+from floatplan.motion.planar.contact_rates import (
+    contact_equations,
+    contact_rates,
+    has_contact,
+    least_rates,
+    rate_limits,
+)
 from floatplan.robot.urdf.example_robots import robots_folder
 
 POSTURES = 30  # of each of eight robots

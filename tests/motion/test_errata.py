@@ -11,7 +11,7 @@ from paper_appendix import TABLE_1, ThreeLinks
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
+from floatplan.motion.planar.full_model import PinocchioDynamics
 
 PAPER = ThreeLinks(**TABLE_1)
 H = 0.9  # kg m^2/s

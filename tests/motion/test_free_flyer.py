@@ -16,8 +16,7 @@ from straight_axes import axes_turned_in_file
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.full_motion import FullMotion
-from floatplan.motion.planar.pinocchio_dynamics import PinocchioDynamics
+from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
 DURATION, GRAVITY = 1.3, 3.7

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from floatplan.motion.extrema import (
+from floatplan.motion.quadrature import (
+    NODE_COUNTS,
     chebyshev_nodes,
     extremes,
+    gauss_legendre,
     largest_magnitudes,
     least_by_grids,
     local_minima,
     resolution,
 )
-from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 
 INSTANTS = np.linspace(0, 1, 33)
 
@@ -36,11 +37,6 @@ class TestGaussLegendre:
     def test_last_integral_is_the_whole(self):
         quadrature = gauss_legendre(16)
         assert quadrature.integrals(np.array([1.0]))[0] == pytest.approx(quadrature.weights, abs=1e-15)
-
-    def test_interpolation(self):
-        quadrature = gauss_legendre(24)
-        values = quadrature.interpolation(INSTANTS) @ np.sin(5 * quadrature.nodes)
-        assert values == pytest.approx(np.sin(5 * INSTANTS), abs=1e-12)
 
     def test_transform_gives_legendre_coefficients(self):
         quadrature = gauss_legendre(16)

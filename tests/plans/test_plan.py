@@ -18,8 +18,7 @@ import floatplan as fp
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import read_only
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.plans.plan import Plan
-from floatplan.plans.plan_file import rebuild
+from floatplan.plans.plan import Plan, rebuild
 
 DURATION = 1.3
 TIMES = np.linspace(0, DURATION, 8)

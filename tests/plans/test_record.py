@@ -15,7 +15,7 @@ from proof_plans import example_b
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.files import plain, write_atomically
-from floatplan.plans.plan_file import rebuild
+from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import load_record, record_from_dict
 from floatplan.plans.record import FORMAT, PlanRecord
 

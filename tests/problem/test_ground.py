@@ -12,7 +12,7 @@ from robot_samples import inertial, joint, robot_text
 from true_heights import lowest_by_link
 
 import floatplan as fp
-from floatplan.motion.planar.contact import motion_into_ground
+from floatplan.motion.planar.end_rates import motion_into_ground
 from floatplan.robot.shapes.capsules import OUTSIDE, Outline, with_fewer_corners
 from floatplan.robot.urdf.example_robots import robots_folder
 
@@ -211,7 +211,7 @@ class TestAsked:
         assert fp.plan(replace(problem, ground=False)).ok
 
     def test_a_foot_that_rises_is_not(self, handstand):
-        assert motion_into_ground(replace(handstand, ground=True), -1.17) == []
+        assert motion_into_ground(replace(handstand, ground=True), np.array([-1.17])) == []
 
 
 FEET = {

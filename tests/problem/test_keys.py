@@ -10,7 +10,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.cli.common import Options
-from floatplan.plans.schema import SHARED, _problem_table
+from floatplan.plans.schema import SHARED, problem_table
 from floatplan.problem import parts
 from floatplan.problem.json_schema import TABLES
 from floatplan.problem.keys import ANGLE, Key, Keyed
@@ -58,7 +58,7 @@ def test_options_stand_for_keys():
 
 def test_plan_files_hold_the_keys_of_problem_files():
     """They are written a second time there: what proves a plan does not know what asked for it."""
-    tables = _problem_table(("q1",), ("q1",)).keys
+    tables = problem_table(("q1",), ("q1",)).keys
     assert {"velocities_asked", "accelerations_asked"} == tables["start"].optional.keys()
     for name, part in (("start", fp.Posture), ("goal", fp.Posture), ("flight", fp.Flight), ("motion", fp.Motion)):
         assert tables[name].keys.keys() == part.keys.keys()

@@ -11,7 +11,7 @@ from floatplan.certificate.certificate import certify_record
 from floatplan.certificate.planar.inertia import planar_robot
 from floatplan.certificate.planar.shapes import urdf_shapes
 from floatplan.certificate.planar.urdf import recorded_urdf
-from floatplan.plans.plan_file import rebuild
+from floatplan.plans.plan import rebuild
 from floatplan.robot.robot import Robot
 
 SLIDE = (0.3, -0.4)  # [m] horizontal, vertical: where a locked prismatic joint holds its child

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -176,29 +177,55 @@ def test_sliders_follow_the_session(fresh: Studio) -> None:
     assert slider.value == pytest.approx(np.degrees(fresh.session.view.problem.goal.orientation), abs=0.01)
 
 
-@pytest.mark.parametrize("value", [math.nan, 1e300, -1e300, math.inf])
-def test_a_number_that_no_slider_has_is_refused(fresh: Studio, value: float) -> None:
-    """As a page may send it, to every slider: a message, and nothing changes."""
-    import msgspec
-    from viser import __version__ as version
-    from websockets.sync.client import connect
+class Client:
+    """A page that sends what a browser would, and takes what it is sent."""
 
+    def __init__(self, studio: Studio) -> None:
+        from viser import __version__ as version
+        from websockets.sync.client import connect
+
+        place = f"localhost:{studio.server.get_port()}"
+        self.page = connect(
+            f"ws://{place}", origin=f"http://{place}", subprotocols=[f"viser-v{version}"], max_size=None
+        )
+        self.reading = threading.Thread(target=lambda: list(self.page), daemon=True)  # else it is closed after 40 s
+        self.reading.start()
+        self.send("ViewerCameraMessage", **CAMERA)
+        while not studio.server.get_clients():
+            assert self.reading.is_alive()
+
+    def send(self, kind: str, **content: Any) -> None:
+        import msgspec
+
+        self.page.send(msgspec.msgpack.encode({"type": kind, **content}))
+
+    def set(self, handle: Any, value: Any) -> None:
+        """Set what an input shows, as a user does."""
+        self.send("GuiUpdateMessage", uuid=handle._impl.uuid, updates={"value": value})
+
+    def close(self) -> None:
+        self.page.close()
+        self.reading.join()
+
+
+@pytest.fixture
+def client(fresh: Studio) -> Iterator[Client]:
     answered(fresh)
+    made = Client(fresh)
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("value", [math.nan, 1e300, -1e300, math.inf])
+def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, value: float) -> None:
+    """As a page may send it, to every slider: a message, and nothing changes."""
     before, errors = fresh.session.view.problem, len(fresh.errors)
-    place = f"localhost:{fresh.server.get_port()}"
-    with connect(f"ws://{place}", origin=f"http://{place}", subprotocols=[f"viser-v{version}"], max_size=None) as page:
-
-        def send(kind: str, **content: Any) -> None:
-            page.send(msgspec.msgpack.encode({"type": kind, **content}))
-
-        send("ViewerCameraMessage", **CAMERA)
-        sliders = [fresh.controls.time, *(shown.slider for shown in fresh.controls.dials.shown)]
-        for slider in sliders:
-            fresh.session.refuse("")
-            send("GuiUpdateMessage", uuid=slider._impl.uuid, updates={"value": value})
-            assert fresh.session.wait(lambda view: view.refusal != "", PATIENCE), slider.label
-            assert "\n" not in fresh.session.view.refusal
-            assert "np.float64" not in fresh.session.view.refusal
+    for slider in [fresh.controls.time, *(shown.slider for shown in fresh.controls.dials.shown)]:
+        fresh.session.refuse("")
+        client.set(slider, value)
+        assert fresh.session.wait(lambda view: view.refusal != "", PATIENCE), slider.label
+        assert "\n" not in fresh.session.view.refusal
+        assert "np.float64" not in fresh.session.view.refusal
     assert fresh.session.view.problem is before
     frames = fresh.player.frames
     fresh.player.play(True)
@@ -206,6 +233,38 @@ def test_a_number_that_no_slider_has_is_refused(fresh: Studio, value: float) -> 
         assert len(fresh.errors) == errors
     fresh.player.play(False)
     fresh.session.refuse("")
+
+
+def test_what_a_user_sets_is_not_lost_to_what_the_page_draws_meanwhile(
+    fresh: Studio, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Drawn between viser's change of an input and its event, and again before the session has done what was asked."""
+    monkeypatch.setattr("floatplan.studio.panel.dials.RELEASED", -1.0)
+    shown = next(each for each in fresh.controls.dials.shown if each.dial.paths == ("flight.duration",))
+    choice = next(handle for handle, _ in fresh.controls._choices._shown if handle.label == "least")
+    before = fresh.session.view.problem
+    for handle, value in ((shown.slider, 1.125), (choice, "torque")):
+
+        def in_between(*_: Any) -> None:
+            fresh._repaint()
+            fresh.painter.wait(0.3)
+
+        gate, came = threading.Event(), threading.Event()
+        fresh.actions.do("gate", lambda gate=gate: gate.wait(PATIENCE))  # type: ignore[misc]
+        monkeypatch.setattr(handle._impl, "sync_cb", in_between)
+        handle.on_update(lambda event, came=came: came.set() if event.client else None)
+        client.set(handle, value)
+        assert came.wait(PATIENCE)
+        fresh._repaint()
+        assert fresh.painter.wait(PATIENCE)
+        gate.set()
+        assert fresh.actions.wait(PATIENCE)
+        handle._impl.update_cb.pop()
+    problem = fresh.session.view.problem
+    assert (problem.flight.duration, problem.motion.objective) == (1.125, "torque")
+    assert before.motion.objective != "torque"
+    answered(fresh)
+    assert (shown.slider.value, choice.value) == (1.125, "torque")
 
 
 def test_two_plans_fly_side_by_side(fresh: Studio) -> None:

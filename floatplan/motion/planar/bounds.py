@@ -1,7 +1,7 @@
 """Extremes of D over the joint ranges, and the angular momentum that suits a flight of monotonic joints: (7)-(10).
 
-Every D_i is a trigonometric polynomial of the planned positions, see :mod:`floatplan.motion.planar.momentum`; its
-extremes are enclosed by branch and bound, never by sampling.
+Every D_i is a trigonometric polynomial of the planned positions; its extremes are enclosed by branch and bound, never
+by sampling.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.motion.planar.momentum import PairCosines, TurningBodies
+from floatplan.motion.planar.closed_form import TurningBodies
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
@@ -98,11 +98,14 @@ def _cosine_minimum(argument: Array, reach: Array) -> Array:
 
 def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
     """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
-    pairs = PairCosines(TurningBodies.of(robot.tree))
-    phasors = pairs.amplitude * np.exp(1j * pairs.phase)[:, None]
+    bodies = TurningBodies.of(robot.tree)
+    i, j = np.triu_indices(len(bodies.turns), 1)
+    rates, pairs = bodies.rates, bodies.coupling[i, j]
+    constants = bodies.coupling.diagonal().real @ rates
+    phasors = np.abs(pairs)[:, None] * (rates[i] + rates[j]) * np.exp(1j * bodies.turn * np.angle(pairs))[:, None]
+    frequencies = bodies.turns[j] - bodies.turns[i]
     return tuple(
-        _polynomial(constant, pairs.frequency, column)
-        for constant, column in zip(pairs.constant, phasors.T, strict=True)
+        _polynomial(constant, frequencies, column) for constant, column in zip(constants, phasors.T, strict=True)
     )
 
 

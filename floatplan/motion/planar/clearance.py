@@ -5,7 +5,7 @@ Points are complex, horizontal + i vertical. A distance is between surfaces and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, TypeVar
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
+from floatplan.motion.dynamics import Distances
 from floatplan.problem.parts import Bar, Circle, Ground, HalfPlane, Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule
@@ -50,22 +51,21 @@ class Segments:
 
     def of(self, capsules: IntArray | slice) -> Segments:
         """Return some of the capsules, by index."""
-        return Segments(
-            self.start[:, capsules],
-            self.end[:, capsules],
-            self.start_weights[capsules],
-            self.end_weights[capsules],
-            self.radius[capsules],
-            self.rotations,
-            self.turn,
+        return replace(
+            self,
+            start=self.start[:, capsules],
+            end=self.end[:, capsules],
+            start_weights=self.start_weights[capsules],
+            end_weights=self.end_weights[capsules],
+            radius=self.radius[capsules],
+            hulls=0,
         )
 
     def ends(self) -> Segments:
         """Return the capsules' starts, and after them their ends, each as a segment that is a point."""
         places = np.concatenate((self.start, self.end), axis=1)
         weights = np.concatenate((self.start_weights, self.end_weights))
-        radius = np.concatenate((self.radius, self.radius))
-        return Segments(places, places, weights, weights, radius, self.rotations, self.turn)
+        return Segments(places, places, weights, weights, np.tile(self.radius, 2), self.rotations, self.turn)
 
     def gradient(self, direction: ComplexArray, fraction: Array) -> Array:
         """Derivative (K, S, m) by the bodies' angles of the points at ``fraction`` (K, S) along the segments.
@@ -127,55 +127,22 @@ class LinkShapes:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Distances:
-    """Distances ``values`` (K, r) m between parts of the robot and something else, and where they change.
-
-    ``direction`` (K, r) are unit vectors out of the other thing, ``fraction`` (K, r) the nearest points along
-    ``segments``; ``other`` is where the other thing moves with the robot too.
-    """
-
-    values: Array
-    segments: Segments
-    direction: ComplexArray
-    fraction: Array
-    other: tuple[Segments, Array] | None = None
-
-    @property
-    def by_body(self) -> Array:
-        """Derivatives (K, r, m) by the bodies' angles, m."""
-        gradient = self.segments.gradient(self.direction, self.fraction)
-        return gradient - self.other[0].gradient(self.direction, self.other[1]) if self.other else gradient
-
-
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
     """Distances of links to an obstacle, piece after piece: one row per capsule, or ``ends`` rows, as its kind says."""
     shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
     facing = segments.facing(obstacle)
     of_pieces = [OBSTACLE_DISTANCES[piece.kind].to_links(facing, piece, shift) for piece in obstacle.pieces]
-    return of_pieces[0] if len(of_pieces) == 1 else _side_by_side(of_pieces)
+    if len(of_pieces) == 1:
+        return of_pieces[0]
+    return Distances(
+        np.concatenate([piece.values for piece in of_pieces], axis=1),
+        lambda: np.concatenate([piece.by_body for piece in of_pieces], axis=1),
+    )
 
 
 def distance_rows(obstacle: Obstacle) -> int:
     """How many rows per capsule :func:`obstacle_distances` has."""
     return sum(OBSTACLE_DISTANCES[piece.kind].ends for piece in obstacle.pieces)
-
-
-def _side_by_side(parts: Sequence[Distances]) -> Distances:
-    segments = [part.segments for part in parts]
-    return Distances(
-        np.concatenate([part.values for part in parts], axis=1),
-        replace(
-            segments[0],
-            start=np.concatenate([each.start for each in segments], axis=1),
-            end=np.concatenate([each.end for each in segments], axis=1),
-            start_weights=np.concatenate([each.start_weights for each in segments]),
-            end_weights=np.concatenate([each.end_weights for each in segments]),
-            radius=np.concatenate([each.radius for each in segments]),
-        ),
-        np.concatenate([part.direction for part in parts], axis=1),
-        np.concatenate([part.fraction for part in parts], axis=1),
-    )
 
 
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
@@ -187,7 +154,7 @@ def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
 def _circle_to_links(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:
     center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
     distance, direction, fraction = _point_to_segment(center, segments.start, segments.end)
-    return Distances(distance - segments.radius - obstacle.radius, segments, direction, fraction)
+    return Distances(distance - segments.radius - obstacle.radius, lambda: segments.gradient(direction, fraction))
 
 
 def _circle_to_points(obstacle: Circle, points: ComplexArray) -> Array:
@@ -201,7 +168,7 @@ def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: Complex
     shape = ends.start.shape
     level = (np.conj(normal) * origin).real
     distance = (np.conj(normal) * ends.start).real - level[:, None] - ends.radius
-    return Distances(distance, ends, np.full(shape, normal), np.zeros(shape))
+    return Distances(distance, lambda: ends.gradient(np.full(shape, normal), np.zeros(shape)))
 
 
 def _half_plane_to_points(obstacle: HalfPlane, points: ComplexArray) -> Array:
@@ -214,7 +181,7 @@ def _bar_to_links(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Dis
     bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
     bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
     distance, direction, fraction, _ = _between(segments.start, segments.end, bar_start, bar_end)
-    return Distances(distance - segments.radius - obstacle.radius, segments, direction, fraction)
+    return Distances(distance - segments.radius - obstacle.radius, lambda: segments.gradient(direction, fraction))
 
 
 def _bar_to_points(obstacle: Bar, points: ComplexArray) -> Array:
@@ -248,8 +215,11 @@ def pair_distances(first: Segments, second: Segments) -> Distances:
     """Distances between the capsules of two links, every pair a row."""
     pairs = np.indices((first.start.shape[1], second.start.shape[1]))
     own, other = first.of(pairs[0].ravel()), second.of(pairs[1].ravel())
-    distance, direction, fraction, other_share = _between(own.start, own.end, other.start, other.end)
-    return Distances(distance - own.radius - other.radius, own, direction, fraction, (other, other_share))
+    distance, direction, fraction, other_fraction = _between(own.start, own.end, other.start, other.end)
+    return Distances(
+        distance - own.radius - other.radius,
+        lambda: own.gradient(direction, fraction) - other.gradient(direction, other_fraction),
+    )
 
 
 def _point_to_segment(point: ComplexArray, start: ComplexArray, end: ComplexArray) -> tuple[Array, ComplexArray, Array]:

@@ -11,13 +11,57 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.motion.planar.momentum import centroidal_coupling, momentum_mapping
-from floatplan.robot.planar.tree import PlanarTree
+from floatplan.arrays import Array, ComplexArray
+from floatplan.robot.planar.tree import PlanarTree, rotations_of
+
+
+def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
+    """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
+    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    return np.asarray(weights.conj().T @ (tree.mass[:, None] * weights))
+
+
+@dataclass(frozen=True, eq=False)
+class TurningBodies:
+    """The g bodies of a tree that turn differently.
+
+    Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right, are one here.
+
+    ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
+    the moments of inertia on its diagonal; ``turn`` the tree's; ``rotations`` (m, g) of the tree's bodies by these.
+    """
+
+    turns: Array
+    coupling: ComplexArray
+    turn: float
+    rotations: ComplexArray
+
+    @classmethod
+    def of(cls, tree: PlanarTree) -> TurningBodies:
+        """Put together what turns alike: rotations are the same there but for a constant."""
+        known: dict[tuple[float, ...], int] = {}
+        group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
+        rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(known))[group]
+        turns = np.array(list(known)).reshape(len(known), -1)
+        return cls(turns, np.empty(0, np.complex128), tree.turn, rotations).adapted(
+            centroidal_coupling(tree), tree.inertia
+        )
+
+    def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:
+        """The same with other masses: C (m, m) and inertias (m,), kg m^2, of all bodies of the tree."""
+        coupling = coupling.copy()
+        coupling.flat[:: len(inertia) + 1] += inertia
+        together = np.asarray(self.rotations.conj().T @ coupling @ self.rotations)
+        return TurningBodies(self.turns, together, self.turn, self.rotations)
+
+    @property
+    def rates(self) -> Array:
+        """Derivatives (g, n+1) of the absolute angles by (orientation, planned positions)."""
+        return np.concatenate((np.ones((len(self.turns), 1)), self.turns), axis=1)
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
@@ -38,63 +82,23 @@ class BaseRate:
         """Derivatives (N, n) by joint positions, 1/s."""
         return self.differentiate()
 
-    def __getitem__(self, instants: slice | IntArray) -> BaseRate:
-        """The same at some of the instants."""
-        return BaseRate(
-            self.rate[instants],
-            self.by_velocity[instants],
-            self.by_momentum[instants],
-            lambda: self.by_position[instants],
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Torques:
-    """Torques (N, r), N m; derivatives by positions, velocities, accelerations (N, r, n) and h (N, r)."""
-
-    torques: Array
-    by_position: Array
-    by_velocity: Array
-    by_acceleration: Array
-    by_momentum: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Moments F (N, m) that turn the bodies, N m, and their derivatives (N, m, 3n + 1).
-
-    The derivatives are by the n positions, velocities and accelerations, and by h.
-    """
-
-    values: Array
-    derivatives: Array
-
-    def gathered(self, turns: Array) -> Torques:
-        """Torques on coordinates by which the bodies turn as ``turns`` (m, r) says."""
-        total = turns.T @ self.derivatives
-        n = (self.derivatives.shape[2] - 1) // 3
-        return Torques(
-            torques=self.values @ turns,
-            by_position=total[..., :n],
-            by_velocity=total[..., n : 2 * n],
-            by_acceleration=total[..., 2 * n : 3 * n],
-            by_momentum=total[..., 3 * n],
-        )
-
 
 class Dynamics:
     """A tree's dynamics, vectorised over instants."""
 
     def __init__(self, tree: PlanarTree) -> None:
-        self._tree = tree
-        self._turn = tree.turn
+        self._tree, self._turn = tree, tree.turn
         self._turns = np.array(tree.turns)
         self._turns_transposed = self._turns.T.copy()
         self._of_bodies, self._of_joints = map(np.ones, self._turns.shape)  # products with them are faster than sums
-        self._inertia = np.array(tree.inertia)
-        self._coupling = centroidal_coupling(tree)
-        self._coupling_transposed = self._coupling.T.copy()
-        self._momentum_mapping = momentum_mapping(tree)
+        self._distinct = TurningBodies.of(tree)
+        self._distinct_turns_transposed = self._distinct.turns.T.copy()
+        self._rates = self._distinct.rates
+        self._weigh(centroidal_coupling(tree), np.array(tree.inertia), self._distinct)
+
+    def _weigh(self, coupling: ComplexArray, inertia: Array, distinct: TurningBodies) -> None:
+        self._coupling, self._coupling_transposed, self._inertia = coupling, coupling.T.copy(), inertia
+        self._distinct, self._distinct_coupling_transposed = distinct, distinct.coupling.T.copy()
 
     @property
     def masses(self) -> tuple[ComplexArray, Array]:
@@ -105,17 +109,18 @@ class Dynamics:
         """The same tree's with other masses: C (m, m) and inertias (m,), kg m^2, of the bodies."""
         other = Dynamics.__new__(Dynamics)
         vars(other).update(vars(self))  # a tenth of what copy() takes
-        other._coupling, other._coupling_transposed, other._inertia = coupling, coupling.T.copy(), inertia
-        other._momentum_mapping = self._momentum_mapping.adapted(coupling, inertia)
+        other._weigh(coupling, inertia, self._distinct.adapted(coupling, inertia))
         return other
 
-    def _rotations(self, positions: Array) -> ComplexArray:
-        """E (N, m) at orientation 0, which is as good as any."""
-        return self._tree.rotations(positions @ self._turns_transposed + self._tree.offsets)
+    def _momentum_map(self, positions: Array) -> tuple[Array, ComplexArray, ComplexArray]:
+        """D (N, n+1); E and the columns' sums of K (N, g), of the bodies that turn differently, at orientation 0."""
+        rotations = rotations_of(positions @ self._distinct_turns_transposed, self._turn)
+        gathered = (rotations.conj() @ self._distinct.coupling) * rotations
+        return gathered.real @ self._rates, rotations, gathered
 
     def momentum_map(self, positions: Array) -> Array:
         """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
-        return self._momentum_mapping(positions).rows
+        return self._momentum_map(positions)[0]
 
     def base_rate(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> Array:
         """theta0' (N,) rad/s of (4), corrected (15), at positions and velocities (N, n)."""
@@ -126,59 +131,56 @@ class Dynamics:
 
         With h held, ``d theta0' = -(dh/dq) / D_0``: dh/dq at the full velocity, which contains theta0'.
         """
-        momentum_map = self._momentum_mapping(positions)
-        by_momentum = 1 / momentum_map.rows[:, 0]
+        rows, rotations, gathered = self._momentum_map(positions)
+        by_momentum = 1 / rows[:, 0]
         per_momentum = -by_momentum[:, None]
-        by_velocity = momentum_map.rows[:, 1:] * per_momentum
+        by_velocity = rows[:, 1:] * per_momentum
         rate = angular_momentum * by_momentum + (by_velocity * velocities) @ self._of_joints
-        return BaseRate(
-            rate,
-            by_velocity,
-            by_momentum,
-            lambda: momentum_map.momentum_by_position(rate, velocities) * per_momentum,
-        )
+
+        def by_position() -> Array:
+            rates = velocities @ self._distinct_turns_transposed + rate[:, None]
+            moving = rotations.conj() * ((rotations * rates) @ self._distinct_coupling_transposed)
+            momentum_by_position = (moving.imag - rates * gathered.imag) @ (self._turn * self._distinct.turns)
+            return np.asarray(momentum_by_position * per_momentum)
+
+        return BaseRate(rate, by_velocity, by_momentum, by_position)
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Joint torques (N, n) N m: generalised, of a leader and its followers together."""
         return np.asarray(self.moments(positions, velocities, accelerations, base_rate) @ self._turns)
 
     def moments(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
-        """Moments F (N, m) that turn the bodies, N m: without what their derivatives need."""
-        rotations, relative = self._rotations(positions), accelerations @ self._turns_transposed
-        body_rates = velocities @ self._turns_transposed + base_rate[:, None]
-        back, turning = rotations.conj(), relative + (1j * self._turn) * (body_rates * body_rates)
-        moments = (back * ((rotations * turning) @ self._coupling_transposed)).real + self._inertia * relative
-        by_base = (back * (rotations @ self._coupling_transposed)).real + self._inertia
-        base_acceleration = -(moments @ self._of_bodies) / (by_base @ self._of_bodies)
-        return np.asarray(moments + base_acceleration[:, None] * by_base)
+        """Moments F (N, m) that turn the bodies, N m."""
+        rotations = self._rotations(positions)
+        return self._moments(rotations, velocities, accelerations, base_rate)[0]
+
+    def _rotations(self, positions: Array) -> ComplexArray:
+        """E (N, m) at orientation 0, which is as good as any."""
+        return self._tree.rotations(positions @ self._turns_transposed + self._tree.offsets)
 
     def _moments(
         self, rotations: ComplexArray, velocities: Array, accelerations: Array, base_rate: Array
     ) -> tuple[Array, ComplexArray, Array, Array, Array]:
-        """F (N, m); conj(E) C E (phi'' + i sigma phi'^2); phi', phi'' (N, m); and D_0 (N,)."""
+        """F (N, m); conj(E) C E (phi'' + i sigma phi'^2); phi', phi'' (N, m); and D_0 (N,).
+
+        The base's acceleration follows from the vanishing sum of the moments.
+        """
         body_rates = velocities @ self._turns_transposed + base_rate[:, None]
         relative = accelerations @ self._turns_transposed
-        centripetal = (1j * self._turn) * body_rates**2
-        back = rotations.conj()
-        gathered = back * ((rotations * (relative + centripetal)) @ self._coupling.T)
-        by_base = back * (rotations @ self._coupling.T)
-        locked_inertia = (by_base.real + self._inertia).sum(axis=1)
-        base_acceleration = -(gathered.real + self._inertia * relative).sum(axis=1) / locked_inertia
+        back, turning = rotations.conj(), relative + (1j * self._turn) * (body_rates * body_rates)
+        gathered = back * ((rotations * turning) @ self._coupling_transposed)
+        by_base = back * (rotations @ self._coupling_transposed)
+        locked_inertia = (by_base.real + self._inertia) @ self._of_bodies
+        base_acceleration = -((gathered.real + self._inertia * relative) @ self._of_bodies) / locked_inertia
         gathered += base_acceleration[:, None] * by_base
         body_accelerations = relative + base_acceleration[:, None]
         moments = gathered.real + self._inertia * body_accelerations
         return moments, gathered, body_rates, body_accelerations, locked_inertia
 
-    def torque_derivatives(
-        self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
-    ) -> Torques:
-        """Joint torques and their derivatives."""
-        return self.moment_derivatives(positions, velocities, accelerations, base_rate).gathered(self._turns)
-
     def moment_derivatives(
         self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
-    ) -> Moments:
-        """Moments and derivatives; the base acceleration follows from the vanishing sum of the moments."""
+    ) -> Array:
+        """Derivatives (N, m, 3n+1) of the moments F by the n positions, velocities and accelerations, and by h."""
         rotations = self._rotations(positions)
         moments, gathered, body_rates, body_accelerations, locked_inertia = self._moments(
             rotations, velocities, accelerations, base_rate.rate
@@ -199,4 +201,10 @@ class Dynamics:
         direct[..., 3 * n] = by_base_rate * base_rate.by_momentum[:, None]
         base_response = direct.sum(axis=1) / locked_inertia[:, None]
         direct -= by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :]
-        return Moments(moments, direct)
+        return direct
+
+
+@lru_cache(maxsize=64)
+def tree_dynamics(tree: PlanarTree) -> Dynamics:
+    """Return a tree's dynamics, prepared once."""
+    return Dynamics(tree)

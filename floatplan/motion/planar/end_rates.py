@@ -1,8 +1,8 @@
-"""Rates of the joints at both ends of a flight, where a frame that stands on the ground is to be at rest."""
+"""The rates at both ends of a flight: with a frame at rest where that is asked, and not into the ground."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -10,12 +10,17 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
+from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
+from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
+from floatplan.tables import CLEARANCE
 
 ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
 REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
 HALVINGS = 10  # [-] of that, at most, on the way to a bend of the rates
+STILL = 1e-9  # [m/s] speed below which a point is at rest
 STRAIGHT = 1e-9  # [-] relative: a smaller bend is rounding
 
 
@@ -113,3 +118,50 @@ def _rates(problem: Problem, element: str, end: End, momentum: float) -> Array:
             advice="plan more joints, give another posture, angular momentum or frame, or give the rates",
         )
     return found.rates
+
+
+def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputError]:
+    """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s."""
+    if not problem.ground:
+        return []
+    rates, _ = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
+    start, goal = (
+        replace(state, velocities=each) for state, each in zip((problem.initial, problem.final), rates, strict=True)
+    )
+    errors = []
+    for name, state, instant, sign, direction in (
+        ("start", start, 0.0, 1.0, "down into the ground at takeoff"),
+        ("goal", goal, problem.flight.duration, -1.0, "up out of the ground at landing"),
+    ):
+        link, velocity = _slowest_contact(problem, state, instant, sign, float(angular_momentum[0]))
+        if velocity < -STILL:
+            errors.append(
+                InputError(
+                    f"{link} moves {direction}, at {-velocity:.4g} m/s",
+                    element=f"{name}.velocities",
+                    advice="give other rates there, another angular momentum, posture or duration",
+                )
+            )
+    return errors
+
+
+def _slowest_contact(
+    problem: Problem, state: JointState, instant: float, sign: float, angular_momentum: float
+) -> tuple[str, float]:
+    """Of the points on the ground the one that is slowest upwards, or downwards for sign -1: its link, m/s."""
+    robot, path = problem.robot, ballistics(problem)
+    tree, shapes = robot.tree, problem.ground_shapes
+    rate = tree_dynamics(tree).base_rate(state.positions[None], state.velocities[None], angular_momentum)[0]
+    rotations = tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions))
+    swings = 1j * tree.turn * (rate + tree.turns @ state.velocities) * rotations
+    bodies = np.array([shape.body for shape in shapes])
+    com_height = path.positions(np.array([instant]))[0, 1]
+    com_velocity = path.velocities(np.array([instant]))[0, 1]
+    slowest, radius = ("", np.inf), np.array([shape.radius for shape in shapes])
+    for end in ("start", "end"):
+        weights = tree.point_weights(bodies, np.array([getattr(shape, end) for shape in shapes]))
+        height = com_height + (weights @ rotations).imag - radius - problem.ground_plane.point[1]
+        velocity = sign * (com_velocity + (weights @ swings).imag)
+        for index in np.flatnonzero(np.abs(height) < CLEARANCE):
+            slowest = min(slowest, (shapes[index].link, float(velocity[index])), key=lambda contact: contact[1])
+    return slowest

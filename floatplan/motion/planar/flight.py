@@ -13,18 +13,17 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import Grid, MomentumSet, Partials
+from floatplan.motion.dynamics import Distances, Grid, MomentumSet, Partials
 from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import (
-    Distances,
     LinkShapes,
     Segments,
     distance_rows,
     obstacle_distances,
     pair_distances,
 )
-from floatplan.motion.planar.closed_form import BaseRate, Dynamics, Moments
+from floatplan.motion.planar.closed_form import BaseRate, Dynamics, tree_dynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Ground, Obstacle
@@ -237,7 +236,7 @@ class PlanarFlown:
         return self._gathered(tree.motor_turns)
 
     @cached_property
-    def _moment_derivatives(self) -> Moments:
+    def _moment_derivatives(self) -> Array:
         joints = self.joints
         return self.flight.equations.moment_derivatives(
             joints.positions, joints.velocities, joints.accelerations, self.base_rate
@@ -245,13 +244,10 @@ class PlanarFlown:
 
     def _gathered(self, turns: Array) -> Partials:
         """Of the torques on coordinates that turn the bodies by ``turns`` (m, r)."""
-        torques = self._moment_derivatives.gathered(turns)
-        return Partials(
-            by_position=torques.by_position,
-            by_velocity=torques.by_velocity,
-            by_acceleration=torques.by_acceleration,
-            by_momentum=torques.by_momentum[..., None],
-        )
+        n = self.joints.positions.shape[1]
+        partials = turns.T @ self._moment_derivatives
+        by_position, by_velocity, by_acceleration, by_momentum = np.split(partials, [n, 2 * n, 3 * n], axis=2)
+        return Partials(by_position, by_velocity, by_acceleration, by_momentum=by_momentum)
 
     @cached_property
     def angles(self) -> Array:
@@ -301,15 +297,16 @@ class PlanarFlown:
 
 
 @lru_cache(maxsize=64)
-def _of_robot(robot: Robot, hulls: tuple[LinkCapsule, ...]) -> tuple[Dynamics, LinkShapes]:
-    return Dynamics(robot.tree), LinkShapes(robot.tree, robot.shapes, hulls)
+def _link_shapes(robot: Robot, hulls: tuple[LinkCapsule, ...]) -> LinkShapes:
+    return LinkShapes(robot.tree, robot.shapes, hulls)
 
 
 def planar_flight(problem: Problem) -> PlanarFlight:
     """Prepare a problem's flight once for all motions."""
     return PlanarFlight(
         problem.robot.tree,
-        *_of_robot(problem.robot, problem.ground_shapes if problem.ground else ()),
+        tree_dynamics(problem.robot.tree),
+        _link_shapes(problem.robot, problem.ground_shapes if problem.ground else ()),
         ballistics(problem),
         problem.initial.orientation,
         problem.final.orientation,

@@ -1,7 +1,7 @@
 """Angular momenta and velocities of the centre of mass that joint rates within limits make, with a frame at rest.
 
 Rates within ``|q_i'| <= limit_i`` and any rate of the base reach a polygon of (h, velocity): a zonogon, the sum of one
-segment for each joint. Its edges are those of the limits of :mod:`floatplan.motion.planar.least_rates`.
+segment for each joint. Its edges are those of the limits of :mod:`floatplan.motion.planar.contact_rates`.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from floatplan.kernel.stages import (
     nearly_resolved,
 )
 from floatplan.kernel.watch import Watch
-from floatplan.motion.extrema import lowest_of_neighbours, narrowed
+from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings

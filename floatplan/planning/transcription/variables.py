@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array, IntArray
-from floatplan.motion.dynamics import EndRates, MomentumSet
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
 from floatplan.motion.sine_polynomial import CURVATURES, EDGE, Form, SinePolynomials, boundary_arguments, powers_map
@@ -29,7 +29,7 @@ class Boundary:
 
     positions: Array
     accelerations: Array
-    rates: EndRates
+    rates: RatesAtEnds
     centre: Array
     amplitude: Array
     duration: float

@@ -14,7 +14,7 @@ from floatplan.studio.panel.dials import Choices, Dial, Dials
 from floatplan.studio.panel.tabs import LimitsTab, ObstaclesTab
 from floatplan.studio.player import Player
 from floatplan.studio.session import edits
-from floatplan.studio.session.actions import Actions, by_user, on
+from floatplan.studio.session.actions import Actions, by_user, in_turn, on
 from floatplan.studio.session.saving import Part, Saving
 from floatplan.studio.session.session import Session, View
 from floatplan.studio.stage import Stage
@@ -37,7 +37,8 @@ class Controls:
     def __init__(
         self, server: Any, session: Session, actions: Actions, stage: Stage, player: Player, folder: str
     ) -> None:
-        self._gui, self._session, self._actions, self._stage, self._player = server.gui, session, actions, stage, player
+        self._server, self._gui, self._session, self._actions = server, server.gui, session, actions
+        self._stage, self._player = stage, player
         self._saving = Saving()
         self.dials = Dials(self._gui, session, actions)
         self._choices = Choices(self._gui, session, actions)
@@ -79,18 +80,22 @@ class Controls:
         cards.put(self._comparison, cards.comparison_card(view.flown, view.kept))
         self._limits.draw(view)
         self._obstacles.draw(view)
-        self._choices.follow(view.problem)
         fixed = isinstance(view.problem.flight.angular_momentum, str)
         if self._momentum.disabled != fixed:
             self._momentum.disabled = fixed
         longest = max(flown.plan.duration for flown in (view.flown, view.kept) if flown is not None)
         if self.time.max != longest:
             self.time.max = longest
-        return self.dials.follow(view.problem) or begun
+        return in_turn(self._server, partial(self._follow, view.problem)) or begun
+
+    def _follow(self, problem: fp.Problem) -> bool:
+        self._choices.follow(problem)
+        return self.dials.follow(problem)
 
     def at(self, instant: float) -> None:
         """Show the flight's time, s."""
-        self.time.value = round(float(np.clip(instant, 0.0, self.time.max)), 3)
+        value = round(float(np.clip(instant, 0.0, self.time.max)), 3)
+        in_turn(self._server, lambda: setattr(self.time, "value", value))
 
     def _history(self) -> None:
         session, player = self._session, self._player

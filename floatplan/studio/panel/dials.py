@@ -76,9 +76,9 @@ class Dials:
 
         shown = Shown(slider, dial, digits + FINER)
 
-        def turn(_: Any) -> None:
-            shown.touched = time.monotonic()
-            self._actions.do(dial.paths[0], lambda: self._turn(slider, dial))
+        def turn(event: Any) -> None:
+            shown.touched, value = time.monotonic(), float(event.target.value)  # before anything else sets it
+            self._actions.do(dial.paths[0], lambda: self._turn(value * dial.unit, dial))
 
         by_user(slider.on_update, turn)
         self.shown.append(shown)
@@ -89,7 +89,7 @@ class Dials:
         self.shown = [shown for shown in self.shown if all(shown.slider is not slider for slider in sliders)]
 
     def follow(self, problem: fp.Problem) -> bool:
-        """Show the problem's numbers; return whether the user still holds one."""
+        """Show the problem's numbers; return whether the user still holds one. In the thread of the user's events."""
         now, busy = time.monotonic(), False
         for shown in self.shown:
             if now - shown.touched < RELEASED:
@@ -106,8 +106,7 @@ class Dials:
             slider.value = value
         return busy
 
-    def _turn(self, slider: Any, dial: Dial) -> None:
-        value = float(slider.value) * dial.unit
+    def _turn(self, value: float, dial: Dial) -> None:
         if np.isfinite(value):
             self._session.edit(numbers(dict.fromkeys(dial.paths, value)), dial.paths[0])
         else:
@@ -145,7 +144,7 @@ class Choices:
         self._follow(self._gui.add_checkbox(label, get(self._session.view.problem)), get, edit)
 
     def follow(self, problem: fp.Problem) -> None:
-        """Show the problem's choices."""
+        """Show the problem's choices. In the thread of the user's events."""
         for choice, get in self._shown:
             wanted = get(problem)
             if choice.value != wanted:
@@ -154,8 +153,8 @@ class Choices:
     def _follow(self, choice: Any, get: Callable[[fp.Problem], Any], edit: Callable[[Any], Edit]) -> None:
         self._shown.append((choice, get))
 
-        def choose() -> None:
-            if not self._session.edit(edit(choice.value)):
-                choice.value = get(self._session.view.problem)
+        def choose(event: Any) -> None:
+            chosen = event.target.value  # before anything else sets it
+            self._actions.do(f"choice {id(choice)}", lambda: self._session.edit(edit(chosen)))
 
-        by_user(choice.on_update, lambda _: self._actions.do(f"choice {id(choice)}", choose))
+        by_user(choice.on_update, choose)

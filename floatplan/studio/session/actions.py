@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
+Result = TypeVar("Result")
 LOG = logging.getLogger(__name__)
 
 
@@ -70,3 +72,16 @@ def on(register: Any, action: Callable[[Any], object]) -> None:
 def by_user(register: Any, action: Callable[[Any], object]) -> None:
     """The same, of events that the user made; the program's own changes are none."""
     on(register, lambda event: event.client is not None and action(event))
+
+
+def in_turn(server: Any, action: Callable[[], Result]) -> Result:
+    """Call a function in the thread of viser's events, between two of them, and return what it returns.
+
+    viser sets an input's value before it tells of the event: what the program shows in that input must not come in
+    between, or the user's value is lost.
+    """
+
+    async def call() -> Result:
+        return action()
+
+    return asyncio.run_coroutine_threadsafe(call(), server.get_event_loop()).result()
