@@ -29,9 +29,8 @@ from floatplan.kernel.stages import (
 from floatplan.kernel.watch import Watch
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
-from floatplan.optimization.sqp import Solution, minimise
+from floatplan.optimization.sqp import Solution, hessian_approximation, minimise
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective
 from floatplan.planning.transcription.program import (
