@@ -104,9 +104,7 @@ class FlightProgram:
     def _watch(self) -> Watch | None:
         """What computes rows, and the quantity of the objective, in the kernel; None where it does not know them."""
         quantity = self.objective.quantity if isinstance(self.objective, IntegralOfSquares) else ""
-        if self.variables.following or not (self.constraints or quantity):
-            return None
-        return watch_of(self.model.flight, self.constraints, quantity)
+        return None if self.variables.following else watch_of(self.model.flight, self.constraints, quantity)
 
     @cached_property
     def _instants(self) -> Instants:

@@ -48,13 +48,6 @@ class Sampling:
         """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
         return self.grid.weights
 
-    @cached_property
-    def weighted(self) -> tuple[Array, Array]:
-        """The basis and its first derivatives at the nodes (N, g+width), times the quadrature weights."""
-        weights = self.weights[:, None]
-        value, derivative = (part[: self.nodes] for part in self.values[:2])
-        return weights * value, weights * derivative
-
     @property
     def given(self) -> int:
         """Number g of columns of the basis that belong to given conditions."""
@@ -185,31 +178,7 @@ class Trajectory:
     @cached_property
     def residual_jacobian(self) -> Array:
         """Derivatives (e, size) of the residual by x."""
-        partials, motion, sampling = self.flown.residual_partials, self.motion, self.sampling
-        by_position, by_velocity, by_momentum = partials.by_position, partials.by_velocity, partials.by_momentum
-        assert by_position is not None, "the residual is by joint positions,"
-        assert by_velocity is not None, "joint velocities"
-        assert by_momentum is not None, "and h"
-        nodes = sampling.nodes
-        by_p = by_position * motion.position_by_p[:nodes, None]
-        by_p += by_velocity * motion.velocity_by_p[:nodes, None]
-        by_rate = by_velocity * motion.velocity_by_rate[:nodes, None]
-        first = 0 if self.boundary_by_axes is not None else sampling.given
-        value, derivative = (part[:, first:] for part in sampling.weighted)
-        by_all = by_p.reshape(nodes, -1).T @ value
-        by_all += by_rate.reshape(nodes, -1).T @ derivative
-        by_h = np.tensordot(sampling.weights, by_momentum, 1) if self.variables.momentum.free else None
-        directions, joints = by_position.shape[1:]
-        by_z, by_axes = self._split(by_all.reshape(directions, joints, by_all.shape[-1]))
-        return self.duration * self.variables.flat_gradient(by_z.reshape(directions, -1), by_h, by_axes)
-
-    def _split(self, by_all: Array) -> tuple[Array, Array | None]:
-        """Derivatives by z (..., n, width), and by h by way of the boundary (..., H), of those by all of the basis."""
-        if self.boundary_by_axes is None:
-            return by_all, None
-        given = self.sampling.given
-        by_axes = np.tensordot(by_all[..., :given], self.boundary_by_axes, 2)
-        return by_all[..., given:], by_axes
+        return self.duration * np.tensordot(self.sampling.weights, self._chained(self.flown.residual_partials), 1)
 
     @cached_property
     def attitude_jacobian(self) -> Array:
@@ -228,35 +197,29 @@ class Trajectory:
     def _chained(self, partials: Partials) -> Array:
         """Derivatives (L, r, size) by x through joints and h alone, of partials at the first L instants."""
         motion = self.motion
-        weights: list[Array | None] = [None, None, None]
+        weights: dict[int, Array] = {}  # by p, its rate and its curvature
+
+        def add(derivative: int, partial: Array, slope: Array) -> None:
+            weight = partial * slope[: len(partial), None]
+            weights[derivative] = weights[derivative] + weight if derivative in weights else weight
+
         if partials.by_position is not None:
-            count = len(partials.by_position)
-            weights[0] = partials.by_position * motion.position_by_p[:count, None, :]
+            add(0, partials.by_position, motion.position_by_p)
         if partials.by_velocity is not None:
-            count = len(partials.by_velocity)
-            weights[0] = _sum(weights[0], partials.by_velocity * motion.velocity_by_p[:count, None, :])
-            weights[1] = partials.by_velocity * motion.velocity_by_rate[:count, None, :]
+            add(0, partials.by_velocity, motion.velocity_by_p)
+            add(1, partials.by_velocity, motion.velocity_by_rate)
         if partials.by_acceleration is not None:
-            count, by_acceleration = len(partials.by_acceleration), partials.by_acceleration
-            weights[0] = _sum(weights[0], by_acceleration * motion.acceleration_by_p[:count, None, :])
-            weights[1] = _sum(weights[1], by_acceleration * motion.acceleration_by_rate[:count, None, :])
-            weights[2] = by_acceleration * motion.acceleration_by_curvature[:count, None, :]
-        by_all: Array | None = None
-        first = 0 if self.boundary_by_axes is not None else self.sampling.given
-        for weight, value in zip(weights, self.sampling.values, strict=True):
-            if weight is not None:
-                by_all = _sum(by_all, weight[..., None] * value[: len(weight), None, None, first:])
-        assert by_all is not None, "partials are by a state of the joints"
-        by_z, by_axes = self._split(by_all)
-        return self.variables.gradient(by_z, partials.by_momentum, by_axes)
-
-
-def _sum(first: Array | None, second: Array) -> Array:
-    """Add, into the first."""
-    if first is None:
-        return second
-    first += second
-    return first
+            add(0, partials.by_acceleration, motion.acceleration_by_p)
+            add(1, partials.by_acceleration, motion.acceleration_by_rate)
+            add(2, partials.by_acceleration, motion.acceleration_by_curvature)
+        columns = slice(0 if self.boundary_by_axes is not None else self.sampling.given, None)
+        values = self.sampling.values
+        by_all = np.asarray(sum(w[..., None] * values[d][: len(w), None, None, columns] for d, w in weights.items()))
+        if self.boundary_by_axes is None:
+            return self.variables.gradient(by_all, partials.by_momentum)
+        given = self.sampling.given
+        by_axes = np.tensordot(by_all[..., :given], self.boundary_by_axes, 2)
+        return self.variables.gradient(by_all[..., given:], partials.by_momentum, by_axes)
 
 
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:

@@ -189,19 +189,14 @@ class DecisionVariables:
         ``by_axes`` (..., H) are added: what h does by way of the boundary.
         """
         *shape, joints, width = by_z.shape
-        rows = math.prod(shape)  # one product of matrices is faster than many
-        h, axes = (None if by is None else by.reshape(rows, -1) for by in (by_momentum, by_axes))
-        return self.flat_gradient(by_z.reshape(rows, joints * width), h, axes).reshape(*shape, self.size)
-
-    def flat_gradient(self, by_z: Array, by_momentum: Array | None, by_axes: Array | None = None) -> Array:
-        """Derivatives (r, size) by x, from those by z (r, n width) and by h (r, e), as of :meth:`gradient`."""
-        by_x = (by_z if by_z.shape[1] == len(self.offset) else by_z[:, self.polynomials.free_indices]) @ self.scaling
-        if not self.momentum.free:
-            return by_x
-        chosen = np.zeros((len(by_x), self.momentum.free)) if by_axes is None else by_axes
-        if by_momentum is not None:
-            chosen = chosen + by_momentum @ self.momentum.axes
-        return np.concatenate((by_x, chosen), axis=1)
+        flat = by_z.reshape(math.prod(shape), joints * width)  # one product of matrices is faster than many
+        by_x = (flat if flat.shape[1] == len(self.offset) else flat[:, self.polynomials.free_indices]) @ self.scaling
+        if self.momentum.free:
+            chosen = np.zeros((*shape, self.momentum.free)) if by_axes is None else by_axes
+            if by_momentum is not None:
+                chosen = chosen + by_momentum @ self.momentum.axes
+            by_x = np.concatenate((by_x, chosen.reshape(len(flat), -1)), axis=1)
+        return by_x.reshape(*shape, self.size)
 
 
 def decision_variables(
