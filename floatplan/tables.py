@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 from floatplan.errors import InputError
 
@@ -60,7 +60,6 @@ class LimitRow:
     Attributes
     ----------
     key : in ``[limits]``; findings are about ``<key> <joint>``, peaks and utilisations begin with it
-    description : for a person
     quantity : what is limited
     unit : of quantity and limit
     title : above its curves
@@ -71,7 +70,6 @@ class LimitRow:
     """
 
     key: LimitKey
-    description: str
     quantity: str
     unit: str
     title: str
@@ -84,7 +82,6 @@ class LimitRow:
 _LIMITS = (
     LimitRow(
         "velocity",
-        "Largest rate",
         "velocities",
         "rad/s",
         "Rates",
@@ -93,11 +90,9 @@ _LIMITS = (
         always=True,
         base="orientation_rate",
     ),
-    LimitRow("acceleration", "Largest acceleration", "accelerations", "rad/s^2", "Accelerations", "joints"),
-    LimitRow(
-        "torque", "Each motor's largest torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True
-    ),
-    LimitRow("orientation_rate", "Largest rate of the base", "orientation_rate", "rad/s", "Rates", "base"),
+    LimitRow("acceleration", "accelerations", "rad/s^2", "Accelerations", "joints"),
+    LimitRow("torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True),
+    LimitRow("orientation_rate", "orientation_rate", "rad/s", "Rates", "base"),
 )
 LIMIT_TABLE: dict[LimitKey, LimitRow] = {row.key: row for row in _LIMITS}
 JOINT_LIMITS: tuple[LimitRow, ...] = tuple(row for row in _LIMITS if row.of == "joints")
@@ -125,7 +120,7 @@ def _within(largest: float, unit: str) -> Range:
 
 MOST_OBSTACLES = 200  # of a problem, and as many pairs of links to keep apart
 # What every number of a problem or plan file may be, by key: beyond it nobody means what is written, and doubles
-# overflow. URDF files have their own bounds, floatplan.robot.urdf.values.
+# overflow. URDF files have their own bounds, floatplan.robot.urdf.read.
 RANGES: dict[str, Range] = {
     "duration": Range(1e-3, 1e3, "s"),
     "orientation": _within(1e4, "rad"),
@@ -135,7 +130,9 @@ RANGES: dict[str, Range] = {
     "angular_momentum": _within(1e9, "kg m^2/s"),
     "horizontal_velocity": _within(1e4, "m/s"),
     "gravity": Range(0.0, 1e4, "m/s^2"),
-    "place": _within(1e6, "m"),
+    "place": _within(1e6, "m"),  # also of keys that are not here
+    "position": _within(1e6, "m"),
+    "height": _within(1e6, "m"),
     "radius": Range(0.0, 1e6, "m"),
     "margin": Range(0.0, 1e3, "m"),
     "velocity": _within(1e4, "m/s"),
@@ -143,13 +140,10 @@ RANGES: dict[str, Range] = {
     "limit": Range(1e-9, 1e12, ""),
     "slope": Range(0.0, 1e12, "N m s/rad"),
 }
-OBSTACLE_PLACES = ("center", "point", "normal", "start", "end")  # keys of obstacles with two numbers, m
-PLACES = ("position", "height", *OBSTACLE_PLACES)  # keys of problem files that are places, m
-RANGES |= dict.fromkeys(PLACES, RANGES["place"])
 
 
 def check_number(value: object, element: str, key: str | Range, advice: str | None = None) -> None:
-    """Refuse what is not a number in a range, or in that of a key, or not all such; ``advice`` is for one below it.
+    """Refuse what is not a number in a range, or in that of a key; ``advice`` is for one below it.
 
     Raises
     ------
@@ -157,28 +151,19 @@ def check_number(value: object, element: str, key: str | Range, advice: str | No
         Not a number, not finite, or out of the range.
     """
     allowed = RANGES[key] if isinstance(key, str) else key
-    value = value.tolist() if hasattr(value, "tolist") else value
     try:
-        numbers = _numbers(value)
-    except (TypeError, ValueError, OverflowError, RecursionError):
-        numbers = [math.nan]
-    if not all(map(math.isfinite, numbers)):
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
         raise InputError(f"{value!r} is not a finite number", element=element)
-    if allowed.low >= 0 and any(number < 0 or number == 0 < allowed.low for number in numbers):
+    if allowed.low >= 0 and (number < 0 or number == 0 < allowed.low):
         fault = "is not positive" if allowed.low > 0 else "is negative"
         raise InputError(" ".join(filter(None, (str(value), allowed.unit, fault))), element=element, advice=advice)
-    if not all(allowed.low <= number <= allowed.high for number in numbers):
+    if not allowed.low <= number <= allowed.high:
         degrees = ""
         if allowed.unit.startswith("rad"):
             turned = allowed.unit.replace("rad", "degrees", 1)
             degrees = f" ({math.degrees(allowed.low):.4g} to {math.degrees(allowed.high):.4g} {turned})"
-        advice = advice if any(number < allowed.low for number in numbers) else None
+        advice = advice if number < allowed.low else None
         raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element, advice=advice)
-
-
-def _numbers(value: Any) -> list[float]:
-    """The numbers of a number, an array, or nested sequences."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, list | tuple):
-        return [number for item in value for number in _numbers(item)]
-    return [float(value)]

@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.planar.contact_rates import End
-from floatplan.view.figures.snapshots import picture_box
-from floatplan.view.postures import postures
+from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from floatplan.problem.json_schema import TABLES, keys_of, problem_schema
+from floatplan.problem.schema import TABLES, keys_of, problem_schema
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
 OPENING = """# Keys of a problem file

@@ -20,10 +20,9 @@ import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.files import write_atomically
 from floatplan.view.charts import charts
-from floatplan.view.figures.curves import draw_panel, plan_names, sample
-from floatplan.view.figures.figures import figures
-from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, picture_box, snapshot_times
-from floatplan.view.postures import postures
+from floatplan.view.figures.figures import draw_panel, figures, sample
+from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, plan_names
+from floatplan.view.outlines import picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, new_figure, palette, styled
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -98,7 +98,7 @@ def photograph_studio(browser: Any, problem: fp.Problem, path: Path) -> None:
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
         page.tab("Map")
-        studio.session.wait(lambda view: view.map is not None and len(view.map.cells) > MAPPED, PATIENCE)
+        studio.session.wait(lambda view: view.map is not None and len(view.map.points) > MAPPED, PATIENCE)
         browser.run(CLEAR)
         time.sleep(3.0)
         save(browser.driver.get_screenshot_as_png(), path)

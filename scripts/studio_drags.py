@@ -24,10 +24,10 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
+from floatplan.studio import edits
+from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.page import Studio, opened
-from floatplan.studio.session import edits
-from floatplan.studio.session.saving import Part, Saving
-from floatplan.studio.work.around import COLUMNS, ROWS
+from floatplan.studio.session import Part, Saving
 from floatplan.tables import OBJECTIVE_TABLE
 
 GENTLY = np.radians(4.0)  # [rad] that they turn a joint by, at most
@@ -68,7 +68,7 @@ class Drags:
         self.studio.actions.wait(PATIENCE)
         self.session.wait(lambda view: view.is_current, PATIENCE)
         self.studio.painter.wait(PATIENCE)
-        flown = self.session.view.flown
+        flown = self.session.view.answer
         found = flown is not None and flown.plan.ok
         return time.perf_counter() - begin, processor_seconds(self.studio) - spent, found
 

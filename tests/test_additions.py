@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 8
+MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 6
 
 Edits = Mapping[str, tuple[tuple[str, str], ...]]  # file -> what is there once, and what is put in its place
 
@@ -21,8 +21,7 @@ POWER: Edits = {
         ('Literal["velocity", "acceleration", "torque",', 'Literal["velocity", "acceleration", "torque", "power",'),
         (
             '    LimitRow("orientation_rate"',
-            '    LimitRow("power", "Largest mechanical power", "powers", "W", "Powers", "joints"),\n'
-            '    LimitRow("orientation_rate"',
+            '    LimitRow("power", "powers", "W", "Powers", "joints"),\n    LimitRow("orientation_rate"',
         ),
     ),
     "floatplan/problem/parts.py": (
@@ -73,7 +72,7 @@ BEND: Edits = {
         (
             "OBSTACLE_KINDS: dict[str, type[Obstacle]] =",
             '@dataclass(frozen=True, kw_only=True)\nclass Bend(Obstacle):\n    """A bar with a corner."""\n\n'
-            '    kind: ClassVar[str] = "bend"\n'
+            '    kind: ClassVar[str] = "bend"\n    about: ClassVar[str] = "A bar with a corner"\n'
             '    start: Annotated[Pair, Key("One end", "m")]\n'
             '    corner: Annotated[Pair, Key("Where it bends", "m")]\n'
             '    end: Annotated[Pair, Key("The other end", "m")]\n'
@@ -89,12 +88,6 @@ BEND: Edits = {
         ),
         ("(Circle, HalfPlane, Bar)}", "(Circle, HalfPlane, Bar, Bend)}"),
     ),
-    "floatplan/problem/json_schema.py": (
-        (
-            '    "self_clearance[]": (',
-            '    "obstacles[bend]": (PartTable[asked.Bend], "A bar with a corner"),\n    "self_clearance[]": (',
-        ),
-    ),
     "floatplan/plans/schema.py": (
         (
             '    "capsule": {"start"',
@@ -102,7 +95,6 @@ BEND: Edits = {
             '    "capsule": {"start"',
         ),
     ),
-    "floatplan/tables.py": (('OBSTACLE_PLACES = ("center",', 'OBSTACLE_PLACES = ("corner", "center",'),),
     "floatplan/__init__.pyi": (
         (
             "from floatplan.problem.parts import Circle",
@@ -137,10 +129,10 @@ from types import SimpleNamespace
 from unittest.mock import MagicMock
 import numpy as np
 import floatplan as fp
-from floatplan.problem.json_schema import problem_schema
+from floatplan.problem.schema import problem_schema
 from floatplan.studies.numbers import quantity
-from floatplan.studio.session import edits
-from floatplan.studio.session.session import View
+from floatplan.studio import edits
+from floatplan.studio.session import View
 from floatplan.view.figures.figures import figures
 from floatplan.view.report.report import report
 
@@ -156,7 +148,7 @@ def verdicts(plan, kind):
 """
 
 LIMIT_WORKS = """
-from floatplan.studio.panel.tabs import LimitsTab
+from floatplan.studio.panel import LimitsTab
 from floatplan.plans.measures import told_limits
 from floatplan.tables import LIMIT_TABLE
 
@@ -180,9 +172,9 @@ assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
 assert quantity("limits.power", False).unit == "W"
 by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
 assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
-dials = MagicMock()
-LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), dials, MagicMock())
-assert f"{problem.robot.joints[0]}, W" in [call.args[0].label for call in dials.add.call_args_list]
+inputs = MagicMock()
+LimitsTab(MagicMock(), SimpleNamespace(view=View(problem)), inputs)
+assert f"{problem.robot.joints[0]}, W" in [call.args[0].label for call in inputs.slider.call_args_list]
 try:
     fp.Replanner(plan)
 except fp.InputError as error:
@@ -199,7 +191,7 @@ from floatplan.planning.transcription import program
 from floatplan.planning.transcription.objectives import objective
 from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.problem.parts import OBSTACLE_KINDS
-from floatplan.studio.panel.tabs import ObstaclesTab, obstacle_dials
+from floatplan.studio.panel import ObstaclesTab, obstacle_dials
 from floatplan.view.scene.scene import obstacle_slab
 
 problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")

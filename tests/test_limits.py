@@ -10,9 +10,9 @@ from floatplan import errors, files, tables
 from floatplan.export import ros_bag, table
 from floatplan.planning import search
 from floatplan.plans import reading
-from floatplan.problem import checks, family, file, limits, parts
+from floatplan.problem import checks, family, file, parts
 from floatplan.robot.shapes import links, meshes
-from floatplan.robot.urdf import check, values
+from floatplan.robot.urdf import check, read
 from floatplan.simulation import closed_loop, feedback, forward, replay
 from floatplan.studies import file as study_file
 from floatplan.studies import page as study_page
@@ -59,7 +59,7 @@ def rows(page, heading):
 
 def test_ranges(page):
     written = {key.strip("`"): tuple(rest) for key, *rest in rows(page, "Numbers of problem and plan files")}
-    known = {key: allowed for key, allowed in tables.RANGES.items() if key not in tables.PLACES}
+    known = {key: allowed for key, allowed in tables.RANGES.items() if key not in ("position", "height")}
     assert written == {key: (f"{r.low:g}", f"{r.high:g}", r.unit) for key, r in known.items()}
 
 
@@ -71,11 +71,11 @@ def test_sizes(page):
 @pytest.mark.parametrize(
     "number",
     [
-        f"{limits.NARROWEST:g} rad wide",
+        f"{checks.NARROWEST:g} rad wide",
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
         f"above {reading.LARGEST_FOUND:g}",
-        f"below {values.LARGEST:g}",
+        f"below {read.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
         *(f"`.{kind}`" for kind in meshes.KINDS),
     ],

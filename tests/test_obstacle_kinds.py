@@ -18,7 +18,7 @@ from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.plans.schema import OBSTACLES
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
-from floatplan.view.surroundings import OUTLINES
+from floatplan.view.outlines import OUTLINES
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "problems" / "new_configuration.toml"
 MAPS = (Path(fp.__file__).parent / "view" / "report" / "assets" / "flight.js").read_text(encoding="utf-8")

@@ -12,8 +12,7 @@ from floatplan.cli.common import Options, RobotChoices
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
-from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.tables import REST
 
 PLACE = "command line"

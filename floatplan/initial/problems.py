@@ -13,7 +13,7 @@ from floatplan.initial.candidates import DIGITS, Candidates
 from floatplan.initial.robots import ChosenRobot
 from floatplan.initial.stance import FAST
 from floatplan.motion.planar.closed_form import tree_dynamics
-from floatplan.problem.limits import position_limits
+from floatplan.problem.checks import position_limits
 from floatplan.problem.parts import Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
 

@@ -12,14 +12,13 @@ import numpy as np
 
 from floatplan.errors import InputError, naming
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.problem.ground import lowest_point
+from floatplan.problem.checks import lowest_point
 from floatplan.problem.parts import JointState
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.example_robots import urdf_path
-from floatplan.robot.urdf.read import read_urdf
-from floatplan.robot.urdf.srdf import reference_postures
+from floatplan.robot.urdf.read import read_urdf, reference_postures
 
 PLANES = ("xz", "yz", "xy")
 POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the names of reference postures begin

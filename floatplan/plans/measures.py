@@ -19,7 +19,7 @@ from floatplan.plans.contact import Contact
 from floatplan.plans.contact_advice import FAST
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
-from floatplan.robot.parts import Coupling
+from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
 from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitRow
 
@@ -105,6 +105,12 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
     """Return how much of its limits each motor uses, worst first."""
     rows = (_of_motor(problem, peaks, index) for index in range(len(problem.robot.motors)))
     return tuple(sorted(rows, key=lambda row: -row.worst))
+
+
+def largest_use(rows: Sequence[Utilisation]) -> float | None:
+    """Return the largest share of a limit that a motor uses; None where none has a limit."""
+    shares = [getattr(use, f"{row.key}_utilisation") for use in rows for row in USED]
+    return max((share for share in shares if share is not None), default=None)
 
 
 def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:

@@ -17,8 +17,7 @@ from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
 from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.plans.schema import FILE, check_asked
-from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Coupling, Robot
+from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.robot.urdf.example_robots import PREFIX
 from floatplan.tables import check_number
 
@@ -226,7 +225,7 @@ def find_urdf(urdf: str, plan_file: str | Path | None) -> str:
 def robot_record(robot: Robot) -> RobotRecord:
     """Return which robot this is and how it was read, for a plan file."""
     return RobotRecord(
-        urdf=robot.source if robot.source.startswith(PREFIX) or robot.path is None else str(robot.path.resolve()),
+        urdf=robot.source if robot.source.startswith(PREFIX) else str(robot.path.resolve()),
         sha256=robot.sha256,
         joints=robot.joints,
         plane=robot.plane.name,

@@ -1,30 +1,40 @@
-"""From what the user gives to what a problem keeps: checked, in joint order, every fault with its place."""
+"""From what the user gives to what a problem keeps: checked, in the order of joints and motors, with its place.
+
+The ground is a horizontal line through the lowest point of the link that takes off, at t = 0.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError
-from floatplan.problem.ground import ground_height, resting_height
+from floatplan.arrays import Array, IntArray, read_only
+from floatplan.errors import InputError, refuse
 from floatplan.problem.parts import (
     Flight,
     JointState,
+    JointValues,
     Landing,
+    Limits,
     Motion,
     Obstacle,
     Posture,
     SelfClearance,
     Takeoff,
 )
-from floatplan.robot.robot import Robot
-from floatplan.tables import MOST_OBSTACLES, REST
+from floatplan.robot.robot import Frame, Robot
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
+EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
+NARROWEST = 1e-6  # rad, of a joint's range
+FULL_RANGE = (-math.pi, math.pi)
+TORQUE = LIMIT_TABLE["torque"]
+TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
 
 def joint_state(robot: Robot, posture: Posture, element: str) -> JointState:
@@ -172,3 +182,208 @@ def _check_frame(robot: Robot, name: str, element: str) -> None:
 def listed(robot: Robot) -> str:
     """Return the planned joints, for a message."""
     return ", ".join(robot.joints)
+
+
+def position_limits(robot: Robot, limits: Limits) -> Array:
+    """Return the joint ranges (n, 2) in rad that a problem with these limits has: always finite."""
+    given = robot.position_limits.copy()
+    given[~np.isfinite(given).all(axis=1)] = FULL_RANGE
+    if isinstance(limits.position, str):
+        if limits.position == "full":
+            given[:] = FULL_RANGE
+        return read_only(given)
+    if isinstance(limits.position, Mapping):
+        check_joint_names(robot, limits.position, "limits.position")
+        ranges = limits.position
+    else:
+        if len(limits.position) != len(robot.joints):
+            raise InputError(f"{len(limits.position)} ranges for {len(robot.joints)} joints", element="limits.position")
+        ranges = dict(zip(robot.joints, limits.position, strict=True))
+    for joint, (low, high) in ranges.items():
+        element = f"limits.position.{joint}"
+        if not low < high:
+            raise InputError(f"low {low} is not below high {high}", element=element)
+        if high - low < NARROWEST:
+            raise InputError(
+                f"[{low}, {high}] is narrower than {NARROWEST:g} rad", element=element, advice="lock the joint"
+            )
+        given[robot.joints.index(joint)] = low, high
+    return read_only(given)
+
+
+def joint_limits(robot: Robot, limits: Limits) -> dict[str, Array]:
+    """Return the limits (n,) of the planned coordinates' motion, by key of ``[limits]``.
+
+    Raises
+    ------
+    InputError
+        All that is wrong with them.
+    """
+    resolved: dict[str, Array] = {}
+    errors = []
+    for row in JOINT_LIMITS:
+        try:
+            resolved[row.key] = _joint_limit(robot, row, getattr(limits, row.key))
+        except InputError as error:
+            errors.append(error)
+    refuse(errors)
+    return resolved
+
+
+def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
+    """Return limits (n,), in the row's unit, of the planned coordinates, infinite where there is none.
+
+    A number or a mapping is about each motor: a leader is as slow as its followers demand, by their ratios.
+    """
+    if isinstance(given, str):
+        if row.in_urdf and given == "urdf":
+            return read_only(getattr(robot, f"{row.key}_limits"))
+        return read_only(np.full(len(robot.joints), math.inf))
+    if not isinstance(given, Mapping | int | float):
+        return _by_coordinate(robot, given, row)
+    own = _by_motor(robot, given, row)
+    with np.errstate(divide="ignore"):
+        per_coordinate = own[:, None] / np.abs(robot.motor_ratios)
+    return read_only(np.where(robot.motor_ratios != 0, per_coordinate, math.inf).min(axis=0))
+
+
+def motor_torque_limits(robot: Robot, given: str | JointValues) -> Array:
+    """Return limits (m,) N m of the motors' own torques, infinite where there is none.
+
+    A sequence (n,) is about the generalised torques: it is a motor's own limit where the joint has but one motor.
+    """
+    if isinstance(given, str):
+        return robot.motor_torque_limits if given == "urdf" else read_only(np.full(len(robot.motors), math.inf))
+    if isinstance(given, Mapping | int | float):
+        return _by_motor(robot, given, TORQUE)
+    generalized = _by_coordinate(robot, given, TORQUE)
+    alone = (robot.motor_ratios != 0).sum(axis=0) == 1
+    leader = _leaders(robot)
+    return read_only(np.where(alone[leader], generalized[leader], math.inf))
+
+
+def torque_limits(robot: Robot, given: str | JointValues) -> Array:
+    """Return limits (n,) N m of the generalised torques: as given, or what those of the motors add up to."""
+    if isinstance(given, str | Mapping | int | float):
+        own, ratios = motor_torque_limits(robot, given), np.abs(robot.motor_ratios)
+        return read_only((ratios * np.where(ratios > 0, own[:, None], 0.0)).sum(axis=0))
+    return _by_coordinate(robot, given, TORQUE)
+
+
+def _by_motor(robot: Robot, given: Mapping[str, float] | float, row: LimitRow) -> Array:
+    """Limits (m,) of the motors: one for all, or by name; a leader's value holds for followers that are not named."""
+    if isinstance(given, Mapping):
+        return read_only(_of_motors(robot, given, f"limits.{row.key}", math.inf))
+    return read_only(np.full(len(robot.motors), given))
+
+
+def _by_coordinate(robot: Robot, given: Sequence[float] | Array, row: LimitRow) -> Array:
+    """Limits (n,) of the planned coordinates."""
+    if len(given) != len(robot.joints):
+        raise InputError(f"{len(given)} values for {len(robot.joints)} joints", element=f"limits.{row.key}")
+    return read_only(given)
+
+
+def _leaders(robot: Robot) -> IntArray:
+    """Index (m,) of the planned joint that each motor turns, or follows."""
+    return np.asarray(np.abs(robot.motor_ratios).argmax(axis=1))
+
+
+def motor_values(robot: Robot, limits: Limits, name: str, default: float) -> Array:
+    """Return one field of the motors' curves (m,), the default where a motor has none."""
+    curves = _of_motors(robot, limits.motor, "limits.motor", None)
+    return read_only([default if curve is None else getattr(curve, name) for curve in curves])
+
+
+def _of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: Any) -> list[Any]:
+    """What a mapping says of each of the m motors: by its own name, else by its leader's; refuse other names."""
+    for joint in given:
+        if joint in robot.coupled and joint not in robot.motors:
+            leader = robot.coupled[joint].leader
+            raise InputError(
+                f"{joint!r} has no motor of its own: the URDF couples it to {leader!r} by <mimic>",
+                element=element,
+                advice=f"set that of {leader!r}",
+            )
+        if joint not in robot.motors:
+            raise InputError(
+                f"{joint!r} is not a planned joint of the robot, nor one coupled to it",
+                element=element,
+                advice=f"joints: {', '.join(robot.motors)}",
+            )
+    leaders = [robot.joints[index] for index in _leaders(robot).tolist()]
+    return [given.get(motor, given.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
+
+
+def check_inside(robot: Robot, limits: Array, state: JointState, element: str, index: int) -> None:
+    """Refuse a joint outside its range, and one on its edge that does not stand still or accelerates outwards."""
+    joint, (low, high) = robot.joints[index], limits[index]
+    position, velocity, acceleration = (
+        float(values[index]) for values in (state.positions, state.velocities, state.accelerations)
+    )
+    if not low <= position <= high:
+        degrees, lowest, highest = map(math.degrees, (position, low, high))
+        raise InputError(
+            f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
+            f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})",
+            element=f"{element}.positions.{joint}",
+            advice="move it inside, or widen the range with limits.position",
+        )
+    if min(position - low, high - position) > EDGE * (high - low):
+        return
+    edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
+    if not (velocity == 0 or np.isnan(velocity)):
+        raise InputError(
+            f"{velocity:.6g} rad/s {edge}",
+            element=f"{element}.velocities.{joint}",
+            advice="a joint can only be on the edge of its range at rest",
+        )
+    if acceleration * (2 * position - low - high) > 0:
+        raise InputError(
+            f"{acceleration:.6g} rad/s^2 {edge} points out of it", element=f"{element}.accelerations.{joint}"
+        )
+
+
+def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:
+    """Height of a frame over the centre of mass, m."""
+    return float(_heights(robot, [frame.body], [frame.local], state)[0])
+
+
+def lowest_point(robot: Robot, link: str, state: JointState) -> float:
+    """Height over the centre of mass, m, of the lowest point with which a link stands.
+
+    It is the link's own, or that of the link that it is fixed to; where that has no shape, its origin.
+
+    Raises
+    ------
+    InputError
+        A link's collision geometry is wrong.
+    """
+    standing = robot.contact_link(link)
+    if standing is None:
+        return frame_height(robot, robot.frames[link], state)
+    shapes = robot.link_hulls[standing]
+    bodies = [shape.body for shape in shapes]
+    starts, ends = (
+        _heights(robot, bodies, [getattr(shape, end) for shape in shapes], state) for end in ("start", "end")
+    )
+    return float((np.minimum(starts, ends) - [shape.radius for shape in shapes]).min())
+
+
+def ground_height(robot: Robot, takeoff: str, position: tuple[float, float], initial: JointState) -> float:
+    """Height of the ground, m, where the takeoff frame is at ``position`` in the initial state; errors as above."""
+    frame = robot.frames[takeoff]
+    return position[1] + lowest_point(robot, frame.link, initial) - frame_height(robot, frame, initial)
+
+
+def resting_height(robot: Robot, landing: str, ground: float, final: JointState) -> float:
+    """Height of the landing frame, m, at which its link rests on the ground in the final state; errors as above."""
+    frame = robot.frames[landing]
+    return ground - lowest_point(robot, frame.link, final) + frame_height(robot, frame, final)
+
+
+def _heights(robot: Robot, bodies: Sequence[int], local: Sequence[complex], state: JointState) -> Array:
+    """Heights (points,) over the centre of mass, m, of points fixed to bodies."""
+    angles = robot.tree.absolute_angles(np.array(state.orientation), state.positions)
+    weights = robot.tree.point_weights(np.array(bodies), np.array(local))
+    return np.asarray((weights @ robot.tree.rotations(angles)).imag)

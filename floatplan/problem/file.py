@@ -21,8 +21,7 @@ from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
 from floatplan.problem.validation import validated
-from floatplan.robot.asked import robot_as_asked
-from floatplan.robot.robot import Robot
+from floatplan.robot.robot import Robot, robot_as_asked
 from floatplan.tables import REST
 
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
@@ -243,8 +242,6 @@ def _posture(state: JointState, rest: str) -> dict[str, Any]:
 
 
 def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
-    if robot.path is None:
-        raise InputError("the robot was not read from a file, so no problem file can name it", element="robot.urdf")
     relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
     return {
         "urdf": robot.source if robot.source.startswith(DATA_PREFIX) else relative,

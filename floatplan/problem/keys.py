@@ -11,6 +11,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from floatplan.arguments import Check, Checked, by_joint, by_name, made, number, one_of, optional, pair, text
+from floatplan.tables import RANGES
 
 ANGLE = "rad or deg"
 RATE = "rad/s or deg/s"
@@ -25,7 +26,8 @@ class Key:
     ----------
     meaning : for a person
     unit : empty where it has none; angles are in the file's unit
-    numbers : range of its numbers, by its key in :data:`floatplan.tables.RANGES`; that of its own name if left out
+    numbers : range of its numbers, by its key in :data:`floatplan.tables.RANGES`; that of its own name if left out, and
+        of a pair without one that of a place
     wanted : what a message says that it may be, where it may have several shapes
     check : of the field of a part, where its type and its numbers do not say all
     """
@@ -61,7 +63,7 @@ def _check(hint: Any, numbers: str) -> Check:
     if origin is Literal:
         return one_of(*inner)
     if origin in (tuple, Sequence):
-        return pair(_check(inner[0], numbers))
+        return pair(_check(inner[0], numbers if numbers in RANGES else "place"))
     if origin is Mapping:
         return by_name(_check(inner[1], numbers))
     if origin not in (Union, UnionType):

@@ -273,6 +273,7 @@ class Obstacle(Keyed):
     """
 
     kind: ClassVar[str]
+    about: ClassVar[str]
     margin: Annotated[float, Key("Distance to keep from it", "m")] = 0.0
     velocity: Annotated[
         Pair, Key("Of one that moves: horizontal, vertical; it is where it is written at takeoff", "m/s")
@@ -322,6 +323,7 @@ class Circle(Obstacle):
     """A disc: centre (horizontal, vertical) and radius, m."""
 
     kind: ClassVar[str] = "circle"
+    about: ClassVar[str] = "A disc"
     center: Annotated[Pair, Key("Horizontal, vertical", "m")]
     radius: Annotated[float, Key("Of the disc", "m")]
     bounded = True
@@ -347,6 +349,7 @@ class HalfPlane(Obstacle):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-plane"
+    about: ClassVar[str] = "Ground or a wall, solid on one side of a line"
     point: Annotated[Pair, Key("A place on the line: horizontal, vertical", "m")] = (0.0, 0.0)
     normal: Annotated[Pair, Key("Direction away from what is solid: horizontal, vertical; of any length")] = (0.0, 1.0)
     bounded = False
@@ -383,6 +386,7 @@ class Bar(Obstacle):
     """A capsule: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 
     kind: ClassVar[str] = "capsule"
+    about: ClassVar[str] = "A bar with round ends"
     start: Annotated[Pair, Key("One end of its middle line: horizontal, vertical", "m")]
     end: Annotated[Pair, Key("The other end", "m")]
     radius: Annotated[float, Key("Of the bar", "m")]

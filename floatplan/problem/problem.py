@@ -17,22 +17,23 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
 from floatplan.pool.threads import one_thread
 from floatplan.problem.checks import (
+    TOUCHING,
     check_contact,
     check_counts,
+    check_inside,
     check_pair,
     check_window,
     degrees_of,
+    frame_height,
+    ground_height,
+    joint_limits,
     joint_state,
     landing_of,
-    takeoff_of,
-)
-from floatplan.problem.ground import TOUCHING, frame_height, ground_height, lowest_point
-from floatplan.problem.limits import (
-    check_inside,
-    joint_limits,
+    lowest_point,
     motor_torque_limits,
     motor_values,
     position_limits,
+    takeoff_of,
     torque_limits,
 )
 from floatplan.problem.parts import (

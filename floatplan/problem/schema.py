@@ -1,4 +1,8 @@
-"""The tables of a problem file as pydantic models, made from the parts of a problem and the record of their keys."""
+"""The tables of a problem file as pydantic models, made from the parts of a problem and the record of their keys.
+
+Validated with the context ``{"degrees": True}``, every angle comes out in radians. Editors get the same tables as JSON
+Schema 2020-12.
+"""
 
 from __future__ import annotations
 
@@ -23,16 +27,46 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    create_model,
+)
 
 from floatplan.problem import parts as asked
 from floatplan.problem.keys import ANGLE, Key, Keyed
-from floatplan.problem.values import Angle, Number, Whole, any_of
 from floatplan.robot.robot import Coupling
+from floatplan.tables import RANGES
 
 Part = TypeVar("Part", bound=Keyed)
+# What values of several shapes are told apart by; tags are in angle brackets, so that no path in a message shows them
 SHAPES = {Mapping: "<table>", Sequence: "<list>", Literal: "<word>"}
 UNLIMITED = (None, "none")
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def _in_radians(value: float, info: ValidationInfo) -> float:
+    return math.radians(value) if info.context and info.context["degrees"] else value
+
+
+def _shape(value: Any) -> str:
+    shapes = ((dict, "<table>"), (list, "<list>"), (str, "<word>"))
+    return next((shape for kind, shape in shapes if isinstance(value, kind)), "<number>")
+
+
+def any_of(wanted: str) -> Discriminator:
+    """Tell apart by their shapes what a key may hold; else it is not ``wanted``."""
+    return Discriminator(_shape, custom_error_type="wrong_shape", custom_error_message=f"is not {wanted}")
+
+
+Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole: TypeAlias = Annotated[int, Field(strict=True)]
+Angle: TypeAlias = Annotated[Number, AfterValidator(_in_radians)]
 
 
 class Table(BaseModel):
@@ -270,3 +304,56 @@ class RobotFileTable(Table):
     name: str | None = None
     angles: Unit = "rad"
     robot: RobotTable
+
+
+TABLES: dict[str, tuple[type[Table], str]] = {  # by their places in a file, with what they are about
+    "": (ProblemFileTable, "The whole file"),
+    "robot": (RobotTable, "The robot: its URDF, and the choices that it leaves open"),
+    "robot.coupled.*": (CouplingTable, "How a joint follows another"),
+    "start": (PartTable[asked.Posture], "Takeoff"),
+    "goal": (PartTable[asked.Posture], "Landing"),
+    "flight": (PartTable[asked.Flight], "The flight"),
+    "flight.takeoff": (PartTable[asked.Takeoff], "What leaves the ground"),
+    "flight.landing": (PartTable[asked.Landing], "What lands"),
+    "motion": (PartTable[asked.Motion], "How joints may move, and what is best"),
+    "limits": (PartTable[asked.Limits], "What motors and joints can do, at all times"),
+    "limits.motor.*": (
+        PartTable[asked.Motor],
+        "A motor's torque falls with its rate: at most `stall - slope |rate|`",
+    ),
+    **{f"obstacles[{kind}]": (PartTable[known], known.about) for kind, known in asked.OBSTACLE_KINDS.items()},  # type: ignore[valid-type]
+    "self_clearance[]": (PartTable[asked.SelfClearance], "Two links to keep apart"),
+}
+
+
+def keys_of(table: type[Table]) -> dict[str, Key]:
+    """The keys of a table that say what they mean; a test finds those that do not."""
+    noted = [(name, note) for name, field in table.model_fields.items() for note in field.metadata]
+    return {name: note for name, note in noted if isinstance(note, Key)}
+
+
+def problem_schema() -> dict[str, Any]:
+    """Return the JSON Schema of problem files; angles have no range there, since a file chooses their unit."""
+    schema = ProblemFileTable.model_json_schema()
+    definitions = schema["$defs"]
+    for table, meaning in reversed(
+        TABLES.values()
+    ):  # what starts and ends a flight has one table, told of as the first
+        described = schema if table is ProblemFileTable else definitions[table.__name__]
+        described.pop("title", None)
+        described["description"] = meaning
+        for name, key in keys_of(table).items():
+            property_ = described["properties"][name]
+            property_["description"] = f"{key.meaning} [{key.unit}]" if key.unit else key.meaning
+            _bound(property_, name, key.unit)
+        for property_ in described["properties"].values():
+            property_.pop("title", None)
+    return {"$schema": DIALECT, **schema, "title": "floatplan problem"}
+
+
+def _bound(described: dict[str, Any], name: str, unit: str) -> None:
+    """Add the range of a number, unless a file chooses its unit or it is one of many."""
+    if name in RANGES and RANGES[name].unit == unit:
+        for form in (described, *described.get("anyOf", ()), *described.get("oneOf", ())):
+            if form.get("type") == "number":
+                form["minimum"], form["maximum"] = RANGES[name].low, RANGES[name].high

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from random import Random
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +13,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import choose_joints
 from floatplan.robot.planar.mirror import mirror_couplings
-from floatplan.robot.planar.model import BASE_COORDINATES
-from floatplan.robot.planar.model_check import sample_postures
+from floatplan.robot.planar.model import BASE_COORDINATES, sample_postures
 from floatplan.robot.robot import Robot
 
 POSTURES = 64  # [-] of which the mean is taken
@@ -45,12 +43,8 @@ def out_of_plane_leak(robot: Robot, *, postures: int = POSTURES, seed: int = 0) 
     float
         From 1e-4 to 1e-2 for quadrupeds with left and right legs coupled, of order 1 with legs that move apart.
     """
-    data = robot.model.createData()
-    in_plane = out_of_plane = 0.0
-    for positions in sample_postures(robot.position_limits, postures, Random(seed)):
-        momenta = _angular_map(robot, data, positions) @ robot.selection
-        in_plane += float(((robot.plane.normal @ momenta) ** 2).sum())
-        out_of_plane += float(((_plane_axes(robot) @ momenta) ** 2).sum())
+    momenta = _angular_maps(robot, sample_postures(robot.position_limits, postures, Random(seed))) @ robot.selection
+    out_of_plane, in_plane = (momenta[:, :2] ** 2).sum(), (momenta[:, 2] ** 2).sum()
     return math.sqrt(out_of_plane / in_plane)
 
 
@@ -86,30 +80,6 @@ def explain_leak(robot: Robot, leak: float) -> str | None:
     return f'{text}: a motion planned in the plane is {verdict}; couple {listed} (coupled = "mirror")'
 
 
-def out_of_plane_momentum(robot: Robot, positions: Array, velocities: Array, orientation_rates: Array) -> Array:
-    """Return the angular momentum about the centre of mass that a motion should not have.
-
-    Parameters
-    ----------
-    robot : Robot
-    positions, velocities : (times, n)
-        Planned joints, rad and rad/s.
-    orientation_rates : (times,)
-        rad/s.
-
-    Returns
-    -------
-    (times, 2) array
-        Components along the plane's horizontal and vertical axis as they turn with the base, kg m^2/s.
-    """
-    data = robot.model.createData()
-    momenta = np.empty((len(positions), 2))
-    for row, (position, velocity, rate) in enumerate(zip(positions, velocities, orientation_rates, strict=True)):
-        full = _angular_map(robot, data, position)
-        momenta[row] = _plane_axes(robot) @ (full[:, BASE_COORDINATES - 1] * rate + full @ robot.selection @ velocity)
-    return momenta
-
-
 def leak_along(robot: Robot, positions: Array, velocities: Array, orientation_rates: Array, momentum: float) -> float:
     """Return the leak of one motion: its largest momentum out of the plane over that in it.
 
@@ -126,20 +96,19 @@ def leak_along(robot: Robot, positions: Array, velocities: Array, orientation_ra
     momentum : float
         h, kg m^2/s.
     """
+    maps = _angular_maps(robot, positions)
+    of_joints = np.einsum("tij,tj->ti", maps @ robot.selection, velocities)
+    whole = of_joints + maps[:, :, BASE_COORDINATES - 1] * orientation_rates[:, None]
+    largest = max(abs(momentum), float(np.abs(of_joints[:, 2]).max()))
+    return float(np.linalg.norm(whole[:, :2], axis=1).max() / largest) if largest else 0.0
+
+
+def _angular_maps(robot: Robot, positions: Array) -> Array:
+    """Angular momentum about the centre of mass per velocity (times, 3, nv), at planned positions (times, n).
+
+    Components are along the plane's horizontal and vertical axes as they turn with the base, and along its normal.
+    """
+    axes = np.stack([robot.plane.horizontal, robot.plane.vertical, robot.plane.normal])
     data = robot.model.createData()
-    largest = abs(momentum)
-    for position, velocity in zip(positions, velocities, strict=True):
-        in_plane = robot.plane.normal @ _angular_map(robot, data, position) @ robot.selection @ velocity
-        largest = max(largest, abs(float(in_plane)))
-    leaked = np.linalg.norm(out_of_plane_momentum(robot, positions, velocities, orientation_rates), axis=1)
-    return float(leaked.max() / largest) if largest else 0.0
-
-
-def _angular_map(robot: Robot, data: Any, positions: Array) -> Array:
-    """Angular momentum (3, nv) about the centre of mass per velocity, at planned positions (n,)."""
-    full = robot.reference + robot.selection @ positions
-    return np.asarray(pin.computeCentroidalMap(robot.model, data, full)[3:])
-
-
-def _plane_axes(robot: Robot) -> Array:
-    return np.stack([robot.plane.horizontal, robot.plane.vertical])
+    full = robot.reference + positions @ robot.selection.T
+    return np.array([axes @ pin.computeCentroidalMap(robot.model, data, each)[3:] for each in full])

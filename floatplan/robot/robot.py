@@ -17,22 +17,24 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.pool.threads import one_thread
-from floatplan.robot.parts import Coupling, Frame, LinkCapsule, Plane
-from floatplan.robot.planar.choice import Choice, choose_joints, largest_turn, with_axes_in_plane
-from floatplan.robot.planar.layout import TreeLayout, lay_out, named_frames, planar_tree
-from floatplan.robot.planar.limits import planned_limits
+from floatplan.robot.planar.choice import Choice, Coupling, choose_joints, largest_turn, with_axes_in_plane
 from floatplan.robot.planar.mirror import mirror_couplings
-from floatplan.robot.planar.model import build_model, full_coordinates, motor_coordinates
-from floatplan.robot.planar.model_check import check_model
-from floatplan.robot.planar.tree import PlanarTree
+from floatplan.robot.planar.model import build_model, check_model, coordinates, planned_limits
+from floatplan.robot.planar.plane import Plane
+from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes.capsules import Outline
-from floatplan.robot.shapes.hulls import moving_hulls
-from floatplan.robot.shapes.links import link_outlines, link_shapes, mesh_digests, missing_meshes, unread_geometry
-from floatplan.robot.shapes.outlines import KINDS
+from floatplan.robot.shapes.links import (
+    LinkCapsule,
+    left_out,
+    link_outlines,
+    link_shapes,
+    mesh_digests,
+    missing_meshes,
+    moving_hulls,
+)
 from floatplan.robot.urdf.check import check_urdf
 from floatplan.robot.urdf.example_robots import urdf_path
-from floatplan.robot.urdf.read import UrdfText, read_urdf
-from floatplan.robot.urdf.srdf import reference_posture
+from floatplan.robot.urdf.read import UrdfText, read_urdf, reference_posture
 from floatplan.robot.urdf.tree import UrdfTree
 
 NAME = optional(text)
@@ -80,7 +82,7 @@ class Robot:
     """
 
     name: str
-    path: Path | None
+    path: Path
     sha256: str
     xml: str
     plane: Plane
@@ -169,12 +171,9 @@ class Robot:
     def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
         tree = with_axes_in_plane(written, choice)
         model = build_model(tree, choice)
-        reference, selection = full_coordinates(model, choice)
-        layout = lay_out(tree, choice)
-        transmission, motor_ratios = motor_coordinates(model, choice)
-        position_limits, velocity_limits, torque_limits = planned_limits(
-            tree, choice.planned, choice.coupled, choice.geared
-        )
+        layout = TreeLayout.of(tree, choice)
+        reference, selection, transmission = coordinates(model, choice)
+        position_limits, velocity_limits, torque_limits = planned_limits(tree, choice)
         check_model(model, reference, selection, choice.planned, position_limits)
         resting = [choice.resting[name] for name in choice.planned]
         missing = [
@@ -191,18 +190,18 @@ class Robot:
             locked=MappingProxyType(dict(choice.locked)),
             coupled=MappingProxyType(dict(choice.coupled)),
             model=model,
-            reference=read_only(reference),
-            selection=read_only(selection),
+            reference=reference,
+            selection=selection,
             position_limits=position_limits,
             velocity_limits=velocity_limits,
             torque_limits=torque_limits,
             motors=choice.motors,
-            motor_ratios=read_only(motor_ratios),
+            motor_ratios=read_only([choice.ratios[name] for name in choice.motors]),
             motor_torque_limits=read_only([tree.joint[name].effort for name in choice.motors]),
             motor_velocity_limits=read_only([tree.joint[name].velocity for name in choice.motors]),
-            transmission=read_only(transmission),
-            tree=planar_tree(layout),
-            frames=named_frames(layout),
+            transmission=transmission,
+            tree=layout.planar_tree(),
+            frames=layout.frames(),
             resting=read_only(np.clip(resting, position_limits[:, 0], position_limits[:, 1])),
             warnings=(*choice.warnings, *missing),
             source=source,
@@ -219,28 +218,11 @@ class Robot:
             A mesh is not to be found, or geometry is of a kind that is not read.
         """
         if self._left_out is not None:
-            link, reason, advice = self._left_out
-            raise InputError(
-                f"{reason}, so clearance cannot be computed",
-                source=self.source,
-                element=f'link "{link}"',
-                advice=advice,
-            )
+            raise self._left_out.within(self.source)
 
     @cached_property
-    def _left_out(self) -> tuple[str, str, str] | None:
-        """Link, reason and advice of the first collision geometry that ``shapes`` leave out; looked for once."""
-        tree = self.layout.tree
-        for link, filename in missing_meshes(tree, None if self.path is None else self.path.parent):
-            advice = "put it there, set ROS_PACKAGE_PATH, or remove the <collision>"
-            return link, f'collision mesh "{filename}" not found', advice
-        for link, tag in unread_geometry(tree):
-            return (
-                link,
-                f"collision geometry <{tag}> is not read",
-                f"give one of {', '.join(KINDS)} in each <collision>",
-            )
-        return None
+    def _left_out(self) -> InputError | None:
+        return left_out(self.layout.tree, self.path.parent)
 
     @cached_property
     def file_tree(self) -> UrdfTree:
@@ -250,7 +232,7 @@ class Robot:
     @cached_property
     def meshes(self) -> Mapping[str, str]:
         """SHA-256 of the collision meshes that ``shapes`` are around, by their file names in the URDF."""
-        return MappingProxyType(mesh_digests(self.layout.tree, None if self.path is None else self.path.parent))
+        return MappingProxyType(mesh_digests(self.layout.tree, self.path.parent))
 
     @property
     def shapes(self) -> tuple[LinkCapsule, ...]:
@@ -279,12 +261,11 @@ class Robot:
 
         None where none of these has any; errors as of ``shapes``.
         """
-        carrier = {joint.child: joint for joint in self.layout.tree.joints}
-        while link not in self.link_hulls:
-            if link not in carrier or carrier[link].moves:
-                return None
-            link = carrier[link].parent
-        return link
+        for joint in self.layout.tree.path(link):
+            if link in self.link_hulls or joint.moves:
+                break
+            link = joint.parent
+        return link if link in self.link_hulls else None
 
     def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
         """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
@@ -302,7 +283,7 @@ class Robot:
     @one_thread
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
         try:
-            return link_shapes(self.layout, None if self.path is None else self.path.parent, self.meshes)
+            return link_shapes(self.layout, self.path.parent, self.meshes)
         except InputError as error:
             raise error.within(error.source or self.path) from None
 
@@ -311,7 +292,7 @@ class Robot:
     def outlines(self) -> list[tuple[int, Outline]]:
         """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
         try:
-            return link_outlines(self.layout, None if self.path is None else self.path.parent)
+            return link_outlines(self.layout, self.path.parent, self.meshes)
         except InputError as error:
             raise error.within(error.source or self.path) from None
 
@@ -333,3 +314,27 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, plane={self.plane.name!r}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
+
+
+def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:
+    """Return the robot of a URDF, as a problem file, a plan file or a command line asks for it.
+
+    Parameters
+    ----------
+    urdf : path
+    choices : keyword arguments of ``Robot.from_urdf``, None where left out
+    asker : who gives them, such as a problem file; it has the blame for them, the URDF that for all else
+    prefix : of their names there, such as "robot."
+
+    Raises
+    ------
+    InputError
+        As of ``Robot.from_urdf``.
+    """
+    try:
+        return Robot.from_urdf(urdf, **choices)
+    except InputError as error:
+        word = (error.element or "").split(" ")[0]
+        if asker is None or word not in choices or all(value is None for value in choices.values()):
+            raise
+        raise InputError(error.reason, source=asker, element=f"{prefix}{error.element}", advice=error.advice) from None

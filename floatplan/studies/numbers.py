@@ -7,11 +7,13 @@ import re
 from dataclasses import dataclass
 
 from floatplan.errors import InputError
-from floatplan.tables import LIMIT_TABLE, OBSTACLE_PLACES, RANGES, Range
+from floatplan.problem.parts import OBSTACLE_KINDS
+from floatplan.tables import LIMIT_TABLE, RANGES, Range
 
 _JOINT, _INDEX, _AXIS = r"\.[^.]+", r"\.\d+", r"\.[01]"
 _LIMIT_WORDS = "|".join(row.key for row in LIMIT_TABLE.values() if row.of != "base")
-_OBSTACLE_WORDS = "|".join((*OBSTACLE_PLACES, "velocity", "window"))
+_PLACES = (place for kind in OBSTACLE_KINDS.values() for place in kind.places())
+_OBSTACLE_WORDS = "|".join(dict.fromkeys((*_PLACES, "normal", "velocity", "window")))
 _PATHS = {  # path -> key of RANGES; None for the number that the path names
     rf"(?:start|goal)\.(?P<key>orientation|(?:positions|velocities|accelerations)(?:{_JOINT})?)": None,
     r"flight\.(?P<key>duration|angular_momentum|horizontal_velocity|gravity)": None,
@@ -83,11 +85,11 @@ def _unit(key: str, given: str | None) -> str:
     """Unit of a key: a limit's is of what it limits."""
     if given == "limit":
         return next((row.unit for row in LIMIT_TABLE.values() if row.key == key), "N m")
-    return "" if given == "degree" else RANGES[given or key].unit
+    return "" if given == "degree" else RANGES.get(given or key, RANGES["place"]).unit
 
 
 def _quantity(key: str, unit: str, degrees: bool) -> Quantity:
     turns = degrees and unit.startswith("rad")
-    allowed = DEGREE if key == "degree" else RANGES[key]
+    allowed = DEGREE if key == "degree" else RANGES.get(key, RANGES["place"])
     shown = unit.replace("rad", "deg", 1) if turns else unit
     return Quantity(shown, math.radians(1.0) if turns else 1.0, key == "degree", allowed)

@@ -7,9 +7,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import Field, Tag, model_validator
 
 from floatplan.planning.search import MOST_SOLVED
-from floatplan.problem.json_schema import DIALECT
-from floatplan.problem.schema import Table
-from floatplan.problem.values import Number, Whole, any_of
+from floatplan.problem.schema import DIALECT, Number, Table, Whole, any_of
 from floatplan.studies.numbers import patterns
 
 SAMPLING_KEYS = ("sampling", "samples", "seed")

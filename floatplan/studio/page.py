@@ -14,10 +14,10 @@ from urllib.parse import urlsplit
 
 import floatplan as fp
 from floatplan.errors import import_optional
-from floatplan.studio.panel.controls import Controls
+from floatplan.studio.events import Actions
+from floatplan.studio.panel import Controls
 from floatplan.studio.player import Player
-from floatplan.studio.session.actions import Actions
-from floatplan.studio.session.session import Session
+from floatplan.studio.session import Session
 from floatplan.studio.stage import Stage
 from floatplan.view.scene.scene import silence
 
@@ -49,8 +49,8 @@ class Studio:
             raise
 
     def _open(self, viser: Any, folder: str, port: int) -> None:
-        self.session.wait(lambda view: view.flown is not None or bool(view.fault), PATIENCE)
-        first = self.session.view.flown
+        self.session.wait(lambda view: view.answer is not None or bool(view.fault), PATIENCE)
+        first = self.session.view.answer
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
         with silence(), own_page_alone():
@@ -62,7 +62,7 @@ class Studio:
         self.actions = Actions("actions")
         self.stage = Stage(self.server, self.session, self.actions, first)
         self.player = Player(self.server, self._tick)
-        self.controls = Controls(self.server, self.session, self.actions, self.stage, self.player, folder)
+        self.panel = Controls(self.server, self.session, self.actions, self.stage, self.player, folder)
         self._ticked = 0.0
         self._again = threading.Timer(AGAIN, self._repaint)
         self.painter = Actions("painter")
@@ -96,7 +96,7 @@ class Studio:
         self.stage.draw(view)
         self.player.show(self.stage.shows(view))
         self.server.flush()
-        if self.controls.draw(view) and not self._again.is_alive():
+        if self.panel.draw(view) and not self._again.is_alive():
             self._again = threading.Timer(AGAIN, self._repaint)
             self._again.daemon = True
             self._again.start()
@@ -105,7 +105,7 @@ class Studio:
         self.stage.at(instant)
         if abs(instant - self._ticked) > CLOCK:
             self._ticked = instant
-            self.controls.at(instant)
+            self.panel.at(instant)
 
 
 @contextmanager

@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from floatplan.studio.work.flown import Flown
-from floatplan.view.scene.bodies import Bodies
+from floatplan.studio.answers import ShownPlan
+from floatplan.view.scene.scene import RobotNodes
 
 LOG = logging.getLogger(__name__)
 RATE = 40.0  # [Hz] of poses
 REST = 0.5  # [s] at landing, before it begins again
-Show = tuple[Bodies, Flown]
+Show = tuple[RobotNodes, ShownPlan]
 
 
 class Player:
@@ -73,7 +73,7 @@ class Player:
                 if self._playing:
                     self._time += (now - last) * self._speed
                 shows, instant, moving = self._shows, self._time, self._playing or self._dirty
-                longest = max((flown.plan.duration for _, flown in shows), default=0.0)
+                longest = max((shown.plan.duration for _, shown in shows), default=0.0)
                 if self._playing and instant > longest + REST * self._speed:
                     self._time = 0.0
                 self._dirty = False
@@ -87,9 +87,9 @@ class Player:
 
     def _send(self, shows: list[Show], instant: float) -> None:
         with self._server.atomic():
-            for bodies, flown in shows:
-                count = len(flown.poses.places)
-                share = min(instant / flown.plan.duration, 1.0)
-                bodies.put(flown.poses, round(share * (count - 1)))
+            for bodies, shown in shows:
+                count = len(shown.poses.places)
+                share = min(instant / shown.plan.duration, 1.0)
+                bodies.put(shown.poses, round(share * (count - 1)))
         self.frames += 1
         self._on_time(instant)

@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, IntArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import Obstacle
+from floatplan.studio.answers import ShownPlan
+from floatplan.studio.edits import end_state, moved, put_obstacle
+from floatplan.studio.events import Actions, on
 from floatplan.studio.player import Show
-from floatplan.studio.session.actions import Actions, on
-from floatplan.studio.session.edits import end_state, moved, put_obstacle
-from floatplan.studio.session.session import Session, View
-from floatplan.studio.work.flown import Flown
-from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import Poses, body_poses, posture_at, postures, robot_size
-from floatplan.view.scene.bodies import Bodies, Grip, in_plane, in_space
+from floatplan.studio.session import Session, View
+from floatplan.view.outlines import (
+    Poses,
+    body_poses,
+    ground_lines,
+    picture_box,
+    posture_at,
+    postures,
+    robot_size,
+    snapshot_times,
+)
 from floatplan.view.scene.meshes import bends
-from floatplan.view.scene.scene import add_grounds, add_obstacle, look, move_obstacle, obstacle_slab
+from floatplan.view.scene.scene import (
+    Grip,
+    RobotNodes,
+    add_grounds,
+    add_obstacle,
+    in_plane,
+    in_space,
+    look,
+    move_obstacle,
+    obstacle_slab,
+)
 from floatplan.view.style import TRAILS, rgb_bytes
-from floatplan.view.surroundings import ground_lines
 
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
@@ -52,7 +69,7 @@ class Grabbed:
 class Stage:
     """Everything in the scene; :meth:`draw` follows the session's view, what the user does changes the session."""
 
-    def __init__(self, server: Any, session: Session, actions: Actions, first: Flown) -> None:
+    def __init__(self, server: Any, session: Session, actions: Actions, first: ShownPlan) -> None:
         self._server, self._session, self._actions = server, session, actions
         problem, plan = session.view.problem, first.plan
         self._robot, self._plane = problem.robot, problem.robot.plane
@@ -65,10 +82,10 @@ class Stage:
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
         add_grounds(server, self._plane, *self._box, ground_lines(placed))
-        self.flier = Bodies(server, "/robot", self._robot)
+        self.flier = RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_capsules(self._shapes)
-        self.kept = Bodies(server, "/kept", self._robot)
+        self.kept = RobotNodes(server, "/kept", self._robot)
         self.kept.add_capsules(self._shapes, KEPT, 0.4)
         self.kept.root.visible = False
         self.grips: dict[str, dict[int, Grip]] = {}
@@ -90,16 +107,16 @@ class Stage:
         with self._lock, self._server.atomic():
             if before is None or before.problem is not view.problem:
                 self._draw_problem(view.problem)
-            if view.flown is not None and (before is None or before.flown is not view.flown):
-                self._draw_paths(view.flown)
+            if view.answer is not None and (before is None or before.answer is not view.answer):
+                self._draw_paths(view.answer)
             if before is None or before.kept is not view.kept:
                 self.kept.root.visible = view.kept is not None
             self._drawn = view
 
     def shows(self, view: View) -> list[Show]:
         """What flies."""
-        pairs = ((self.flier, view.flown), (self.kept, view.kept))
-        return [(bodies, flown) for bodies, flown in pairs if flown is not None]
+        pairs = ((self.flier, view.answer), (self.kept, view.kept))
+        return [(bodies, shown) for bodies, shown in pairs if shown is not None]
 
     def at(self, instant: float) -> None:
         """Move obstacles that move to where they are at an instant of the flight, s."""
@@ -107,10 +124,6 @@ class Stage:
             obstacles = self._drawn.problem.obstacles if self._drawn else ()
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
                 move_obstacle(node, self._plane, obstacle, instant)
-
-    def show_ghost(self, end: str, wanted: bool) -> None:
-        """Show the posture at an end, or hide it."""
-        self.ghosts[end].root.visible = wanted
 
     def _look(self) -> None:
         look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
@@ -127,20 +140,23 @@ class Stage:
 
         on(self._server.on_client_connect, narrow)
 
-    def _ghost(self, end: str, colour: tuple[int, int, int]) -> Bodies:
-        ghost = Bodies(self._server, f"/{end}", self._robot)
+    def _ghost(self, end: str, colour: tuple[int, int, int]) -> RobotNodes:
+        ghost = RobotNodes(self._server, f"/{end}", self._robot)
         parts = ghost.add_capsules(self._shapes, colour, GHOST)
         grips = ghost.add_grips(self._shapes, self._size, colour)
         for part, node in [*parts, *((part, grip.node) for part, grip in grips.items())]:
-            self._make_grabbable(node, end, part)
+            self._on_drag(node, f"{end} {part}", partial(self.turn, end, part))
         self.grips[end] = grips
         return ghost
 
-    def _make_grabbable(self, node: Any, end: str, part: int) -> None:
+    def _on_drag(self, node: Any, about: str, move: Callable[[complex, bool], None]) -> None:
+        """Call ``move`` with where the pointer is in the plane, and whether the drag begins there."""
+
         def drag(event: Any) -> None:
-            place, begins = self._place(event), event.phase == "start"
+            eye, pointer, begins = event.client.camera.position, event.end_position, event.phase == "start"
+            place = in_plane(self._plane, np.asarray(eye), np.asarray(pointer))
             if place is not None:
-                self._actions.do(f"{begins} {end} {part}", lambda: self.turn(end, part, place, begins))
+                self._actions.do(f"{begins} {about}", lambda: move(place, begins))
 
         on(node.on_drag("left"), drag)
 
@@ -180,37 +196,20 @@ class Stage:
         com = (tree.mass @ (poses.places[0] + tree.rotations(poses.angles)[0] * tree.center)) / tree.mass.sum()
         return complex(com), float(state.orientation)
 
-    def _place(self, event: Any) -> complex | None:
-        """Where the pointer is in the plane."""
-        return in_plane(self._plane, np.asarray(event.client.camera.position), np.asarray(event.end_position))
-
     def _draw_problem(self, problem: fp.Problem) -> None:
         for end, ghost in self.ghosts.items():
             ghost.put(end_poses(problem, end), 0)
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
+        before = self._drawn.problem.obstacles if self._drawn else ()
         for index, obstacle in enumerate(problem.obstacles):
             slab = obstacle_slab(self._plan, obstacle, *self._box)
-            if index < len(self._obstacles) and self._kind_drawn(index) == obstacle.kind:
+            if index < len(self._obstacles) and before[index].kind == obstacle.kind:
                 self._obstacles[index].vertices = slab[0].astype(np.float32)
                 continue
-            node = self._add_obstacle(index, obstacle, slab)
+            node = add_obstacle(self._server, index, obstacle, slab)
+            self._on_drag(node, f"obstacle {index}", partial(self.carry, index))
             self._obstacles[index : index + 1] = [node]
-
-    def _kind_drawn(self, index: int) -> str:
-        before = self._drawn.problem.obstacles if self._drawn else ()
-        return before[index].kind if index < len(before) else ""
-
-    def _add_obstacle(self, index: int, obstacle: Obstacle, slab: tuple[Array, IntArray]) -> Any:
-        node = add_obstacle(self._server, index, obstacle, slab)
-
-        def drag(event: Any) -> None:
-            place, begins = self._place(event), event.phase == "start"
-            if place is not None:
-                self._actions.do(f"{begins} obstacle {index}", lambda: self.carry(index, place, begins))
-
-        on(node.on_drag("left"), drag)
-        return node
 
     def carry(self, index: int, place: complex, begins: bool) -> None:
         """Carry an obstacle to a place of the plane."""
@@ -223,12 +222,12 @@ class Stage:
         first, obstacle = self._carried[index]
         self._session.edit(put_obstacle(index, moved(obstacle, place - first)), f"carry {index}")
 
-    def _draw_paths(self, flown: Flown) -> None:
+    def _draw_paths(self, shown: ShownPlan) -> None:
         pairs, colours = [], []
-        for places, colour in zip((flown.com, flown.takeoff, flown.landing), TRAILS, strict=True):
+        for places, colour in zip((shown.com, shown.takeoff, shown.landing), TRAILS, strict=True):
             points = in_space(self._plane, places[bends(places, BEND)])
             pairs.append(np.stack((points[:-1], points[1:]), axis=1))
-            colours.append(np.broadcast_to(rgb_bytes(colour) if flown.plan.ok else ASTRAY, pairs[-1].shape))
+            colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 

@@ -11,12 +11,12 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Obstacle
 from floatplan.tables import JOINT_LIMITS, LimitRow
-from floatplan.view.postures import robot_size
-from floatplan.view.style import GREY, INK, OBSTACLES, OKABE_ITO, palette
+from floatplan.view.outlines import robot_size
+from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
 ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
+INTERVAL = "h of monotonic joints"  # what (9) holds
 NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
 
 
@@ -74,7 +74,7 @@ class Curve:
     limit : (N,) or one, on both sides; infinite where there is none, None of what has no limits
     proved : largest magnitude that is proved; of clearances the least value; infinite where none is
     ends : where the problem has it start and end
-    dotted : whether it is a follower's
+    linestyle : dotted of a follower
     """
 
     name: str
@@ -84,18 +84,29 @@ class Curve:
     limit: Array | float | None = None
     proved: float = np.inf
     ends: tuple[float, float] | None = None
-    dotted: bool = False
+    linestyle: str = "-"
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """What curves are held against: its name, colour, value, () or samples (N,), and the part that it is about."""
+
+    name: str
+    colour: Any
+    value: Array
+    part: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Curves on one axis; ``label`` names it in front of the unit."""
+    """Curves on one axis; ``label`` names it in front of the unit, ``interval`` of its quantity is marked: (9)."""
 
     label: str
     curves: Sequence[Curve]
+    interval: tuple[float, float] | None = None
 
-    def limits(self, peak: float) -> tuple[list[tuple[Curve, Array]], float]:
-        """Limits to draw, (N,) each with its curve, and the least of those that would flatten the curves.
+    def lines(self, peak: float) -> tuple[list[Line], list[Line]]:
+        """Return limits and interval, and those of them that are left out: they would flatten the curves.
 
         The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
         """
@@ -103,11 +114,16 @@ class Panel:
         curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
-        least = limits.min(axis=1)
-        far = least[(least > NEAR * peak) & np.isfinite(least)]
-        drawn = np.isfinite(least) & (least <= NEAR * peak)
-        near = [pair for pair, wanted in zip(zip(curves, limits, strict=True), drawn, strict=True) if wanted]
-        return near, float(far.min(initial=np.inf))
+        drawn: list[Line] = []
+        left: list[Line] = []
+        for curve, limit in zip(curves, limits, strict=True):
+            if np.isfinite(limit.min()):
+                lines = [Line("limit", curve.colour, side * limit, curve.part) for side in (1.0, -1.0)]
+                (drawn if limit.min() <= NEAR * peak else left).extend(lines)
+        if self.interval is not None:
+            near = max(map(abs, self.interval)) <= NEAR * peak
+            (drawn if near else left).extend(Line(INTERVAL, INK, np.array(end)) for end in self.interval)
+        return drawn, left
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +136,6 @@ class Chart:
     title, unit : for a person
     panels : axes, the tallest first
     factor : from SI to ``unit``
-    interval : of what is drawn, to mark: (9)
     of_each : whether each curve has a picture of its own where they are too many for one
     """
 
@@ -129,7 +144,6 @@ class Chart:
     unit: str
     panels: Sequence[Panel]
     factor: float = 1.0
-    interval: tuple[float, float] | None = None
     of_each: bool = True
 
     @property
@@ -141,12 +155,14 @@ class Chart:
 def charts(sampled: SampledPlan) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance."""
     plan = sampled.plan
+    joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
     ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
-    angles = _of_parts(plan, ["orientation", *_joint_keys(plan, "positions")], ends=list(zip(*ends, strict=True)))
-    inertia = _of_parts(plan, [f"inertia.{index}" for index in range(len(plan.robot.joints) + 1)])
+    keys = ["orientation", *(f"positions.{joint}" for joint in joints)]
+    angles = _of_parts(plan, keys, ends=list(zip(*ends, strict=True)))
+    inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
     drawn = [
         Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
-        *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(_limits(plan, row)).any()),
+        *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()),
         Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
         _momentum(plan),
         Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)]),
@@ -159,33 +175,26 @@ def is_crowded(plan: Plan) -> bool:
     return len(plan.robot.joints) + 1 > len(OKABE_ITO)
 
 
-def _joint_keys(plan: Plan, quantity: str) -> list[str]:
-    return [f"{quantity}.{index}" for index in range(len(plan.robot.joints))]
-
-
 def _of_parts(plan: Plan, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
     """Curves of the last of base and joints, with what more they have."""
-    names = ("orientation", *plan.robot.joints)[-len(keys) :]
-    colours = palette(len(plan.robot.joints) + 1)[-len(keys) :]
-    parts = range(len(plan.robot.joints) + 1)[-len(keys) :]
-    rows = [dict(zip(more, values, strict=True)) for values in zip(*more.values(), strict=True)] or [{}] * len(keys)
-    each = zip(names, keys, colours, parts, rows, strict=True)
-    return [Curve(name, key, colour, part, **row) for name, key, colour, part, row in each]
-
-
-def _limits(plan: Plan, row: LimitRow) -> Array:
-    return plan.problem.joint_limits[row.key]
+    first = len(plan.robot.joints) + 1 - len(keys)
+    names, colours = ("orientation", *plan.robot.joints), palette(len(plan.robot.joints) + 1)
+    return [
+        Curve(names[part], key, colours[part], part, **{name: values[part - first] for name, values in more.items()})
+        for part, key in enumerate(keys, first)
+    ]
 
 
 def _limited(plan: Plan, row: LimitRow) -> Chart:
     """What a row of the table limits: that of the joints, and of the base where it has one."""
-    proved = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
-    peaks = np.full(len(plan.robot.joints), np.inf) if proved is None else proved
-    joints = _of_parts(plan, _joint_keys(plan, row.quantity), limit=_limits(plan, row).tolist(), proved=peaks.tolist())
+    keys = [f"{row.quantity}.{index}" for index in range(len(plan.robot.joints))]
+    peaks = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
+    proved = np.full(len(keys), np.inf) if peaks is None else peaks
+    joints = _of_parts(plan, keys, limit=plan.problem.joint_limits[row.key].tolist(), proved=proved.tolist())
     panels = [Panel("joints", joints)]
     if row.base is not None:
         limit = getattr(plan.problem.limits, row.base)
-        colour = palette(len(plan.robot.joints) + 1)[0]
+        colour = palette(len(keys) + 1)[0]
         base = Curve("orientation", row.base, colour, 0, np.inf if limit is None else float(limit))
         panels.append(Panel("orientation", [base]))
     return Chart(row.title.lower(), row.title, row.unit, panels)
@@ -196,35 +205,27 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
     plan, motors = sampled.plan, sampled.plan.robot.motors
     leaders: IntArray = np.abs(plan.robot.motor_ratios).argmax(axis=1)
     colours, joints = palette(len(plan.robot.joints) + 1)[1:], len(plan.robot.joints)
-    limits = available_torques(plan, sampled.state.velocities)
+    rates = np.abs(sampled.state.velocities @ plan.robot.motor_ratios.T)
+    available = plan.problem.motor_stall - plan.problem.motor_slope * rates
+    limits = np.minimum(plan.problem.motor_torque_limits, available)
     proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
-    torques = sampled.state.motor_torques.T
-    shown = [*range(joints), *(m for m in range(joints, len(motors)) if _differ(torques[m], torques[leaders[m]]))]
+    torques = sampled.state.motor_torques
+    followed = torques[:, leaders]
+    apart = np.minimum(np.abs(torques - followed).max(axis=0), np.abs(torques + followed).max(axis=0))
+    differ = apart > ALIKE * np.abs(followed).max(axis=0)
     return [
         Curve(
-            name=motors[motor],
+            name=name,
             key=f"motor_torques.{motor}",
             colour=colours[leaders[motor]],
             part=int(leaders[motor]) + 1,
             limit=limits[:, motor],
-            proved=proved.get(motors[motor], np.inf),
-            dotted=motor >= joints,
+            proved=proved.get(name, np.inf),
+            linestyle=":" if motor >= joints else "-",
         )
-        for motor in shown
+        for motor, name in enumerate(motors)
+        if motor < joints or differ[motor]
     ]
-
-
-def available_torques(plan: Plan, velocities: Array) -> Array:
-    """Largest torque (N, m) of each motor at joint velocities (N, n), N m: its limit, or less by its curve."""
-    problem = plan.problem
-    rates = np.abs(velocities @ plan.robot.motor_ratios.T)
-    return np.minimum(problem.motor_torque_limits, problem.motor_stall - problem.motor_slope * rates)
-
-
-def _differ(follower: Array, leader: Array) -> bool:
-    """Whether two torques differ, up to sign."""
-    apart = min(np.abs(follower - leader).max(), np.abs(follower + leader).max())
-    return bool(apart > ALIKE * np.abs(leader).max())
 
 
 def _momentum(plan: Plan) -> Chart:
@@ -234,12 +235,12 @@ def _momentum(plan: Plan) -> Chart:
         Curve("joints", "momentum_joints", OKABE_ITO[1] if is_crowded(plan) else GREY),
         Curve("h", "angular_momentum", INK),
     ]
-    panels, interval = [Panel("momentum", curves)], plan.angular_momentum_bounds
-    return Chart("momentum", "Angular momentum", "kg m²/s", panels, interval=interval, of_each=False)
+    panel = Panel("momentum", curves, plan.angular_momentum_bounds)
+    return Chart("momentum", "Angular momentum", "kg m²/s", [panel], of_each=False)
 
 
 def _clearance(plan: Plan) -> Chart:
-    obstacles = plan.problem.obstacles
+    kinds = [obstacle.kind for obstacle in plan.problem.obstacles]
     findings = () if plan.certificate is None else plan.certificate.findings
     proved = {
         finding.subject: finding.bound
@@ -248,26 +249,27 @@ def _clearance(plan: Plan) -> Chart:
     }
     curves = [
         Curve(
-            name=name,
+            name=kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}",
             key=f"clearance.{index}",
             colour=OBSTACLES[index % len(OBSTACLES)],
-            proved=proved.get((index, obstacle.kind), np.inf),
+            proved=proved.get((index, kind), np.inf),
         )
-        for index, (name, obstacle) in enumerate(zip(_names(obstacles), obstacles, strict=True))
+        for index, kind in enumerate(kinds)
     ]
     return Chart("clearance", "Clearance", "m", [Panel("clearance", curves)], of_each=False)
 
 
-def clearance_ceiling(plan: Plan, largest: float) -> float:
-    """Return the upper end of a clearance axis, m: what is far away is cut off, the picture is of the passage."""
-    margins = (4 * obstacle.margin for obstacle in plan.problem.obstacles)
-    return min(1.05 * largest, max([robot_size(plan) / 2, *margins])) or 1.0
-
-
-def _names(obstacles: tuple[Obstacle, ...]) -> list[str]:
-    """A name for each obstacle: its kind, numbered where several are of one kind."""
-    kinds = [obstacle.kind for obstacle in obstacles]
+def margins(plan: Plan) -> list[Line]:
+    """The obstacles' margins, each once."""
     return [
-        kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}"
-        for index, kind in enumerate(kinds)
+        Line("margin", ALARM, np.array(margin)) for margin in sorted({each.margin for each in plan.problem.obstacles})
     ]
+
+
+def clearance_range(chart: Chart, *plans: SampledPlan) -> tuple[float, float]:
+    """Return the ends of a clearance axis, m: what is far away is cut off, the picture is of the passage."""
+    values = np.array([sampled.columns[curve.key] for sampled in plans for curve in chart.curves])
+    largest = values.max(where=np.isfinite(values), initial=0.0)
+    rooms = [4 * obstacle.margin for obstacle in plans[0].plan.problem.obstacles]
+    top = min(1.05 * largest, max([robot_size(plans[0].plan) / 2, *rooms])) or 1.0
+    return min(1.1 * values.min(), -0.06 * top), top

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -114,6 +114,12 @@ def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
     options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
     figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
     return stream.getvalue()
+
+
+def picture(form: str, draw: Callable[..., Figure], *about: Any, dpi: float = DPI) -> bytes:
+    """Return the content of a file with the figure that a function draws, in this style."""
+    with styled():
+        return rendered(draw(*about), form, dpi)
 
 
 def palette(count: int) -> list[Array]:

@@ -174,7 +174,7 @@ class TestChoices:
 
 @pytest.fixture(scope="module")
 def validator() -> Any:
-    from floatplan.problem.json_schema import problem_schema
+    from floatplan.problem.schema import problem_schema
 
     jsonschema = pytest.importorskip("jsonschema")
     schema = problem_schema()
@@ -222,8 +222,7 @@ class TestSchema:
 
     def test_every_key_is_described(self) -> None:
         """A key that a table gets has to get its meaning too, and a meaning goes with its key."""
-        from floatplan.problem.json_schema import TABLES, Table, keys_of
-        from floatplan.problem.schema import ProblemFileTable
+        from floatplan.problem.schema import TABLES, ProblemFileTable, Table, keys_of
 
         def tables(annotation: Any) -> set[type[Table]]:
             if not (isinstance(annotation, type) and issubclass(annotation, Table)):
@@ -237,7 +236,7 @@ class TestSchema:
             assert without == (set() if place else {name.split(".")[0].split("[")[0] for name in TABLES if name})
 
     def test_the_command(self, floatplan: Command) -> None:
-        from floatplan.problem.json_schema import problem_schema
+        from floatplan.problem.schema import problem_schema
 
         for arguments in (("schema",), ("schema", "problem")):
             assert json.loads(floatplan(*arguments).stdout) == problem_schema()

@@ -12,7 +12,7 @@ from browser import Browser
 
 from floatplan.studio.page import Studio
 from floatplan.studio.stage import end_poses
-from floatplan.view.scene.bodies import in_space
+from floatplan.view.scene.scene import in_space
 
 PATIENCE = 60.0  # s for what takes a fraction of one
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"

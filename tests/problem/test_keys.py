@@ -12,9 +12,8 @@ import floatplan as fp
 from floatplan.cli.common import Options
 from floatplan.plans.schema import SHARED, problem_table
 from floatplan.problem import parts
-from floatplan.problem.json_schema import TABLES
 from floatplan.problem.keys import ANGLE, Key, Keyed
-from floatplan.problem.schema import PartTable
+from floatplan.problem.schema import TABLES, PartTable
 from floatplan.problem.validation import validated
 
 

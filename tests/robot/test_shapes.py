@@ -25,7 +25,6 @@ from floatplan.robot.shapes.capsules import (
     convex_hull,
     fit,
     fit_capsule,
-    fit_capsules,
 )
 
 
@@ -88,13 +87,13 @@ def test_bent_shapes_are_split_and_straight_ones_are_not():
     elbow = np.concatenate([arm, 1j * arm])
     near = abs(elbow[:, None] - elbow[None, :]) < 0.06
     edges = np.argwhere(np.triu(near, 1))
-    capsules = fit_capsules(Outline(elbow, edges))
+    capsules = fit(Outline(elbow, edges)).capsules
     assert 2 <= len(capsules) <= 4
     assert sum(capsule.area for capsule in capsules) < 0.6 * fit_capsule(elbow).area
     middles = (elbow[edges[:, 0]] + elbow[edges[:, 1]]) / 2
     for points in (elbow, middles):
         assert np.max([capsule.depth(points) for capsule in capsules], axis=0).min() > -1e-12
-    assert len(fit_capsules(Outline.convex(arm))) == 1
+    assert len(fit(Outline.convex(arm)).capsules) == 1
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -107,7 +106,7 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
     corners[0, 1] = corners[1, 0] + 0.5
     numbers = np.arange(36).reshape(12, 3)
     edges = np.concatenate([numbers[:, [0, 1]], numbers[:, [1, 2]], numbers[:, [2, 0]]])
-    capsules = fit_capsules(Outline(corners.ravel(), edges, 0.02))
+    capsules = fit(Outline(corners.ravel(), edges, 0.02)).capsules
     inside = np.einsum("kj,ij->ik", generator.dirichlet((0.5, 0.5, 0.5), 400), corners).ravel()
     assert np.max([capsule.depth(inside) for capsule in capsules], axis=0).min() > 0.02 - 1e-12
 

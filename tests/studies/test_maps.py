@@ -15,7 +15,7 @@ from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
 from floatplan.view.map import STATUS_COLOURS, STATUS_NAMES, heatmap
-from floatplan.view.surroundings import obstacle_outlines
+from floatplan.view.outlines import obstacle_outlines, pairs
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """
@@ -207,4 +207,5 @@ class TestPage:
         np.testing.assert_allclose(np.linalg.norm(circle - [1.485, 3.342], axis=1), 0.15)
         normal = np.array([0.1, 1.0]) / np.hypot(0.1, 1.0)
         assert ((ground - [0.0, -9.0]) @ normal).max() == pytest.approx(0.0, abs=1e-9)
-        np.testing.assert_allclose(bar, obstacle_outlines(study.plan(3).problem.obstacles[2], 0.0, 0.0)[0], atol=1e-9)
+        outline = obstacle_outlines(study.plan(3).problem.obstacles[2], 0.0, 0.0)[0]
+        np.testing.assert_allclose(bar, pairs(outline), atol=1e-9)

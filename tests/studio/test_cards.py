@@ -14,41 +14,39 @@ from rich.console import Console
 import floatplan as fp
 from floatplan.cli.summary import plan_summary
 from floatplan.plans.measures import PlanWarning
-from floatplan.studio.panel import cards
-from floatplan.studio.session.session import View
-from floatplan.studio.work.around import COLUMNS, ROWS, Map
-from floatplan.studio.work.flown import Flown, flown
-from floatplan.studio.work.tasks import Cell
-from floatplan.view.report.sections import verdict
+from floatplan.studio import cards
+from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
+from floatplan.studio.session import View
+from floatplan.view.report.data import verdict
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
 
 
 @pytest.fixture(scope="module")
-def present() -> Flown:
-    return flown(fp.plan(fp.load_problem(ROOT / "problems" / "obstacle.toml"), prove=True), True, 0.0)
+def present() -> ShownPlan:
+    return ShownPlan.of(fp.plan(fp.load_problem(ROOT / "problems" / "obstacle.toml"), prove=True), settled=True)
 
 
-def test_a_verdict_for_each_stage(present: Flown) -> None:
-    view = View(present.problem)
+def test_a_verdict_for_each_stage(present: ShownPlan) -> None:
+    view = View(present.plan.problem)
     assert view.verdict == "waiting"
-    answered = replace(view, flown=present)
+    answered = replace(view, answer=present)
     assert answered.verdict == "proved"
     assert replace(answered, number=3).verdict == "waiting"
     assert replace(answered, fault="no").verdict == "failed"
     quick = replace(present, settled=False, certificate=None)
-    assert replace(view, flown=quick).verdict == "planned"
+    assert replace(view, answer=quick).verdict == "planned"
     missed = replace(quick, plan=replace(quick.plan, ok=False))
-    assert replace(view, flown=missed).verdict == "waiting"
-    assert replace(view, flown=replace(missed, settled=True)).verdict == "not found"
+    assert replace(view, answer=missed).verdict == "waiting"
+    assert replace(view, answer=replace(missed, settled=True)).verdict == "not found"
     for word in ("refuted", "undecided"):
         judged = replace(present, certificate=replace(present.certificate, verdict=word))
-        assert replace(view, flown=judged).verdict == word
-        assert word in cards.status_card(replace(view, flown=judged)).lower()
+        assert replace(view, answer=judged).verdict == word
+        assert word in cards.status_card(replace(view, answer=judged)).lower()
 
 
-def test_the_verdict_is_said_as_summary_and_report_say_it(present: Flown) -> None:
+def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) -> None:
     certificate = present.certificate
     assert certificate is not None
     warning = PlanWarning("ground", "hand", 0.1, 0.0, "m", 0.2, "hand goes into the ground")
@@ -61,7 +59,9 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: Flown) -> Non
         )
         vars(plan)["warnings"] = warnings
         word, _ = verdict(plan)
-        card = cards.status_card(View(present.problem, flown=replace(present, certificate=judged, warnings=warnings)))
+        card = cards.status_card(
+            View(present.plan.problem, answer=replace(present, certificate=judged, warnings=warnings))
+        )
         assert f"<b>{word.capitalize()}</b>" in card
         if judged.proved:
             assert word == ("flight proved, with warnings" if warned else "flight proved")
@@ -70,22 +70,22 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: Flown) -> Non
             assert f", {word})" in console.file.getvalue()
 
 
-def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: Flown) -> None:
-    told = View(present.problem, number=1, answers=1, flown=present)
+def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: ShownPlan) -> None:
+    told = View(present.plan.problem, number=1, answered=1, answer=present)
     assert cards.is_news(None, told)
     asked = replace(told, number=2)
     assert not cards.is_news(told, asked)
-    assert cards.is_news(told, replace(asked, answers=2))
-    assert cards.is_news(told, replace(asked, flown=replace(present, settled=False)))
+    assert cards.is_news(told, replace(asked, answered=2))
+    assert cards.is_news(told, replace(asked, answer=replace(present, settled=False)))
     assert cards.is_news(told, replace(asked, fault="no"))
     assert cards.is_news(told, replace(told, refusal="no"))
     assert cards.is_news(replace(told, refusal="no"), asked), "the refusal is over"
 
 
-def test_names_are_text(present: Flown) -> None:
+def test_names_are_text(present: ShownPlan) -> None:
     row = replace(present.utilisation[0], joint=HOSTILE)
     plan = replace(present.plan, explanation=HOSTILE, ok=False)
-    view = View(present.problem, flown=replace(present, plan=plan, certificate=None), refusal=HOSTILE)
+    view = View(present.plan.problem, answer=replace(present, plan=plan, certificate=None), refusal=HOSTILE)
     for card in (
         cards.status_card(view),
         cards.status_card(replace(view, fault=HOSTILE)),
@@ -107,16 +107,16 @@ def test_bars_turn_red_beyond_a_limit(use: float, colour: str) -> None:
 
 @pytest.mark.parametrize("use", [0.0, 1e-300, 1e300, float("inf")])
 @pytest.mark.parametrize("relative", [True, False])
-def test_the_map_shows_any_number(present: Flown, use: float, relative: bool) -> None:
+def test_the_map_shows_any_number(present: ShownPlan, use: float, relative: bool) -> None:
     chart = Map.around(present)
-    cells = {(0, 0): Cell("optimal", use), (1, 1): Cell("optimal", 1.0), (2, 2): Cell("impossible", None)}
-    chart = replace(chart, cells=cells, relative=relative)
+    cells = {(0, 0): MapPoint("optimal", use), (1, 1): MapPoint("optimal", 1.0), (2, 2): MapPoint("impossible", None)}
+    chart = replace(chart, points=cells, relative=relative)
     card = cards.map_card(chart, {point: str(point) for point in np.ndindex(ROWS, COLUMNS)}, True)
     assert card.count("<label") == ROWS * COLUMNS
     assert "nan" not in card
 
 
-def test_two_plans_are_compared_number_by_number(present: Flown) -> None:
+def test_two_plans_are_compared_number_by_number(present: ShownPlan) -> None:
     assert "side by side" in cards.comparison_card(present, None)
     other = replace(present, clearance=None)
     card = cards.comparison_card(present, other)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.studio.session import edits
+from floatplan.studio import edits
 from floatplan.tables import LimitKey
 
 ROOT = Path(__file__).parents[2]

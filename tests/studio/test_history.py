@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from floatplan.studio.session.session import MOST, ONE_GESTURE, History
+from floatplan.studio.session import MOST, ONE_GESTURE, History
 
 
 class Clock:
@@ -13,21 +13,21 @@ class Clock:
 
 def test_what_is_undone_can_be_done_again_until_something_else_is() -> None:
     history = History("a")
-    assert not history.can_undo
-    assert not history.can_redo
+    assert not history.reaches(-1)
+    assert not history.reaches(1)
     history.change("b")
     history.change("c")
-    history.undo()
-    assert (history.present, history.can_undo, history.can_redo) == ("b", True, True)
-    history.redo()
+    history.go(-1)
+    assert (history.present, history.reaches(-1), history.reaches(1)) == ("b", True, True)
+    history.go(1)
     assert history.present == "c"
-    history.undo()
+    history.go(-1)
     history.change("d")
-    assert (history.present, history.can_redo) == ("d", False)
-    history.redo()
+    assert (history.present, history.reaches(1)) == ("d", False)
+    history.go(1)
     assert history.present == "d"
     for _ in range(5):
-        history.undo()
+        history.go(-1)
     assert history.present == "a"
 
 
@@ -37,9 +37,9 @@ def test_a_drag_is_undone_as_a_whole() -> None:
     for value in range(1, 50):
         clock.now += 0.5 * ONE_GESTURE
         history.change(value, "goal")
-    history.undo()
+    history.go(-1)
     assert history.present == 0
-    history.redo()
+    history.go(1)
     assert history.present == 49
 
 
@@ -53,17 +53,17 @@ def test_another_gesture_or_a_pause_begins_anew() -> None:
     history.change(4)
     history.change(5)
     for value in (4, 3, 2, 1, 0):
-        history.undo()
+        history.go(-1)
         assert history.present == value
 
 
 def test_a_gesture_goes_on_no_longer_after_it_was_undone() -> None:
     history = History(0, Clock())
     history.change(1, "goal")
-    history.undo()
-    history.redo()
+    history.go(-1)
+    history.go(1)
     history.change(2, "goal")
-    history.undo()
+    history.go(-1)
     assert history.present == 1
 
 
@@ -72,8 +72,8 @@ def test_it_is_bounded() -> None:
     for value in range(1, 3 * MOST):
         history.change(value)
     steps = 0
-    while history.can_undo:
-        history.undo()
+    while history.reaches(-1):
+        history.go(-1)
         steps += 1
     assert steps == MOST - 1
     assert history.present == 2 * MOST

@@ -17,10 +17,10 @@ from studio_page import grip_places
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.example_robots import robots_folder
+from floatplan.studio import edits
+from floatplan.studio.events import Actions
 from floatplan.studio.page import Studio, is_own_page, opened
-from floatplan.studio.session import edits
-from floatplan.studio.session.actions import Actions
-from floatplan.view.scene.bodies import Bodies, in_plane, in_space
+from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
@@ -60,8 +60,8 @@ CAMERA: dict[str, Any] = {
 def answered(studio: Studio) -> fp.Plan:
     assert studio.session.wait(lambda view: view.is_current, PATIENCE)
     assert studio.painter.wait(PATIENCE)
-    assert studio.session.view.flown is not None
-    return studio.session.view.flown.plan
+    assert studio.session.view.answer is not None
+    return studio.session.view.answer.plan
 
 
 def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
@@ -166,10 +166,9 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
 
 def test_sliders_follow_the_session(fresh: Studio) -> None:
     answered(fresh)
-    shown = {each.dial.paths[0]: each for each in fresh.controls.dials.shown}
     fresh.session.set("goal.orientation", 31.0)
     answered(fresh)
-    slider = shown["goal.orientation"].slider
+    slider = fresh.panel.inputs.sliders["goal.orientation"]
     assert slider.value == pytest.approx(np.degrees(31.0), abs=0.01)
     assert slider.max >= slider.value
     fresh.session.undo()
@@ -220,7 +219,7 @@ def client(fresh: Studio) -> Iterator[Client]:
 def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, value: float) -> None:
     """As a page may send it, to every slider: a message, and nothing changes."""
     before, errors = fresh.session.view.problem, len(fresh.errors)
-    for slider in [fresh.controls.time, *(shown.slider for shown in fresh.controls.dials.shown)]:
+    for slider in [fresh.panel.time, *fresh.panel.inputs.sliders.values()]:
         fresh.session.refuse("")
         client.set(slider, value)
         assert fresh.session.wait(lambda view: view.refusal != "", PATIENCE), slider.label
@@ -239,11 +238,12 @@ def test_what_a_user_sets_is_not_lost_to_what_the_page_draws_meanwhile(
     fresh: Studio, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Drawn between viser's change of an input and its event, and again before the session has done what was asked."""
-    monkeypatch.setattr("floatplan.studio.panel.dials.RELEASED", -1.0)
-    shown = next(each for each in fresh.controls.dials.shown if each.dial.paths == ("flight.duration",))
-    choice = next(handle for handle, _ in fresh.controls._choices._shown if handle.label == "least")
+    monkeypatch.setattr("floatplan.studio.inputs.RELEASED", -1.0)
+    inputs = fresh.panel.inputs
+    slider = inputs.sliders["flight.duration"]
+    choice = next(each.handle for each in inputs._shown if each.handle.label == "least")
     before = fresh.session.view.problem
-    for handle, value in ((shown.slider, 1.125), (choice, "torque")):
+    for handle, value in ((slider, 1.125), (choice, "torque")):
 
         def in_between(*_: Any) -> None:
             fresh._repaint()
@@ -264,7 +264,7 @@ def test_what_a_user_sets_is_not_lost_to_what_the_page_draws_meanwhile(
     assert (problem.flight.duration, problem.motion.objective) == (1.125, "torque")
     assert before.motion.objective != "torque"
     answered(fresh)
-    assert (shown.slider.value, choice.value) == (1.125, "torque")
+    assert (slider.value, choice.value) == (1.125, "torque")
 
 
 def test_two_plans_fly_side_by_side(fresh: Studio) -> None:
@@ -341,15 +341,15 @@ def test_meshes_are_where_the_urdf_has_them() -> None:
     import trimesh
     from scipy.spatial import cKDTree
 
-    from floatplan.view.postures import body_poses
-    from floatplan.view.scene.bodies import DETAIL
+    from floatplan.view.outlines import body_poses
     from floatplan.view.scene.meshes import joint_angles, visual_model
+    from floatplan.view.scene.scene import DETAIL
 
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     robot = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml").robot
     scene = Recorded()
-    bodies = Bodies(scene, "/robot", robot)
+    bodies = RobotNodes(scene, "/robot", robot)
     assert bodies.add_meshes(SMALL, share=1.0)
     rng = np.random.default_rng(0)
     low, high = robot.position_limits.T

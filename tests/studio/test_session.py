@@ -19,15 +19,11 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.studio.panel import cards
-from floatplan.studio.session.saving import NAMES, Part, Saving
-from floatplan.studio.session.session import Session, View
-from floatplan.studio.work.around import COLUMNS, ROWS, Map
-from floatplan.studio.work.flown import flown
-from floatplan.studio.work.planning import LAST
-from floatplan.studio.work.tasks import Cells, Failure, Quick, words_of
-from floatplan.studio.work.worker import StoppedError, Worker, packed, unpacked
-from floatplan.view.postures import body_poses
+from floatplan.studio import cards
+from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
+from floatplan.studio.planning import LAST, StoppedError, Worker, packed, unpacked
+from floatplan.studio.session import FILE_NAMES, Part, Saving, Session, View
+from floatplan.view.outlines import body_poses
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 60.0  # s for what takes a fraction of one
@@ -47,7 +43,7 @@ def session(problem: fp.Problem) -> Iterator[Session]:
 
 
 def settled(view: View) -> bool:
-    return view.fault != "" or (view.is_current and view.flown is not None and view.flown.settled)
+    return view.fault != "" or (view.is_current and view.answer is not None and view.answer.settled)
 
 
 def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Session) -> None:
@@ -59,13 +55,13 @@ def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Se
     view = session.view
     assert view.verdict == "proved"
     expected = fp.plan(view.problem, prove=True)
-    assert view.flown is not None
-    assert np.array_equal(view.flown.plan.coefficients, expected.coefficients)
-    plan = view.flown.complete_plan()
+    assert view.answer is not None
+    assert np.array_equal(view.answer.plan.coefficients, expected.coefficients)
+    plan = view.answer.complete_plan()
     assert plan.certificate is not None
     assert plan.certificate.proved
-    assert first.flown is not None
-    assert not np.array_equal(plan.coefficients, first.flown.plan.coefficients)
+    assert first.answer is not None
+    assert not np.array_equal(plan.coefficients, first.answer.plan.coefficients)
 
 
 def test_what_cannot_be_is_said_and_nothing_changes(session: Session) -> None:
@@ -85,9 +81,9 @@ def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session
     assert session.wait(settled, PATIENCE)
     view = session.view
     assert view.verdict == "not found"
-    assert view.flown is not None
-    assert "velocity limit" in view.flown.plan.explanation
-    assert len(view.flown.poses.places) > 2
+    assert view.answer is not None
+    assert "velocity limit" in view.answer.plan.explanation
+    assert len(view.answer.poses.places) > 2
     card = cards.status_card(view)
     assert 'data-verdict="not found"' in card
     assert "velocity limit" in card
@@ -99,14 +95,14 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session: Session) 
     session.wait(settled, PATIENCE)
     start = session.view.problem.goal.orientation
     seen: list[int] = []
-    session.listen(lambda: seen.append(session.view.answers))
+    session.listen(lambda: seen.append(session.view.answered))
     for step in range(1, 40):
         session.set("goal.orientation", start + 0.01 * step)
     assert session.wait(settled, PATIENCE)
     view = session.view
-    assert view.flown is not None
+    assert view.answer is not None
     assert view.number == 40
-    assert view.flown.problem.goal.orientation == start + 0.39
+    assert view.answer.plan.problem.goal.orientation == start + 0.39
     assert seen == sorted(seen)
     session.undo()
     assert session.view.problem.goal.orientation == start
@@ -158,17 +154,17 @@ def test_threads_may_all_change_it(session: Session) -> None:
     for thread in threads:
         thread.join()
     assert session.wait(settled, PATIENCE)
-    assert session.view.flown is not None
-    assert session.view.flown.problem.goal.orientation == session.view.problem.goal.orientation
+    assert session.view.answer is not None
+    assert session.view.answer.plan.problem.goal.orientation == session.view.problem.goal.orientation
 
 
 def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None:
     session = Session(problem)
     try:
-        assert session.wait(lambda view: view.map is not None and len(view.map.cells) == ROWS * COLUMNS, PATIENCE)
+        assert session.wait(lambda view: view.map is not None and len(view.map.points) == ROWS * COLUMNS, PATIENCE)
         chart = session.view.map
         assert chart is not None
-        assert chart.cells[ROWS // 2, COLUMNS // 2].status == "optimal"
+        assert chart.points[ROWS // 2, COLUMNS // 2].status == "optimal"
         assert chart.durations[ROWS // 2] == problem.flight.duration
         assert chart.momenta[COLUMNS // 2] == problem.flight.angular_momentum
         buttons = {point: f"button-{point[0]}-{point[1]}" for point in np.ndindex(ROWS, COLUMNS)}
@@ -179,21 +175,21 @@ def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None
         assert session.view.problem.flight.angular_momentum == chart.momenta[1]
         assert session.view.map is None
         assert session.wait(settled, PATIENCE)
-        found = session.view.flown is not None and session.view.flown.plan.ok
-        assert found == (chart.cells[0, 1].use is not None)
+        found = session.view.answer is not None and session.view.answer.plan.ok
+        assert found == (chart.points[0, 1].use is not None)
     finally:
         session.close()
 
 
 def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp.Problem) -> None:
     limited = replace(problem, limits=replace(problem.limits, torque=1e3))
-    chart = Map.around(flown(fp.plan(limited), True, 0.0))
+    chart = Map.around(ShownPlan.of(fp.plan(limited), settled=True))
     assert chart.relative
     asked = list(chart.questions(limited))
     points = [point for some, _ in asked for point in some]
     assert sorted(points) == sorted(np.ndindex(ROWS, COLUMNS))
     assert points[0] == (ROWS // 2, COLUMNS // 2)
-    few = Cells(limited, {"flight.duration": np.array([1.1, -1.0])}, 1.0).answer()
+    few = MapTask(limited, {"flight.duration": np.array([1.1, -1.0])}, 1.0).answer()
     assert [cell.status for cell in few] == ["optimal", "error"]
     assert few[0].use is not None
     assert 0 < few[0].use < 1
@@ -214,10 +210,10 @@ def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatpl
     assert "<html" in Path(folder, "report.html").read_text()[:200]
 
 
-@pytest.mark.parametrize("part", NAMES)
+@pytest.mark.parametrize("part", FILE_NAMES)
 def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Part) -> None:
     assert session.wait(settled, PATIENCE)
-    mine = tmp_path / NAMES[part]
+    mine = tmp_path / FILE_NAMES[part]
     mine.write_text("mine")
     saving = Saving()
     own = mine.with_stem(f"{mine.stem}-2")
@@ -243,23 +239,23 @@ def test_what_cannot_be_saved_is_said(session: Session, folder: str) -> None:
 def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
     worker = Worker(problem.robot)
     try:
-        answer = worker.ask(Quick(problem, 5.0))
+        answer = worker.ask(PlanTask(problem, 5.0))
         assert answer.plan.ok
         assert answer.plan.robot is problem.robot
-        failed = worker.ask(Quick(problem, -1.0))
+        failed = worker.ask(PlanTask(problem, -1.0))
         assert isinstance(failed, Failure)
         assert "not positive" in failed.words
         with stopped_again_and_again(worker), pytest.raises(StoppedError):
             ask_on(worker, problem)
-        assert worker.ask(Quick(problem, 5.0)).plan.ok
+        assert worker.ask(PlanTask(problem, 5.0)).plan.ok
     finally:
         worker.close()
     with pytest.raises(StoppedError):
-        worker.ask(Quick(problem, 5.0))
+        worker.ask(PlanTask(problem, 5.0))
 
 
 def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
-    assert session.wait(lambda view: view.flown is not None and view.flown.settled, PATIENCE)
+    assert session.wait(lambda view: view.answer is not None and view.answer.settled, PATIENCE)
     quick, thorough = (os.getpriority(os.PRIO_PROCESS, number) for number in session.process_ids)
     assert quick == os.getpriority(os.PRIO_PROCESS, 0)
     assert thorough == min(quick + LAST, 19)
@@ -267,13 +263,13 @@ def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
 
 SCRIPT = """
 import floatplan as fp
-from floatplan.studio.work.tasks import Quick
-from floatplan.studio.work.worker import Worker
+from floatplan.studio.answers import PlanTask
+from floatplan.studio.planning import Worker
 
 if __name__ == "__main__":
     problem = fp.load_problem({path!r})
     worker = Worker(problem.robot)
-    print(worker.ask(Quick(problem, 5.0)).plan.ok)
+    print(worker.ask(PlanTask(problem, 5.0)).plan.ok)
     worker.close()
 """
 
@@ -302,7 +298,7 @@ def test_processes_import_what_the_page_does_wherever_it_is_started(tmp_path: Pa
 def ask_on(worker: Worker, problem: fp.Problem) -> None:
     begun = time.monotonic()
     while time.monotonic() - begun < PATIENCE:
-        worker.ask(Quick(problem, 5.0))
+        worker.ask(PlanTask(problem, 5.0))
 
 
 @contextlib.contextmanager
@@ -324,14 +320,14 @@ def stopped_again_and_again(worker: Worker) -> Iterator[None]:
 
 
 def test_the_robot_stays_where_it_is(problem: fp.Problem) -> None:
-    content = packed(Quick(problem, 1.0), problem.robot)
+    content = packed(PlanTask(problem, 1.0), problem.robot)
     assert len(content) < 10_000
     assert unpacked(content, problem.robot).problem.robot is problem.robot
 
 
 def test_words_of_any_error_are_on_one_short_line() -> None:
-    assert words_of(fp.InputError("is wrong", element="here")) == "here: is wrong"
-    told = words_of(RuntimeError("a\nb" + "c" * 5000))
+    assert Failure.of(fp.InputError("is wrong", element="here")).words == "here: is wrong"
+    told = Failure.of(RuntimeError("a\nb" + "c" * 5000)).words
     assert "\n" not in told
     assert len(told) < 500
 

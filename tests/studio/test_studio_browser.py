@@ -27,7 +27,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
         assert studio.session.view.problem is problem, "showing a problem does not change it"
-        first = studio.session.view.flown
+        first = studio.session.view.answer
         print(page.figures("q2, °", 4))
         studio.player.play(False)
         before = studio.session.view.number
@@ -41,8 +41,8 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         assert abs(turned[1]) > 0.05, "the dragged joint"
         assert turned[0] == 0
         assert first is not None
-        assert view.flown is not None
-        assert not np.array_equal(view.flown.plan.coefficients, first.plan.coefficients)
+        assert view.answer is not None
+        assert not np.array_equal(view.answer.plan.coefficients, first.plan.coefficients)
 
         page.tab("Limits")
         page.choose("velocity limit", "by hand")
@@ -79,7 +79,7 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
         print(page.figures("FL_calf_joint, °", 4))
         view = studio.session.view
         assert view.number == 5
-        assert view.flown is not None
-        assert view.flown.plan.ok
+        assert view.answer is not None
+        assert view.answer.plan.ok
         assert page.complaints() == []
         assert studio.errors == []

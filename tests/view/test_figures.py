@@ -17,13 +17,10 @@ from PIL import Image
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.problem.parts import Obstacle
-from floatplan.view.figures.curves import SAMPLES
-from floatplan.view.figures.figures import figures, save_figures
-from floatplan.view.figures.kinogram import COLUMNS, kinogram, kinogram_times
-from floatplan.view.figures.snapshots import snapshot_times, worst_passage
-from floatplan.view.postures import postures, stadium
+from floatplan.view.figures.figures import SAMPLES, figures, save_figures
+from floatplan.view.figures.snapshots import COLUMNS, kinogram, kinogram_times, worst_passage
+from floatplan.view.outlines import ground_lines, obstacle_outlines, pairs, postures, snapshot_times, stadium
 from floatplan.view.style import COLUMN, OKABE_ITO, palette, styled
-from floatplan.view.surroundings import ground_lines, obstacle_outlines
 
 ALWAYS = ["snapshots", "kinogram", "configuration", "rates", "torques", "momentum", "inertia"]
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
@@ -284,7 +281,7 @@ def test_links_are_drawn_where_they_are(handstand: fp.Plan, drawn: dict[str, Fig
     axes = only(drawn["snapshots"])
     robots = [each for each in axes.collections if isinstance(each, PolyCollection)]
     assert len(robots) == len(placed.times) + 1
-    np.testing.assert_allclose(robots[-1].get_paths()[0].vertices[:-1], placed.outlines(-1)[0])
+    np.testing.assert_allclose(robots[-1].get_paths()[0].vertices[:-1], pairs(placed.outlines(-1)[0]))
 
 
 def test_the_whole_robot_is_in_the_picture(somersault: fp.Plan) -> None:
@@ -301,7 +298,7 @@ def test_obstacles_are_drawn_with_their_margins(hindered: fp.Plan, compared: dic
     outlines = [np.asarray(path.vertices) for each in collections for path in each.get_paths()]
 
     def shown(obstacle: Obstacle, time: float, margin: float) -> bool:
-        outline = obstacle_outlines(obstacle, time, margin)[0]
+        outline = pairs(obstacle_outlines(obstacle, time, margin)[0])
         return any(np.allclose(each[:-1], outline) for each in outlines if len(each) == len(outline) + 1)
 
     fixed, moving, ground, bar = hindered.problem.obstacles
@@ -317,11 +314,11 @@ def test_obstacles_are_drawn_with_their_margins(hindered: fp.Plan, compared: dic
 def test_outlines_surround_what_they_outline() -> None:
     outline = stadium(1 + 1j, 3 + 2j, 0.25)
     along = 2 + 1j
-    points = outline @ [1, 1j] - (1 + 1j)
+    points = outline - (1 + 1j)
     share = np.clip((points * along.conjugate()).real / abs(along) ** 2, 0, 1)
     np.testing.assert_allclose(np.abs(points - share * along), 0.25)
     wall = obstacle_outlines(fp.HalfPlane(point=(1.0, 0.0), normal=(3.0, 4.0), velocity=(0.5, 0.0)), 2.0, 0.1)[0]
-    heights = (wall - [2.0, 0.0]) @ [0.6, 0.8]
+    heights = ((wall - 2.0) * (0.6 - 0.8j)).real
     assert heights.max() == pytest.approx(0.1)
     assert heights.min() < -100
 

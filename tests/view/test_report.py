@@ -24,8 +24,7 @@ from floatplan.view.figures.animation import FRAME_RATE, SPEED, animate
 from floatplan.view.figures.figures import figures
 from floatplan.view.report.data import FEWEST_SAMPLES, MOST_SAMPLES, rounded, sample_grid
 from floatplan.view.report.report import escaped_json, filled, report, report_data, write_report
-from floatplan.view.scene.bodies import turned
-from floatplan.view.scene.scene import obstacle_slab, prism, scene
+from floatplan.view.scene.scene import obstacle_slab, prism, scene, turned
 
 LARGEST = 5_000_000  # bytes of the gymnast's page
 

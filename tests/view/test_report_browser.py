@@ -276,7 +276,7 @@ def test_dragging_along_a_curve_seeks(page: Browser, handstand: fp.Plan) -> None
 
 
 def test_the_page_places_links_as_the_robot_has_them(page: Browser, handstand: fp.Plan) -> None:
-    from floatplan.view.postures import postures
+    from floatplan.view.outlines import postures
 
     placed = postures(handstand, np.array([0.5]))
     script = (

@@ -5,26 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
+from floatplan.arguments import FINITE, Check, Checked, text
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.parts import Coupling, Plane
-from floatplan.robot.planar.choice_check import check_joints, checked_couplings, checked_locks, is_fixed, turning_joint
-from floatplan.robot.planar.plane import (
-    choose_plane,
-    explain_axis,
-    joint_axes,
-    oriented_plane,
-    sign_in_plane,
-    tilt,
-    turns_in_plane,
-)
-from floatplan.robot.urdf.tree import UrdfTree
+from floatplan.robot.planar.plane import Plane, choose_plane, is_parallel, joint_axes, normal_line
+from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
 AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
 TILT_ROUNDING = 1e-5  # [rad] below it lies a right angle written as 1.5708 or 1.570796; not worth a warning
+
+
+@dataclass(frozen=True)
+class Coupling(Checked):
+    """A joint that follows a planned one: ``position = ratio * leader's position + offset`` (rad)."""
+
+    leader: str
+    ratio: float = 1.0
+    offset: float = 0.0
+    checks: ClassVar[Mapping[str, Check]] = {"leader": text, "ratio": FINITE, "offset": FINITE}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +50,24 @@ class Choice:
     warnings: tuple[str, ...]
 
     @property
-    def moving(self) -> tuple[str, ...]:
-        """The planned joints and their followers."""
-        return (*self.planned, *self.coupled)
-
-    @property
     def motors(self) -> tuple[str, ...]:
         """The planned joints, then the followers that have a motor of their own."""
         return (*self.planned, *(name for name in self.coupled if name not in self.geared))
 
+    @cached_property
+    def ratios(self) -> Mapping[str, Array]:
+        """Derivatives of the positions of the joints to be moved by those of the planned ones, (n,) each."""
+        planned = dict(zip(self.planned, np.eye(len(self.planned)), strict=True))
+        return planned | {name: each.ratio * planned[each.leader] + 0.0 for name, each in self.coupled.items()}
+
+    @cached_property
+    def motor_ratios(self) -> Mapping[str, Array]:
+        """Derivatives of the positions of the joints to be moved by those of the motors, (m,) each."""
+        motors = dict(zip(self.motors, np.eye(len(self.motors)), strict=True))
+        geared = {name: each for name, each in self.coupled.items() if name in self.geared}
+        return motors | {name: each.ratio * motors[each.leader] + 0.0 for name, each in geared.items()}
+
+    @property
     def positions_at_zero(self) -> dict[str, float]:
         """Positions of all joints where the planned ones are zero."""
         return {**self.locked, **{name: coupling.offset for name, coupling in self.coupled.items()}}
@@ -83,26 +95,28 @@ def choose_joints(
         If a name is unknown or given two roles, a coupling is circular or a chain, a locked position is outside its
         limits, a joint to be moved does not turn in the plane, or nothing is left to plan.
     """
-    user_locked = checked_locks(tree, locked or {})
-    user_coupled = checked_couplings(tree, coupled or {}, user_locked)
-    check_joints(tree, joints, user_locked, user_coupled)
-    mimics = _mimics(tree, set(user_locked) | set(user_coupled) | set(joints or ()))
+    user_locked = _checked_locks(tree, locked or {})
+    user_coupled = _checked_couplings(tree, coupled or {}, user_locked)
+    if joints is not None:
+        _check_joints(tree, joints, user_locked, user_coupled)
+    mimics = _mimics(tree, {*user_locked, *user_coupled, *(joints or ())})
     resting = _resting(tree, user_locked, mimics)
     axes = joint_axes(tree, tree.placements(resting))
     free = [name for name in axes if name not in user_locked and name not in user_coupled and name not in mimics]
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
-    plane_name = choose_plane(plane, axes, named or free)
+    plane_name = choose_plane(plane, [axes[name] for name in named or free])
     planned = tuple(joints) if joints is not None else _in_plane(tree, free, axes, plane_name)
-    chosen = oriented_plane(plane_name, [axes[name] for name in planned])
-    signs = {name: sign_in_plane(axis, chosen) for name, axis in axes.items()}
+    chosen = Plane.of_axes(plane_name, [axes[name] for name in planned])
+    signs = {name: chosen.sign(axis) for name, axis in axes.items()}
     followers = {**user_coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
     by_file = _mimics(tree, {*user_locked, *planned})
     geared = frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
-    moving = {*planned, *followers}
+    moving = (*planned, *followers)
     _check_moving(tree, planned, followers, axes, chosen)
     warnings = [*tree.warnings, *_explain_tilts(moving, axes, chosen)]
     if posture:
-        tilting = _above(tree, moving) & {name for name, sign in signs.items() if not sign}
+        above = {joint.name for name in moving for joint in tree.path(tree.joint[name].parent)}
+        tilting = {name for name in above if not signs.get(name, 1.0)}
         warnings += _explain_posture(tree, posture, tilting)
         kept = {name: position for name, position in posture.items() if name not in tilting}
         resting = _resting(tree, {**kept, **user_locked}, mimics)
@@ -112,30 +126,110 @@ def choose_joints(
     return Choice(chosen, planned, followers, geared, rest, signs, resting, tuple(warnings))
 
 
-def _check_moving(
-    tree: UrdfTree,
-    planned: Sequence[str],
-    followers: Mapping[str, Coupling],
-    axes: Mapping[str, Array],
-    plane: Plane,
+def _checked_locks(tree: UrdfTree, locked: Mapping[str, float]) -> dict[str, float]:
+    """Positions of locked joints, each of which moves and is within its limits."""
+    for name, position in locked.items():
+        where = f'locked "{name}"'
+        joint = _moving_joint(tree, name, where)
+        if not joint.lower <= position <= joint.upper:
+            reason = f"position {position:g} is outside its limits [{joint.lower:g}, {joint.upper:g}]"
+            raise InputError(reason, element=where, advice="give a position within them")
+    return {name: float(position) for name, position in locked.items()}
+
+
+def _checked_couplings(
+    tree: UrdfTree, coupled: Mapping[str, str | Coupling], locked: Mapping[str, float]
+) -> dict[str, Coupling]:
+    """Couplings by follower, none of which is circular, a chain, or of a joint that is locked.
+
+    A name is a coupling of ratio 1; a name after a minus sign one of ratio -1.
+    """
+    couplings: dict[str, Coupling] = {}
+    for name, value in coupled.items():
+        if isinstance(value, Coupling):
+            couplings[name] = value
+        else:
+            opposed = value.startswith("-") and value not in tree.joint
+            couplings[name] = Coupling(value[1:].strip(), -1.0) if opposed else Coupling(value)
+    for name, coupling in couplings.items():
+        where = f'coupled "{name}"'
+        _turning_joint(tree, name, where)
+        _turning_joint(tree, coupling.leader, where)
+        if coupling.leader == name:
+            raise InputError("a joint cannot follow itself", element=where)
+        if coupling.leader in couplings:
+            further = couplings[coupling.leader].leader
+            reason = f'its leader "{coupling.leader}" follows "{further}" in turn'
+            raise InputError(reason, element=where, advice=f'couple both to "{further}"')
+        if not coupling.ratio:
+            raise InputError("the ratio must not be zero", element=where)
+        if name in locked:
+            raise InputError("the joint is also locked", element=where, advice="leave it out of one of the two")
+        if coupling.leader in locked:
+            raise InputError(f'its leader "{coupling.leader}" is locked', element=where, advice="lock this joint too")
+    return couplings
+
+
+def _check_joints(
+    tree: UrdfTree, joints: Sequence[str], locked: Mapping[str, float], coupled: Mapping[str, Coupling]
 ) -> None:
+    """Check the names of joints to be planned: each turns, is named once, and has no other role."""
+    if not joints:
+        raise InputError("is empty: no joint is left to plan", element="joints")
+    for number, name in enumerate(joints):
+        where = f'joints "{name}"'
+        joint = _turning_joint(tree, name, where)
+        if name in joints[:number]:
+            raise InputError("is named twice", element=where, advice="keep one of them")
+        if name in locked or name in coupled:
+            role = "locked" if name in locked else "coupled"
+            raise InputError(f"the joint is also {role}", element=where, advice="leave it out of one of the two")
+        if joint.lower == joint.upper:
+            raise InputError(f"cannot move: its limits are both {joint.lower:g}", element=where)
+
+
+def _moving_joint(tree: UrdfTree, name: str, where: str) -> UrdfJoint:
+    """The joint called ``name``, which exists and moves; ``where`` is the element that errors name."""
+    joint = tree.joint.get(name)
+    if joint is None:
+        known = ", ".join(known.name for known in tree.joints if known.moves)
+        raise InputError(f'no joint is called "{name}"', element=where, advice=f"the joints that move are: {known}")
+    if not joint.moves:
+        raise InputError(f'joint "{name}" is fixed', element=where, advice="leave it out")
+    return joint
+
+
+def _turning_joint(tree: UrdfTree, name: str, where: str) -> UrdfJoint:
+    joint = _moving_joint(tree, name, where)
+    if not joint.turns:
+        reason = f'joint "{name}" is {joint.type}; only joints that turn can be planned or coupled'
+        raise InputError(reason, element=where)
+    return joint
+
+
+def _check_moving(
+    tree: UrdfTree, planned: Sequence[str], followers: Mapping[str, Coupling], axes: Mapping[str, Array], plane: Plane
+) -> None:
+    """Check that followers turn and follow a planned joint, and that all joints to be moved turn in the plane."""
     for name, coupling in followers.items():
         where = f'coupled "{name}"'
         if coupling.leader not in planned:
-            raise InputError(
-                f'its leader "{coupling.leader}" is not a planned joint',
-                element=where,
-                advice="plan it, or name another",
-            )
-        turning_joint(tree, name, where)
-    for name in [*planned, *followers]:
-        if not sign_in_plane(axes[name], plane):
-            raise explain_axis(tree.joint[name], axes[name], plane)
+            reason = f'its leader "{coupling.leader}" is not a planned joint'
+            raise InputError(reason, element=where, advice="plan it, or name another")
+        _turning_joint(tree, name, where)
+    for name in (*planned, *followers):
+        if not plane.sign(axes[name]):
+            degrees = np.degrees(plane.tilt(axes[name]))
+            reason = f'its axis is {degrees:.3g} deg off the normal of the plane "{plane.name}"'
+            raise InputError(reason, element=f'joint "{name}"', advice="leave it out, or give another plane")
 
 
 def _in_plane(tree: UrdfTree, free: Sequence[str], axes: Mapping[str, Array], plane: str) -> tuple[str, ...]:
-    """The joints among ``free`` that turn in the plane and are not fixed by their limits."""
-    planned = tuple(name for name in free if turns_in_plane(axes[name], plane) and not is_fixed(tree.joint[name]))
+    """The joints among ``free`` that turn in the plane and are not held fast by their limits."""
+    line = normal_line(plane)
+    planned = tuple(
+        name for name in free if is_parallel(axes[name], line) and tree.joint[name].lower != tree.joint[name].upper
+    )
     if not planned:
         raise InputError(f'no joint is left to plan in the plane "{plane}"', element="joints")
     return planned
@@ -168,18 +262,6 @@ def _resting(tree: UrdfTree, posture: Mapping[str, float], mimics: Mapping[str, 
     return resting
 
 
-def _above(tree: UrdfTree, joints: Iterable[str]) -> set[str]:
-    """Names of all joints on the paths from the root to ``joints``."""
-    carrier = {joint.child: joint for joint in tree.joints}
-    above: set[str] = set()
-    for name in joints:
-        joint = carrier.get(tree.joint[name].parent)
-        while joint is not None and joint.name not in above:
-            above.add(joint.name)
-            joint = carrier.get(joint.parent)
-    return above
-
-
 def _explain_posture(tree: UrdfTree, posture: Mapping[str, float], tilting: Iterable[str]) -> list[str]:
     """One warning for the joints that are not taken to the reference posture."""
     left_out = [name for name in tilting if name in posture and posture[name] != tree.joint[name].nearest(0.0)]
@@ -189,7 +271,7 @@ def _explain_posture(tree: UrdfTree, posture: Mapping[str, float], tilting: Iter
 
 def _explain_tilts(moving: Iterable[str], axes: Mapping[str, Array], plane: Plane) -> list[str]:
     """One warning for the axes that are not quite along the plane's normal."""
-    tilts = {name: tilt(axes[name], plane) for name in moving}
+    tilts = {name: plane.tilt(axes[name]) for name in moving}
     tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > TILT_ROUNDING]
     return [f"axes slightly off the plane's normal, taken to be along it: {', '.join(tilted)}"] if tilted else []
 
@@ -210,13 +292,13 @@ def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
     tilted axes has no motion in the plane to restrict it to; this one moves in the plane exactly, and its momentum
     differs from the file's by the order of the tilt.
     """
-    positions = choice.positions_at_zero()
+    positions = choice.positions_at_zero
     rotations = {tree.root: np.eye(3)}
     joints = []
     for joint in tree.joints:
         rotation = rotations[joint.parent] @ joint.origin.placement.rotation
         turned = joint
-        if joint.name in choice.moving:
+        if joint.name in choice.ratios:
             exact = choice.signs[joint.name] * rotation.T @ choice.plane.normal
             if abs(exact - joint.axis).max() >= AXIS_ROUNDING:
                 turned = replace(joint, axis=exact / math.hypot(*exact))

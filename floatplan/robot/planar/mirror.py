@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.parts import Coupling
-from floatplan.robot.planar.choice import Choice
+from floatplan.robot.planar.choice import Choice, Coupling
 from floatplan.robot.urdf.tree import UrdfTree
 
 TOLERANCE = 0.03  # [-] of the robot's extent: how far from the mirror image a joint may be
@@ -28,29 +26,7 @@ def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | Non
     InputError
         If there is no pair.
     """
-    places = _places(tree, choice)
-    extent = float(np.ptp(np.array(list(places.values())), axis=0).max()) or 1.0
-    middle = float(np.median([place[2] for place in places.values()]))
-    partner: dict[str, str] = {}
-    for name in choice.planned:
-        if name in partner:
-            continue
-        mirrored = [
-            (gap, other)
-            for other in choice.planned
-            if other != name
-            and other not in partner
-            and (gap := _gap(places[name], places[other], middle)) < TOLERANCE * extent
-            and abs(places[name][2] - middle) > TOLERANCE * extent
-            and _have_paired_parents(tree, name, other, partner)
-        ]
-        if mirrored:
-            other = min(mirrored)[1]
-            partner[name], partner[other] = other, name
-    return _couplings(choice, partner, joints)
-
-
-def _couplings(choice: Choice, partner: Mapping[str, str], joints: Sequence[str] | None) -> dict[str, Coupling]:
+    partner = _partners(tree, choice)
     couplings: dict[str, Coupling] = {}
     for name in choice.planned:
         other = partner.get(name)
@@ -65,31 +41,35 @@ def _couplings(choice: Choice, partner: Mapping[str, str], joints: Sequence[str]
     return couplings
 
 
-def _places(tree: UrdfTree, choice: Choice) -> dict[str, Array]:
-    """Horizontal, vertical and normal place (3,) of each planned joint at the reference."""
-    plane = choice.plane
+def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
+    """The joints that have a mirror image, and their mirror images."""
+    plane, names = choice.plane, choice.planned
+    placements = tree.placements(choice.positions_at_zero)
     axes = np.array([plane.horizontal, plane.vertical, plane.normal])
-    placements = tree.placements(choice.positions_at_zero())
-    return {name: axes @ placements[tree.joint[name].child].translation for name in choice.planned}
+    places = np.array([axes @ placements[tree.joint[name].child].translation for name in names])
+    tolerance = TOLERANCE * (float(np.ptp(places, axis=0).max()) or 1.0)
+    beside = places[:, 2] - np.median(places[:, 2])
+    mirrored = places - 2.0 * np.outer(beside, (0.0, 0.0, 1.0))
+    gaps = np.linalg.norm(places[:, None] - mirrored[None, :], axis=2)
+    partner: dict[str, str] = {}
+    for i, name in enumerate(names):
+        if name in partner or abs(beside[i]) <= tolerance:
+            continue
+        images = [
+            (gap, other)
+            for gap, other in zip(gaps[i].tolist(), names, strict=True)
+            if gap < tolerance and other != name and other not in partner and _together(tree, name, other, partner)
+        ]
+        if images:
+            other = min(images)[1]
+            partner[name], partner[other] = other, name
+    return partner
 
 
-def _gap(place: Array, other: Array, middle: float) -> float:
-    """Distance between a place and the mirror image of the other."""
-    mirrored = other.copy()
-    mirrored[2] = 2.0 * middle - other[2]
-    return float(np.linalg.norm(place - mirrored))
-
-
-def _have_paired_parents(tree: UrdfTree, name: str, other: str, partner: Mapping[str, str]) -> bool:
-    """Whether the next planned joints above are the same or a pair."""
-    above, other_above = _above(tree, name, partner), _above(tree, other, partner)
+def _together(tree: UrdfTree, name: str, other: str, partner: Mapping[str, str]) -> bool:
+    """Whether the next joints above two joints that have a mirror image are the same or a pair."""
+    above, other_above = (
+        next((up.name for up in tree.path(tree.joint[joint].parent) if up.name in partner), None)
+        for joint in (name, other)
+    )
     return above == other_above or (above is not None and partner.get(above) == other_above)
-
-
-def _above(tree: UrdfTree, name: str, partner: Mapping[str, str]) -> str | None:
-    """The nearest joint with a partner on the path from a joint to the root."""
-    carrier = {joint.child: joint for joint in tree.joints}
-    joint = carrier.get(tree.joint[name].parent)
-    while joint is not None and joint.name not in partner:
-        joint = carrier.get(joint.parent)
-    return None if joint is None else joint.name

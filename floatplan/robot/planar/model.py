@@ -7,136 +7,176 @@ that nq = nv and every angle is one unbounded number. ``JointModelPlanar`` carri
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from random import Random  # NumPy's takes longer to import than all postures to draw
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
-from floatplan.robot.parts import Coupling
+from floatplan.arrays import Array, read_only
+from floatplan.errors import InputError
 from floatplan.robot.planar.choice import Choice
-from floatplan.robot.urdf.tree import Origin, UrdfJoint, UrdfLink, UrdfTree
+from floatplan.robot.urdf.tree import Origin, UrdfTree
 
 BASE_COORDINATES = 3
-ATTRIBUTE = str.maketrans(
-    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
-)
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] stands in Pinocchio for a limit that is not given
+POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
+LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
 
 
 def build_model(tree: UrdfTree, choice: Choice) -> Any:
     """Return the ``pinocchio.Model`` of the robot, free to fly in the plane, without gravity."""
-    model = pin.buildModelFromXML(planar_xml(tree, choice))
+    robot = Element("robot", name="robot")
+    chain = [*(_unused(f"base_{place}", tree) for place in ("world", "column", "carriage")), tree.root]
+    for name in chain[:-1]:
+        SubElement(robot, "link", name=name)
+    plane = choice.plane
+    steps = (("prismatic", plane.horizontal), ("prismatic", plane.vertical), ("revolute", plane.normal))
+    names = ("base_horizontal", "base_vertical", "base_orientation")
+    for number, (name, (kind, axis)) in enumerate(zip(names, steps, strict=True)):
+        _add_joint(robot, _unused(name, tree), kind, (chain[number], chain[number + 1]), axis)
+    for link in tree.links.values():
+        element = SubElement(robot, "link", name=link.name)
+        if link.inertial is not None:
+            inertial = SubElement(element, "inertial")
+            _add_origin(inertial, link.inertial.origin)
+            SubElement(inertial, "mass", value=repr(link.inertial.mass))
+            (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertial.inertia.tolist()
+            moments = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+            SubElement(inertial, "inertia", {key: repr(moment) for key, moment in moments.items()})
+    for joint in tree.joints:
+        limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
+        kind = "revolute" if joint.type == "continuous" else joint.type
+        _add_origin(_add_joint(robot, joint.name, kind, (joint.parent, joint.child), joint.axis, limits), joint.origin)
+    model = pin.buildModelFromXML(tostring(robot, encoding="unicode"))
     model.gravity = pin.Motion.Zero()
     model.name = tree.name
     return model
 
 
-def full_coordinates(model: Any, choice: Choice) -> tuple[Array, Array]:
-    """Return ``reference`` (nv,) and ``selection`` (nv, n): full configuration = reference + selection @ positions."""
-    reference = np.zeros(model.nv)
-    selection = np.zeros((model.nv, len(choice.planned)))
-    column = {name: index for index, name in enumerate(choice.planned)}
-    for row, name in enumerate(list(model.names)[1:]):
-        if name in choice.locked:
-            reference[row] = choice.locked[name]
-        elif name in choice.coupled:
-            coupling = choice.coupled[name]
-            reference[row] = coupling.offset
-            selection[row, column[coupling.leader]] = coupling.ratio
-        elif name in column:
-            selection[row, column[name]] = 1.0
-    return reference, selection
-
-
-def motor_coordinates(model: Any, choice: Choice) -> tuple[Array, Array]:
-    """Return ``transmission`` (nv, motors) and ``motor_ratios`` (motors, n).
-
-    Velocities of the motors are ``motor_ratios @ velocities``; each motor's torque is ``transmission.T`` times the
-    torques of all joints: its own joint's, and those that the file gears to it, by their ratios.
-    """
-    motor = {name: index for index, name in enumerate(choice.motors)}
-    ratios = np.zeros((len(motor), len(choice.planned)))
-    for name, index in motor.items():
-        coupling = choice.coupled.get(name, Coupling(name))
-        ratios[index, choice.planned.index(coupling.leader)] = coupling.ratio
-    transmission = np.zeros((model.nv, len(motor)))
-    for row, name in enumerate(list(model.names)[1:]):
-        if name in motor:
-            transmission[row, motor[name]] = 1.0
-        elif name in choice.geared:
-            transmission[row, motor[choice.coupled[name].leader]] = choice.coupled[name].ratio
-    return transmission, ratios
-
-
-def planar_xml(tree: UrdfTree, choice: Choice) -> str:
-    """URDF text of links, inertias, joints and the planar root; geometry and the rest left out."""
-    lines = ['<robot name="robot">', *_root_lines(tree, choice)]
-    lines += [_link_line(link) for link in tree.links.values()]
-    lines += [_joint_line(joint) for joint in tree.joints]
-    return "\n".join([*lines, "</robot>"])
-
-
-def _root_lines(tree: UrdfTree, choice: Choice) -> list[str]:
-    taken = {*tree.links, *tree.joint}
-    plane = choice.plane
-    steps = (("prismatic", plane.horizontal), ("prismatic", plane.vertical), ("revolute", plane.normal))
-    joints = ("base_horizontal", "base_vertical", "base_orientation")
-    links = [_unused(f"base_{place}", taken) for place in ("world", "column", "carriage")]
-    lines = [f"<link name={quoteattr(name)}/>" for name in links]
-    chain = [*links, tree.root]
-    for number, ((kind, axis), name) in enumerate(zip(steps, joints, strict=True)):
-        lines.append(_joint_text(_unused(name, taken), kind, chain[number], chain[number + 1], axis))
-    return lines
-
-
-def _unused(name: str, taken: set[str]) -> str:
-    while name in taken:
+def _unused(name: str, tree: UrdfTree) -> str:
+    while name in tree.links or name in tree.joint:
         name += "_"
     return name
 
 
-def _link_line(link: UrdfLink) -> str:
-    if link.inertial is None:
-        return f"<link name={quoteattr(link.name)}/>"
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertial.inertia.tolist()
-    moments = f'ixx="{xx!r}" ixy="{xy!r}" ixz="{xz!r}" iyy="{yy!r}" iyz="{yz!r}" izz="{zz!r}"'
-    body = f'{_origin_text(link.inertial.origin)}<mass value="{link.inertial.mass!r}"/><inertia {moments}/>'
-    return f"<link name={quoteattr(link.name)}><inertial>{body}</inertial></link>"
-
-
-def _joint_line(joint: UrdfJoint) -> str:
-    limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
-    kind = "revolute" if joint.type == "continuous" else joint.type
-    return _joint_text(joint.name, kind, joint.parent, joint.child, joint.axis, _origin_text(joint.origin), limits)
-
-
-def _joint_text(
+def _add_joint(
+    robot: Element,
     name: str,
     kind: str,
-    parent: str,
-    child: str,
+    ends: tuple[str, str],
     axis: Array,
-    origin: str = "",
-    limits: tuple[float, float, float, float] = (-np.inf, np.inf, np.inf, np.inf),
-) -> str:
-    lower, upper, velocity, effort = (min(max(limit, -UNBOUNDED), UNBOUNDED) for limit in limits)
-    return (
-        f"<joint name={quoteattr(name)} type={quoteattr(kind)}>{origin}"
-        f"<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/><axis xyz={quoteattr(_numbers(axis))}/>"
-        f'<limit lower="{lower!r}" upper="{upper!r}" velocity="{velocity!r}" effort="{effort!r}"/></joint>'
-    )
+    limits: Sequence[float] = (-np.inf, np.inf, np.inf, np.inf),
+) -> Element:
+    """Add a joint between two links; ``limits`` are lower and upper, of velocity and of effort."""
+    joint = SubElement(robot, "joint", name=name, type=kind)
+    for tag, link in zip(("parent", "child"), ends, strict=True):
+        SubElement(joint, tag, link=link)
+    SubElement(joint, "axis", xyz=_numbers(axis))
+    finite = (repr(min(max(limit, -UNBOUNDED), UNBOUNDED)) for limit in limits)
+    SubElement(joint, "limit", dict(zip(("lower", "upper", "velocity", "effort"), finite, strict=True)))
+    return joint
 
 
-def _origin_text(origin: Origin) -> str:
-    return f'<origin xyz="{_numbers(origin.xyz)}" rpy="{_numbers(origin.rpy)}"/>'
+def _add_origin(element: Element, origin: Origin) -> None:
+    SubElement(element, "origin", xyz=_numbers(origin.xyz), rpy=_numbers(origin.rpy))
 
 
 def _numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def quoteattr(text: str) -> str:
-    """Quote an attribute's value; the standard library's function for it imports all that it takes to open a URL."""
-    return f'"{text.translate(ATTRIBUTE)}"'
+def coordinates(model: Any, choice: Choice) -> tuple[Array, Array, Array]:
+    """Return ``reference`` (nv,), ``selection`` (nv, n) and ``transmission`` (nv, motors).
+
+    The full configuration is ``reference + selection @ positions``. Each motor's torque is ``transmission.T`` times the
+    torques of all joints: its own joint's, and those that the file gears to it, by their ratios.
+    """
+    names, positions = list(model.names)[1:], choice.positions_at_zero
+    reference = read_only([positions.get(name, 0.0) for name in names])
+    selection, transmission = (
+        read_only([ratios.get(name, np.zeros(count)) for name in names])
+        for ratios, count in ((choice.ratios, len(choice.planned)), (choice.motor_ratios, len(choice.motors)))
+    )
+    return reference, selection, transmission
+
+
+def planned_limits(tree: UrdfTree, choice: Choice) -> tuple[Array, Array, Array]:
+    """Return limits of position (n, 2) rad, velocity (n,) rad/s and torque (n,) N m; infinite where not given.
+
+    Positions and velocities of a leader are those that keep its followers within their limits too. The torque of a
+    planned coordinate is that of all its motors together, by ratio; its limit is the sum of ``|ratio| * limit`` over
+    them. Followers that are geared to their leader by the file have no motor, and add nothing.
+
+    Raises
+    ------
+    InputError
+        If a leader and its followers have no common range.
+    """
+    planned = [tree.joint[name] for name in choice.planned]
+    position = np.array([[joint.lower, joint.upper] for joint in planned])
+    velocity = np.array([joint.velocity for joint in planned])
+    torque = np.array([joint.effort for joint in planned])
+    for name, coupling in choice.coupled.items():
+        row = choice.planned.index(coupling.leader)
+        joint = tree.joint[name]
+        ends = sorted((limit - coupling.offset) / coupling.ratio for limit in (joint.lower, joint.upper))
+        position[row] = max(position[row, 0], ends[0]), min(position[row, 1], ends[1])
+        velocity[row] = min(velocity[row], joint.velocity / abs(coupling.ratio))
+        torque[row] += 0.0 if name in choice.geared else joint.effort * abs(coupling.ratio)
+        if not position[row, 0] < position[row, 1]:
+            reason = f'its limits leave its leader "{coupling.leader}" no range to move in'
+            raise InputError(reason, element=f'coupled "{name}"', advice="check the ratio's sign and the offset")
+    return read_only(position), read_only(velocity), read_only(torque)
+
+
+def check_model(model: Any, reference: Array, selection: Array, joints: Sequence[str], limits: Array) -> None:
+    """Check that the mass matrix of base and planned joints is positive definite.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+    reference, selection : (nv,), (nv, n)
+    joints : (n) names
+    limits : (n, 2) rad, infinite where not given
+
+    Raises
+    ------
+    InputError
+        If the robot has no mass, or a planned joint moves none.
+    """
+    moving = np.concatenate([np.eye(model.nv, BASE_COORDINATES), selection], axis=1)
+    data = model.createData()
+    for positions in sample_postures(limits, POSTURES, Random(0)):
+        upper = np.triu(pin.crba(model, data, reference + selection @ positions))
+        mass_matrix = moving.T @ (upper + np.triu(upper, 1).T) @ moving
+        if not np.isfinite(mass_matrix).all():
+            raise InputError("its mass matrix is not finite", advice="check that masses are in kg and lengths in m")
+        diagonal = mass_matrix.diagonal()
+        if not diagonal[0] > 0.0:
+            raise InputError("has no mass", advice="give its links an <inertial> element")
+        culprit = int(np.argmin(diagonal[BASE_COORDINATES:]))
+        if diagonal.min() > 0.0:
+            scale = 1.0 / np.sqrt(diagonal)
+            values, vectors = np.linalg.eigh(scale[:, None] * mass_matrix * scale)
+            if values[0] > LEAST_EIGENVALUE:
+                continue
+            culprit = int(np.argmax(abs(vectors[BASE_COORDINATES:, 0])))
+        reason, advice = "moves no inertia of its own: the mass matrix is singular", "give the links beyond it mass"
+        raise InputError(reason, element=f'joint "{joints[culprit]}"', advice=f"{advice}, or lock it")
+
+
+def sample_postures(limits: Array, count: int, generator: Random) -> Array:
+    """Return postures (count, n) within ``limits`` (n, 2); joints without limits turn within [-pi, pi].
+
+    The first is the one nearest to zero.
+    """
+    lower, upper = np.clip(limits[:, 0], -np.pi, None), np.clip(limits[:, 1], None, np.pi)
+    beyond = lower > upper  # limits that leave [-pi, pi] out altogether
+    lower[beyond], upper[beyond] = limits[beyond, 0], limits[beyond, 1]
+    fractions = [[generator.random() for _ in limits] for _ in range(count)]
+    postures: Array = lower + (upper - lower) * np.array(fractions).reshape(count, len(limits))
+    postures[0] = np.clip(0.0, lower, upper)
+    return postures

@@ -8,11 +8,20 @@ are complex numbers, horizontal + i vertical; sigma is the plane's ``turn``.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray, IntArray, read_only
+from floatplan.robot.planar.choice import Choice
+from floatplan.robot.planar.plane import Plane
+from floatplan.robot.urdf.tree import UrdfTree
+
+_Number = TypeVar("_Number", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +100,118 @@ def rotations_of(angles: Array, turn: float) -> ComplexArray:
     np.cos(angles, out=rotations.real)  # much cheaper than the complex exponential
     np.multiply(turn, np.sin(angles), out=rotations.imag)
     return rotations
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A named point of the robot: a link's or joint's origin, fixed to a body of the :class:`PlanarTree`, m.
+
+    ``link`` is the link itself, or the joint's child.
+    """
+
+    body: int
+    local: complex
+    link: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """A body: its root link, its angle (turns @ positions + offset), and its origin in the root link's plane.
+
+    ``motor_turns`` are those by the positions of the motors.
+    """
+
+    name: str
+    parent: int
+    turns: Array
+    motor_turns: Array
+    offset: float
+    origin: complex
+
+
+@dataclass(frozen=True, eq=False)
+class TreeLayout:
+    """The bodies, which body each link belongs to, and where the links are when the planned positions are zero.
+
+    ``placements`` are ``pinocchio.SE3`` in the root link.
+    """
+
+    tree: UrdfTree
+    plane: Plane
+    bodies: tuple[_Body, ...]
+    body_of: Mapping[str, int]
+    placements: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, tree: UrdfTree, choice: Choice) -> TreeLayout:
+        """Links that do not move relative to each other, gathered into bodies, parents first."""
+        positions = choice.positions_at_zero
+        placements = tree.placements(positions)
+        bodies = [_Body(tree.root, -1, np.zeros(len(choice.planned)), np.zeros(len(choice.motors)), 0.0, 0j)]
+        body_of, angle = {tree.root: 0}, {tree.root: 0.0}
+        for joint in tree.joints:
+            parent, sign = body_of[joint.parent], choice.signs.get(joint.name, 0.0)
+            angle[joint.child] = angle[joint.parent] + sign * positions.get(joint.name, 0.0)
+            body_of[joint.child] = parent
+            if joint.name in choice.ratios:
+                body_of[joint.child] = len(bodies)
+                turns = bodies[parent].turns + sign * choice.ratios[joint.name]
+                motor_turns = bodies[parent].motor_turns + sign * choice.motor_ratios[joint.name]
+                origin = choice.plane.project(placements[joint.child].translation)
+                bodies.append(_Body(joint.child, parent, turns, motor_turns, angle[joint.child], origin))
+        return cls(tree, choice.plane, tuple(bodies), body_of, placements)
+
+    def back(self, body: int) -> complex:
+        """Rotation, as a factor, from the plane to a body's frame at planned positions zero."""
+        return complex(np.exp(-1j * self.plane.turn * self.bodies[body].offset))
+
+    def local(self, body: int, point: Array) -> complex:
+        """Place in a body's frame of a ``point`` (3,) of the root link, at planned positions zero."""
+        return (self.plane.project(point) - self.bodies[body].origin) * self.back(body)
+
+    def frames(self) -> Mapping[str, Frame]:
+        """The origin of every link and joint; where both have one name, the link's."""
+        links = {}
+        for link, body in self.body_of.items():
+            links[link] = Frame(body, self.local(body, self.placements[link].translation), link)
+        joints = {joint.name: links[joint.child] for joint in self.tree.joints}
+        return MappingProxyType(joints | {link: links[link] for link in self.tree.links})
+
+    def planar_tree(self) -> PlanarTree:
+        """The bodies with their masses, centres of mass and inertias about the plane's normal."""
+        count = len(self.bodies)
+        mass, inertia = np.zeros(count), np.zeros(count)
+        moment = np.zeros(count, dtype=np.complex128)
+        parts = []
+        for link in self.tree.links.values():
+            if link.inertial is None:
+                continue
+            body = self.body_of[link.name]
+            placement = self.placements[link.name] * link.inertial.origin.placement
+            place = self.local(body, placement.translation)
+            normal = placement.rotation.T @ self.plane.normal
+            mass[body] += link.inertial.mass
+            moment[body] += link.inertial.mass * place
+            inertia[body] += normal @ link.inertial.inertia @ normal
+            parts.append((body, link.inertial.mass, place))
+        center = np.divide(moment, mass, out=np.zeros_like(moment), where=mass > 0.0)
+        for body, part_mass, place in parts:
+            inertia[body] += part_mass * abs(place - center[body]) ** 2
+        anchors = [self.local(body.parent, self.placements[body.name].translation) for body in self.bodies[1:]]
+        return PlanarTree(
+            names=tuple(body.name for body in self.bodies),
+            parent=_sealed(np.array([body.parent for body in self.bodies], dtype=np.int64)),
+            anchor=_sealed(np.array([0j, *anchors])),
+            mass=_sealed(mass),
+            center=_sealed(center),
+            inertia=_sealed(inertia),
+            turns=read_only([body.turns for body in self.bodies]),
+            motor_turns=read_only([body.motor_turns for body in self.bodies]),
+            offsets=read_only([body.offset for body in self.bodies]),
+            turn=self.plane.turn,
+        )
+
+
+def _sealed(array: npt.NDArray[_Number]) -> npt.NDArray[_Number]:
+    array.setflags(write=False)
+    return array

@@ -31,10 +31,13 @@ def mesh_capsules(use: MeshUse, mesh: Mesh) -> list[PlaneCapsule]:
     """Return the capsules around a mesh in the plane, from the cache where it has some that fit the mesh."""
     outline = Outline(mesh.corners @ use.projection.row, mesh.edges)
     entry = cache_folder() / f"{_key(use, mesh)}.json"
-    fitted = _load(entry)
+    fitted = None
+    with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError):  # missing, damaged or forged
+        fitted = _fit(json.loads(read_text(entry, LARGEST_ENTRY, "a cache entry")), MOST_SPLITS)
     if fitted is None or not fitted.is_of(outline):
         fitted = fit(outline)
-        _store(entry, fitted)
+        with contextlib.suppress(OSError, InputError):  # where it cannot be written, fitting is repeated the next time
+            write_atomically(entry, json.dumps(_content(fitted)))
     shift = use.projection.shift
     return [PlaneCapsule(capsule.start + shift, capsule.end + shift, capsule.radius) for capsule in fitted.capsules]
 
@@ -53,15 +56,8 @@ def _key(use: MeshUse, mesh: Mesh) -> str:
     return digest.hexdigest()
 
 
-def _load(entry: Path) -> Fit | None:
-    """Content of a cache entry; None where it is missing or damaged. Whoever can write there may have forged it."""
-    try:
-        return _fit(json.loads(read_text(entry, LARGEST_ENTRY, "a cache entry")), MOST_SPLITS)
-    except (ValueError, TypeError, KeyError, RecursionError):
-        return None
-
-
 def _fit(content: Any, splits: int) -> Fit:
+    """What :func:`_content` made, with no more splits than these."""
     if isinstance(content, list):
         a, b, c, d, radius = _numbers(content, 5)
         if radius < 0.0:
@@ -81,15 +77,8 @@ def _numbers(content: Any, count: int) -> list[float]:
 
 
 def _content(fitted: Fit) -> Any:
-    """What :func:`_fit` reads."""
     if fitted.line is not None:
         direction, level = fitted.line.direction, fitted.line.level
         parts = [_content(part) for part in fitted.parts]
         return {"line": [direction.real, direction.imag, level], "parts": parts}
     return [n for c in fitted.capsules for n in (c.start.real, c.start.imag, c.end.real, c.end.imag, c.radius)]
-
-
-def _store(entry: Path, fitted: Fit) -> None:
-    """Write a cache entry; where the folder cannot be written to, fitting is only repeated the next time."""
-    with contextlib.suppress(OSError, InputError):
-        write_atomically(entry, json.dumps(_content(fitted)))

@@ -40,10 +40,6 @@ class PlaneCapsule:
             fraction = np.clip(((points - self.start) * np.conj(along)).real / abs(along) ** 2, 0.0, 1.0)
         return np.asarray(self.radius - abs(points - self.start - fraction * along), dtype=np.float64)
 
-    def holds(self, other: PlaneCapsule) -> bool:
-        """Whether the other capsule is inside this one."""
-        return bool(self.depth(np.array([other.start, other.end])).min() >= other.radius)
-
 
 @dataclass(frozen=True, eq=False)
 class Outline:
@@ -90,31 +86,29 @@ class Fit:
         the parts hold the outline whatever the lines are, see :func:`_halves`.
         """
         if self.line is None or self.capsule is not None:
-            return self.capsule is not None and not self.parts and _touches(self.capsule, outline)
+            if self.capsule is None or self.parts or not len(outline.points):
+                return False
+            slack = SAME * float(np.abs(outline.points).max())
+            return bool(abs(self.capsule.depth(outline.points).min() - outline.radius) <= slack)
         halves = _halves(outline, self.line)
         return len(self.parts) == 2 and all(part.is_of(half) for part, half in zip(self.parts, halves, strict=True))
 
 
-def fit_capsules(outline: Outline) -> list[PlaneCapsule]:
-    """Return capsules that hold the outline together: one, or more where that is much tighter."""
-    return fit(outline).capsules
-
-
 def fit(outline: Outline, splits: int = MOST_SPLITS) -> Fit:
-    """Return the same capsules with the lines between them."""
+    """Return capsules that hold the outline together: one, or more where that is much tighter."""
     whole = fit_capsule(outline.points, outline.radius)
     if splits == 0 or whole.start == whole.end:
         return Fit(whole)
-    best: tuple[float, Line | None, list[Outline]] = (SPLIT_GAIN * whole.area, None, [])
+    direction = (whole.end - whole.start) / abs(whole.end - whole.start)
+    along = (outline.points * np.conj(direction)).real
+    least, best, halves = SPLIT_GAIN * whole.area, None, []
     for cut in CUTS:
-        line = _across(outline, whole, cut)
-        halves = _halves(outline, line)
-        area = sum(fit_capsule(half.points, half.radius).area for half in halves)
-        if area < best[0]:
-            best = (area, line, halves)
-    if best[1] is None:
-        return Fit(whole)
-    return Fit(None, best[1], tuple(fit(half, splits - 1) for half in best[2]))
+        line = Line(direction, float(along.min() + cut * np.ptp(along)))
+        parts = _halves(outline, line)
+        area = sum(fit_capsule(part.points, part.radius).area for part in parts)
+        if area < least:
+            least, best, halves = area, line, parts
+    return Fit(whole) if best is None else Fit(None, best, tuple(fit(half, splits - 1) for half in halves))
 
 
 def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
@@ -122,7 +116,10 @@ def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
     hull = convex_hull(points)
     if len(hull) == 1:
         return PlaneCapsule(complex(hull[0]), complex(hull[0]), radius)
-    directions = _directions(hull)
+    sides = np.roll(hull, -1) - hull
+    longest = sides[np.argsort(-abs(sides))[:64]]
+    uniform = np.exp(1j * np.pi * np.arange(UNIFORM_DIRECTIONS) / UNIFORM_DIRECTIONS)
+    directions = np.concatenate([longest / abs(longest), uniform])
     turned = hull * np.conj(directions)[:, None]  # (directions, points): the capsule's axis turned onto the real one
     along, across = turned.real, turned.imag
     middle = (across.max(axis=1) + across.min(axis=1)) / 2
@@ -139,10 +136,8 @@ def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
     if high_end - low_end < SHORTEST * most[row]:  # a disc: below zero, any centre between them holds all points
         low_end = high_end = (low_end + high_end) / 2
     direction = directions[row]
-    segment = PlaneCapsule(
-        complex(direction * (low_end + 1j * middle[row])), complex(direction * (high_end + 1j * middle[row])), 0.0
-    )
-    return PlaneCapsule(segment.start, segment.end, float(-segment.depth(hull).min() + radius))
+    start, end = (complex(direction * (end + 1j * middle[row])) for end in (low_end, high_end))
+    return PlaneCapsule(start, end, float(-PlaneCapsule(start, end, 0.0).depth(hull).min() + radius))
 
 
 def convex_hull(points: ComplexArray) -> ComplexArray:
@@ -154,7 +149,7 @@ def convex_hull(points: ComplexArray) -> ComplexArray:
     for ordered in (candidates.tolist(), candidates[::-1].tolist()):
         chain: list[complex] = []
         for point in ordered:
-            while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0.0:
+            while len(chain) > 1 and ((chain[-1] - chain[-2]).conjugate() * (point - chain[-2])).imag <= 0.0:
                 chain.pop()
             chain.append(point)
         corners += chain[:-1]
@@ -188,22 +183,15 @@ def with_fewer_corners(outline: Outline) -> Outline:
 def _meeting(corners: ComplexArray, sides: ComplexArray, side: int, other: int) -> complex | None:
     """Where two sides of a polygon, counted around it, meet when prolonged; None where that is too far outside."""
     count = len(corners)
-    own, next_ = complex(sides[side % count]), complex(sides[other % count])
+    own, next_ = sides[side % count], sides[other % count]
     slope = (own.conjugate() * next_).imag
     if not slope > FLATTEST * abs(own) * abs(next_):  # parallel, or half a turn and more from one another
         return None
-    reach = ((complex(corners[other % count]) - complex(corners[side % count])).conjugate() * next_).imag / slope
-    place = complex(corners[side % count]) + reach * own
+    reach = ((corners[other % count] - corners[side % count]).conjugate() * next_).imag / slope
+    place = corners[side % count] + reach * own
     between = np.arange(side + 1, other) % count
-    away = [
-        -PlaneCapsule(complex(corners[i]), complex(corners[i] + sides[i]), 0.0).depth(np.array([place]))
-        for i in between
-    ]
-    return place if np.min(away) <= OUTSIDE else None
-
-
-def _turn(first: complex, second: complex, third: complex) -> float:
-    return ((second - first).conjugate() * (third - first)).imag
+    inside = [PlaneCapsule(corners[i], corners[i] + sides[i], 0.0).depth(np.array([place])) for i in between]
+    return complex(place) if np.max(inside) >= -OUTSIDE else None
 
 
 def _outer(points: ComplexArray) -> ComplexArray:
@@ -216,27 +204,6 @@ def _outer(points: ComplexArray) -> ComplexArray:
     sides = np.roll(corners, -1) - corners
     inside = ((points[:, None] - corners[None, :]) * np.conj(sides)[None, :]).imag.min(axis=1) > 0.0
     return np.asarray(points[~inside], dtype=np.complex128)
-
-
-def _directions(hull: ComplexArray) -> ComplexArray:
-    sides = np.roll(hull, -1) - hull
-    longest = sides[np.argsort(-abs(sides))[:64]]
-    uniform = np.exp(1j * np.pi * np.arange(UNIFORM_DIRECTIONS) / UNIFORM_DIRECTIONS)
-    return np.concatenate([longest / abs(longest), uniform])
-
-
-def _touches(capsule: PlaneCapsule, outline: Outline) -> bool:
-    if not len(outline.points):
-        return False
-    slack = SAME * float(np.abs(outline.points).max())
-    return bool(abs(capsule.depth(outline.points).min() - outline.radius) <= slack)
-
-
-def _across(outline: Outline, whole: PlaneCapsule, cut: float) -> Line:
-    """The line across a capsule at a fraction of the outline's length."""
-    direction = (whole.end - whole.start) / abs(whole.end - whole.start)
-    along = (outline.points * np.conj(direction)).real
-    return Line(direction, float(along.min() + cut * np.ptp(along)))
 
 
 def _halves(outline: Outline, cut: Line) -> list[Outline]:

@@ -4,39 +4,55 @@ A link with ``<collision>`` geometry is the capsules around its projection; they
 capsules is one of the link. A link without is the segments from its own origin to the origins of its children's joints,
 of radius 0: the paper's links. A joint's origin is where the URDF puts it; a locked prismatic joint holds its child
 away from there, and the child then has the segment between the two as well. Over the ground a link is as high as its
-convex hull, whose corners are kept beside the capsules.
+convex hull, whose corners are kept beside the capsules; hulls of what moves as one have far fewer corners.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
-from floatplan.robot.parts import LinkCapsule
-from floatplan.robot.planar.layout import TreeLayout
+from floatplan.robot.planar.tree import PlanarTree, TreeLayout
 from floatplan.robot.shapes.cache import mesh_capsules
-from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit_capsules
+from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, with_fewer_corners
 from floatplan.robot.shapes.meshes import Mesh, find_mesh, load_mesh, mesh_digest
 from floatplan.robot.shapes.outlines import KINDS, MeshUse, Projection, read_collision
-from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
+from floatplan.robot.urdf.tree import UrdfTree
 
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
+POSTURES = 3  # [-] in which bodies that are in one place always are
+SAME = 1e-9  # [m] points that are nowhere farther apart are one
+
+
+@dataclass(frozen=True)
+class LinkCapsule:
+    """A link's shape in the plane: all points within ``radius`` of the segment from ``start`` to ``end``.
+
+    ``body`` indexes :class:`PlanarTree`; ``start`` and ``end`` are complex places in that body's frame, m.
+    """
+
+    link: str
+    body: int
+    start: complex
+    end: complex
+    radius: float
 
 
 def link_shapes(
-    layout: TreeLayout, folder: Path | None, meshes: Mapping[str, str]
+    layout: TreeLayout, folder: Path, meshes: Mapping[str, str]
 ) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
     """Return the shapes of all links, in the order of the links in the file, and the hulls of those that have any.
 
     Parameters
     ----------
     layout : TreeLayout
-    folder : path or None
+    folder : path
         Of the URDF, from which mesh files are searched.
     meshes : mapping
         What :func:`mesh_digests` said of the files.
@@ -50,71 +66,98 @@ def link_shapes(
     count = sum(len(link.collisions) for link in layout.tree.links.values())
     if count > MOST_COLLISIONS:
         raise InputError(f"has {count} collision elements, more than {MOST_COLLISIONS}", advice="simplify its geometry")
-    joints: dict[str, list[UrdfJoint]] = {name: [] for name in layout.tree.links}
-    for joint in layout.tree.joints:
-        joints[joint.parent].append(joint)
-        joints[joint.child].append(joint)
     shapes: list[LinkCapsule] = []
     hulls: dict[str, list[LinkCapsule]] = {}
-    for link, own in joints.items():
-        capsules, outlines = _capsules(layout, link, folder, meshes)
+    for link in layout.tree.links:
+        fitted: list[PlaneCapsule] = []
+        points: dict[float, list[ComplexArray]] = {}
+        for outline, use, mesh in _collisions(layout, link, folder, meshes):
+            fitted += fit(outline).capsules if use is None or mesh is None else mesh_capsules(use, mesh)
+            points.setdefault(outline.radius, []).append(outline.points)
         body = layout.body_of[link]
-        capsules = capsules or _segments(layout, link, own)
-        corners = [LinkCapsule(link, body, *ends) for outline in _convex(outlines) for ends in _ends(outline)]
+        capsules = [LinkCapsule(link, body, each.start, each.end, each.radius) for each in _outermost(fitted)]
+        capsules = capsules or _segments(layout, link)
         shapes += capsules
         if capsules:
-            hulls[link] = corners or capsules
+            convex = {radius: Outline.convex(np.concatenate(of_radius)).points for radius, of_radius in points.items()}
+            ends = [(*pair, radius) for radius, corners in convex.items() for pair in _pairs(corners)]
+            hulls[link] = [LinkCapsule(link, body, *each) for each in ends] or capsules
     return tuple(shapes), hulls
 
 
-def mesh_digests(tree: UrdfTree, folder: Path | None) -> dict[str, str]:
+def link_outlines(layout: TreeLayout, folder: Path, meshes: Mapping[str, str]) -> list[tuple[int, Outline]]:
+    """Return the collision geometry in the plane, which the capsules hold, each with the body whose frame it is in.
+
+    Parameters and errors are those of :func:`link_shapes`.
+    """
+    return [
+        (layout.body_of[link], outline)
+        for link in layout.tree.links
+        for outline, *_ in _collisions(layout, link, folder, meshes)
+    ]
+
+
+def mesh_digests(tree: UrdfTree, folder: Path) -> dict[str, str]:
     """Return the SHA-256 of the mesh files of collision elements by their names there, of those that can be read."""
-    digests = {}
+    digests: dict[str, str] = {}
     for link, filename in _mesh_names(tree):
-        path = None if folder is None else find_mesh(filename, folder)
+        path = find_mesh(filename, folder)
         if path is not None and filename not in digests:
             with contextlib.suppress(InputError):
                 digests[filename] = mesh_digest(path, f'link "{link}"')
     return digests
 
 
-def link_outlines(layout: TreeLayout, folder: Path | None) -> list[tuple[int, Outline]]:
-    """Return the collision geometry in the plane, which the capsules hold, each with the body whose frame it is in.
-
-    Raises
-    ------
-    InputError
-        As :func:`link_shapes`.
-    """
-    outlines = []
-    for name, link in layout.tree.links.items():
-        for collision in link.collisions:
-            outline = read_collision(name, collision, _projection(layout, name), folder)
-            if isinstance(outline, MeshUse):
-                outline = _outline(outline, load_mesh(outline.path, outline.scale, outline.element))
-            if outline is not None:
-                outlines.append((layout.body_of[name], outline))
-    return outlines
-
-
-def missing_meshes(tree: UrdfTree, folder: Path | None) -> list[tuple[str, str]]:
+def missing_meshes(tree: UrdfTree, folder: Path) -> list[tuple[str, str]]:
     """Return the link and the file name of each mesh of a collision element that is not to be found."""
-    return [
-        (link, filename)
-        for link, filename in _mesh_names(tree)
-        if folder is None or find_mesh(filename, folder) is None
-    ]
+    return [(link, filename) for link, filename in _mesh_names(tree) if find_mesh(filename, folder) is None]
 
 
-def unread_geometry(tree: UrdfTree) -> list[tuple[str, str]]:
-    """Return link and tag of what collision elements hold that no shape is around: unknown kinds, second ones."""
-    return [
-        (link.name, shape.tag)
-        for link in tree.links.values()
-        for collision in link.collisions
-        for number, shape in enumerate(collision.iterfind("geometry/*"))
-        if number or shape.tag not in KINDS
-    ]
+def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
+    """Return the error of the first collision geometry that no shape is around: not found, unknown, or a second one."""
+    for link, filename in missing_meshes(tree, folder):
+        reason = f'collision mesh "{filename}" not found, so clearance cannot be computed'
+        advice = "put it there, set ROS_PACKAGE_PATH, or remove the <collision>"
+        return InputError(reason, element=f'link "{link}"', advice=advice)
+    for link, element in tree.links.items():
+        for collision in element.collisions:
+            for number, shape in enumerate(collision.iterfind("geometry/*")):
+                if number or shape.tag not in KINDS:
+                    reason = f"collision geometry <{shape.tag}> is not read, so clearance cannot be computed"
+                    advice = f"give one of {', '.join(KINDS)} in each <collision>"
+                    return InputError(reason, element=f'link "{link}"', advice=advice)
+    return None
+
+
+def moving_hulls(
+    tree: PlanarTree, hulls: Mapping[str, Sequence[LinkCapsule]], apart: Collection[str], bodies: Collection[int]
+) -> tuple[LinkCapsule, ...]:
+    """Return capsules whose ends reach as far as the links in every direction.
+
+    Parameters
+    ----------
+    tree : PlanarTree
+    hulls : link -> capsules whose ends are the corners of its own hull
+    apart : links that keep all of these
+    bodies : those taken exactly; others reach up to a millimetre farther
+    """
+    place = _first_of_place(tree)
+    exact = {place[body] for body in bodies}
+    own = [each for link in apart for each in hulls[link]]
+    kept: dict[tuple[int, float], list[LinkCapsule]] = {}
+    for each in (each for hull in hulls.values() for each in hull):
+        kept.setdefault((place[each.body], each.radius), []).append(each)
+    joined: list[LinkCapsule] = []
+    for (body, radius), members in kept.items():
+        ends = _ends(members)
+        around = Outline.convex(ends, radius)
+        corners = around.points if body in exact else with_fewer_corners(around).points
+        known = [each for each in own if place[each.body] == body and each.radius == radius]
+        distance = abs(corners[:, None] - _ends(known)[None, :])
+        for start, end in _pairs(corners[distance.min(axis=1, initial=np.inf) > SAME]):
+            nearest = members[int(abs(ends - start).argmin()) % len(members)]
+            joined.append(LinkCapsule(nearest.link, nearest.body, start, end, radius))
+    return (*own, *joined)
 
 
 def _mesh_names(tree: UrdfTree) -> list[tuple[str, str]]:
@@ -127,50 +170,32 @@ def _mesh_names(tree: UrdfTree) -> list[tuple[str, str]]:
     ]
 
 
-def _capsules(
-    layout: TreeLayout, link: str, folder: Path | None, meshes: Mapping[str, str]
-) -> tuple[list[LinkCapsule], list[Outline]]:
-    """The capsules around a link's collision geometry, and the geometry itself."""
-    fitted: list[PlaneCapsule] = []
-    outlines: list[Outline] = []
+def _collisions(
+    layout: TreeLayout, link: str, folder: Path, meshes: Mapping[str, str]
+) -> Iterator[tuple[Outline, MeshUse | None, Mesh | None]]:
+    """A link's collision geometry in the plane; with it the mesh, where it is one."""
+    body, placement = layout.body_of[link], layout.placements[link]
+    row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * layout.back(body)
+    projection = Projection(row, layout.local(body, placement.translation))
     for collision in layout.tree.links[link].collisions:
-        outline = read_collision(link, collision, _projection(layout, link), folder)
-        if isinstance(outline, MeshUse):
-            mesh = _same_mesh(outline, meshes)
-            fitted += mesh_capsules(outline, mesh)
-            outlines.append(_outline(outline, mesh))
-        elif outline is not None:
-            fitted += fit_capsules(outline)
-            outlines.append(outline)
-    body = layout.body_of[link]
-    capsules = [LinkCapsule(link, body, each.start, each.end, each.radius) for each in _outermost(fitted)]
-    return capsules, outlines
+        shape = read_collision(link, collision, projection, folder)
+        if isinstance(shape, Outline):
+            yield shape, None, None
+        elif shape is not None:
+            mesh = load_mesh(shape.path, shape.scale, shape.element)
+            if mesh.sha256 != meshes.get(shape.filename):
+                reason, advice = "has changed since the robot was read", "read the robot again"
+                raise InputError(reason, source=shape.path, element=shape.element, advice=advice)
+            yield Outline(shape.projection(mesh.corners), mesh.edges), shape, mesh
 
 
-def _outline(use: MeshUse, mesh: Mesh) -> Outline:
-    return Outline(use.projection(mesh.corners), mesh.edges)
+def _pairs(corners: ComplexArray) -> list[tuple[complex, complex]]:
+    """Segments from corner to corner, whose ends are all of them."""
+    return [(complex(corners[i]), complex(corners[min(i + 1, len(corners) - 1)])) for i in range(0, len(corners), 2)]
 
 
-def _convex(outlines: list[Outline]) -> list[Outline]:
-    """One convex outline around all of the same radius."""
-    radii = dict.fromkeys(outline.radius for outline in outlines)
-    around = {radius: [each.points for each in outlines if each.radius == radius] for radius in radii}
-    return [Outline.convex(np.concatenate(points), radius) for radius, points in around.items()]
-
-
-def _ends(outline: Outline) -> list[tuple[complex, complex, float]]:
-    """Segments with a radius, from corner to corner, whose ends are all corners of a convex outline."""
-    corners = outline.points.tolist()
-    return [(corners[i], corners[min(i + 1, len(corners) - 1)], outline.radius) for i in range(0, len(corners), 2)]
-
-
-def _same_mesh(use: MeshUse, meshes: Mapping[str, str]) -> Mesh:
-    mesh = load_mesh(use.path, use.scale, use.element)
-    if mesh.sha256 != meshes.get(use.filename):
-        raise InputError(
-            "has changed since the robot was read", source=use.path, element=use.element, advice="read the robot again"
-        )
-    return mesh
+def _ends(capsules: Sequence[LinkCapsule]) -> ComplexArray:
+    return np.array([*(each.start for each in capsules), *(each.end for each in capsules)], dtype=np.complex128)
 
 
 def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
@@ -186,26 +211,27 @@ def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
     return [one for one, hidden in zip(different, inside.tolist(), strict=True) if not hidden]
 
 
-def _projection(layout: TreeLayout, link: str) -> Projection:
-    """From the link's frame to its body's frame in the plane."""
-    home = layout.bodies[layout.body_of[link]]
-    placement = layout.placements[link]
-    back = np.exp(-1j * layout.plane.turn * home.offset)
-    row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * back
-    return Projection(row, layout.local(layout.body_of[link], placement.translation))
-
-
-def _segments(layout: TreeLayout, link: str, joints: list[UrdfJoint]) -> list[LinkCapsule]:
+def _segments(layout: TreeLayout, link: str) -> list[LinkCapsule]:
     """From the link's origin to those of its children's joints, and of its own where it stands away from there."""
     body = layout.body_of[link]
     start = layout.local(body, layout.placements[link].translation)
-    ends = dict.fromkeys(layout.local(body, _joint_origin(layout, joint)) for joint in joints)
+    ends = dict.fromkeys(
+        layout.local(body, (layout.placements[joint.parent] * joint.origin.placement).translation)
+        for joint in layout.tree.joints
+        if link in (joint.parent, joint.child)
+    )
     segments = [LinkCapsule(link, body, start, end, 0.0) for end in ends if end != start]
     if not segments and layout.tree.links[link].inertial is not None:
         return [LinkCapsule(link, body, start, start, 0.0)]
     return segments
 
 
-def _joint_origin(layout: TreeLayout, joint: UrdfJoint) -> Array:
-    """Place (3,) in the root link where the URDF puts a joint, which its motion leaves as it is."""
-    return np.asarray((layout.placements[joint.parent] * joint.origin.placement).translation, dtype=np.float64)
+def _first_of_place(tree: PlanarTree) -> list[int]:
+    """Of each body the first that always is where it is, turned as it is: legs that are coupled left to right."""
+    count = len(tree.mass)
+    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, tree.turns.shape[1]))
+    rotations = tree.rotations(tree.absolute_angles(np.zeros(POSTURES), postures))
+    weights = tree.point_weights(np.repeat(np.arange(count), 2), np.tile(np.array([0j, 1 + 0j]), count))
+    where = (rotations @ weights.T).reshape(POSTURES, count, 2)
+    apart = abs(where[:, :, None] - where[:, None, :]).max(axis=(0, 3))
+    return [int(first) for first in np.argmax(apart <= SAME, axis=1)]

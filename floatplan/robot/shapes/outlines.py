@@ -14,7 +14,7 @@ from floatplan.errors import InputError
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.meshes import find_mesh
 from floatplan.robot.urdf.check import read_origin
-from floatplan.robot.urdf.values import number, only, triple
+from floatplan.robot.urdf.read import number, only, triple
 
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
 KINDS = ("sphere", "box", "capsule", "cylinder", "mesh")
@@ -48,9 +48,7 @@ class MeshUse:
     element: str
 
 
-def read_collision(
-    link: str, collision: Element, projection: Projection, folder: Path | None
-) -> Outline | MeshUse | None:
+def read_collision(link: str, collision: Element, projection: Projection, folder: Path) -> Outline | MeshUse | None:
     """Return the outline of a collision element in the plane, or for a mesh, its use; None where there is neither.
 
     Parameters
@@ -59,7 +57,7 @@ def read_collision(
     collision : XML element
     projection : Projection
         From the link's frame to the plane.
-    folder : path or None
+    folder : path
         Of the URDF, from which mesh files are searched.
 
     Raises
@@ -74,36 +72,30 @@ def read_collision(
     placed = projection.after(read_origin(place, collision).placement)
     shape = geometry[0]
     where = f"{place}: {shape.tag}"
-    if shape.tag == "sphere":
-        return Outline.convex(placed(np.zeros((1, 3))), _length(where, shape, "radius"))
-    if shape.tag == "box":
-        return _box(where, shape, placed)
-    if shape.tag == "capsule":
-        ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * _length(where, shape, "length")
-        return Outline.convex(placed(ends), _length(where, shape, "radius"))
-    if shape.tag == "cylinder":
-        return _cylinder(_length(where, shape, "radius"), _length(where, shape, "length"), placed)
     if shape.tag == "mesh":
         filename = shape.get("filename", "")
-        path = None if folder is None else find_mesh(filename, folder)
-        scale = triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
+        path, scale = find_mesh(filename, folder), triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
         if not scale.all():
-            raise InputError(
-                "has a zero, which leaves nothing of the mesh", element=f"{where}: scale", advice="give three numbers"
-            )
+            reason = "has a zero, which leaves nothing of the mesh"
+            raise InputError(reason, element=f"{where}: scale", advice="give three numbers")
         return None if path is None else MeshUse(filename, path, scale, placed, where)
-    return None
+    if shape.tag == "box":
+        size = triple(f"{where}: size", shape, "size", (0.0, 0.0, 0.0))
+        if size.min() < 0.0:
+            raise InputError("is negative", element=f"{where}: size")
+        corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+        return Outline.convex(placed(corners * size))
+    if shape.tag not in KINDS:
+        return None
+    radius = _length(where, shape, "radius")
+    if shape.tag == "sphere":
+        return Outline.convex(placed(np.zeros((1, 3))), radius)
+    ends = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * _length(where, shape, "length")
+    return Outline.convex(placed(ends), radius) if shape.tag == "capsule" else _cylinder(radius, ends, placed)
 
 
-def _box(where: str, shape: Element, placed: Projection) -> Outline:
-    size = triple(f"{where}: size", shape, "size", (0.0, 0.0, 0.0))
-    if size.min() < 0.0:
-        raise InputError("is negative", element=f"{where}: size")
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return Outline.convex(placed(corners * size))
-
-
-def _cylinder(radius: float, length: float, placed: Projection) -> Outline:
+def _cylinder(radius: float, ends: Array, placed: Projection) -> Outline:
+    """The outline of a cylinder between the middles (2, 3) of its end discs."""
     axis = complex(placed.row[2])  # of the unit vector along z, as seen in the plane
     slant = min(abs(axis), 1.0)
     if slant < FLAT:
@@ -115,8 +107,7 @@ def _cylinder(radius: float, length: float, placed: Projection) -> Outline:
     else:
         around = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
         rim = radius * along * (thickness * around.real + 1j * around.imag)
-    ends = placed(np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]]) * length)
-    return Outline.convex((ends[:, None] + rim[None, :]).ravel())
+    return Outline.convex((placed(ends)[:, None] + rim[None, :]).ravel())
 
 
 def _length(where: str, shape: Element, key: str) -> float:

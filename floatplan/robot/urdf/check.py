@@ -1,9 +1,13 @@
-"""From XML to a :class:`UrdfTree`: every fault that Pinocchio would accept, drop or crash on is refused here."""
+"""From XML to a :class:`UrdfTree`: every fault that Pinocchio would accept, drop or crash on is refused here.
+
+An inertia counts as part of the rigid body that moves: links joined by fixed joints, taken together. A camera with a
+made-up inertia does no harm on a trunk; on a joint of its own it does.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
@@ -11,9 +15,8 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
-from floatplan.robot.urdf.inertia import check_inertias
+from floatplan.robot.urdf.read import number, only, triple
 from floatplan.robot.urdf.tree import Inertial, Mimic, Origin, UrdfJoint, UrdfLink, UrdfTree
-from floatplan.robot.urdf.values import limit, number, only, triple
 
 LARGEST_ANGLE = 1e3  # [rad] limits this large are placeholders: nobody means 159 turns
 LARGEST_RATE = 1e3  # [rad/s] the same
@@ -23,6 +26,9 @@ MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 SMALLEST_MASS = 1e-15  # [kg] of a link that has any
 SHORTEST_AXIS = 1e-9  # [-] length as written
+TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: rounding to three digits of a plate, whose moments are on the edge
+DEFINITE_SLACK = 1e-9  # [-] of the largest moment: rounding of a rod, whose least moment is zero
+NEGLIGIBLE = 1e-12  # [kg m^2] a grain of sand's; a fault smaller than this is noise around zero
 
 
 def check_urdf(root: Element) -> UrdfTree:
@@ -38,22 +44,22 @@ def check_urdf(root: Element) -> UrdfTree:
     joint_elements = root.findall("joint")
     if len(joint_elements) > MOST_JOINTS:
         raise InputError(f"has {len(joint_elements)} joints, more than the {MOST_JOINTS} that can be handled")
-    links = _by_name("link", root.findall("link"))
-    joints = _by_name("joint", joint_elements)
-    if not links:
+    link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
+    if not link_elements:
         raise InputError("has no <link>", advice="if it is a xacro file, run xacro on it first")
     name = (root.get("name") or "").strip()
     if not name:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
     check_name(name, "<robot>")
-    read_links = {link: _read_link(link, element) for link, element in links.items()}
-    read_joints = [_read_joint(joint, element) for joint, element in joints.items()]
-    base, ordered = _order(read_links, read_joints)
-    for joint in ordered:
-        _check_mimic(joint, joints)
-    warnings = check_inertias(read_links, ordered)
+    links = {
+        link: UrdfLink(link, _read_inertial(f'link "{link}"', element), tuple(element.findall("collision")))
+        for link, element in link_elements.items()
+    }
+    joints = [_read_joint(joint, element, named) for joint, element in named.items()]
+    base, ordered = _order(links, joints)
+    warnings = _check_inertias(UrdfTree(name, base, links, ordered, ()))
     ordered, dropped = _drop_placeholders(ordered)
-    return UrdfTree(name, base, read_links, ordered, (*warnings, *dropped))
+    return UrdfTree(name, base, links, ordered, (*warnings, *dropped))
 
 
 def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
@@ -71,61 +77,23 @@ def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
     return named
 
 
-def _read_link(name: str, element: Element) -> UrdfLink:
-    return UrdfLink(name, _read_inertial(f'link "{name}"', element), tuple(element.findall("collision")))
-
-
 def _read_inertial(place: str, link: Element) -> Inertial | None:
     element = only(place, link, "inertial")
     if element is None:
         return None
     origin = read_origin(place, element)
-    mass_element = only(place, element, "mass")
+    mass_element, moments = only(place, element, "mass"), only(place, element, "inertia")
     mass = 0.0 if mass_element is None else number(f"{place}: mass", mass_element, "value", None)
     if mass < 0.0:
         raise InputError(f"is negative: {mass:g} kg", element=f"{place}: mass")
     if 0.0 < mass < SMALLEST_MASS:
         raise InputError(f"is smaller than any part's: {mass:g} kg", element=f"{place}: mass", advice="write 0")
-    inertia = _read_inertia(f"{place}: inertia", only(place, element, "inertia"))
-    return Inertial(origin, mass, inertia) if mass > 0.0 or inertia.any() else None
-
-
-def _read_inertia(place: str, element: Element | None) -> Array:
-    if element is None:
-        return read_only(np.zeros((3, 3)))
-    xx, xy, xz, yy, yz, zz = (number(place, element, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-    return read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _read_joint(name: str, element: Element) -> UrdfJoint:
-    place = f'joint "{name}"'
-    kind = element.get("type")
-    if kind not in JOINT_TYPES:
-        known = ", ".join(JOINT_TYPES)
-        raise InputError(f'has type "{kind}"' if kind else "has no type", element=place, advice=f"give one of {known}")
-    limits = only(place, element, "limit")
-    lower, upper = _read_range(f"{place}: limit", kind, limits)
-    return UrdfJoint(
-        name=name,
-        type=kind,
-        parent=_read_end(place, element, "parent"),
-        child=_read_end(place, element, "child"),
-        origin=read_origin(place, element),
-        axis=_read_axis(place, element, kind),
-        lower=lower,
-        upper=upper,
-        velocity=_read_bound(f"{place}: limit", limits, "velocity"),
-        effort=_read_bound(f"{place}: limit", limits, "effort"),
-        mimic=_read_mimic(place, element),
+    xx, xy, xz, yy, yz, zz = (
+        0.0 if moments is None else number(f"{place}: inertia", moments, key, 0.0)
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
-
-
-def _read_end(place: str, element: Element, kind: str) -> str:
-    end = only(place, element, kind)
-    link = None if end is None else end.get("link")
-    if not link:
-        raise InputError(f"has no {kind} link", element=place)
-    return link
+    inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Inertial(origin, mass, inertia) if mass > 0.0 or inertia.any() else None
 
 
 def read_origin(place: str, element: Element) -> Origin:
@@ -133,6 +101,24 @@ def read_origin(place: str, element: Element) -> Origin:
     origin = only(place, element, "origin")
     xyz = triple(f"{place}: origin xyz", origin, "xyz", (0.0, 0.0, 0.0))
     return Origin(xyz, triple(f"{place}: origin rpy", origin, "rpy", (0.0, 0.0, 0.0)))
+
+
+def _read_joint(name: str, element: Element, joints: Collection[str]) -> UrdfJoint:
+    place = f'joint "{name}"'
+    kind = element.get("type")
+    if kind not in JOINT_TYPES:
+        known = ", ".join(JOINT_TYPES)
+        raise InputError(f'has type "{kind}"' if kind else "has no type", element=place, advice=f"give one of {known}")
+    ends = []
+    for tag in ("parent", "child"):
+        end = only(place, element, tag)
+        ends.append("" if end is None else end.get("link", ""))
+        if not ends[-1]:
+            raise InputError(f"has no {tag} link", element=place)
+    lower, upper, velocity, effort = _read_limits(f"{place}: limit", kind, only(place, element, "limit"))
+    origin, axis = read_origin(place, element), _read_axis(place, element, kind)
+    mimic = _read_mimic(f"{place}: mimic", name, only(place, element, "mimic"), joints)
+    return UrdfJoint(name, kind, ends[0], ends[1], origin, axis, lower, upper, velocity, effort, mimic)
 
 
 def _read_axis(place: str, element: Element, kind: str) -> Array:
@@ -145,35 +131,35 @@ def _read_axis(place: str, element: Element, kind: str) -> Array:
     return vector if length == 1.0 else read_only(vector / length)
 
 
-def _read_range(place: str, kind: str, limits: Element | None) -> tuple[float, float]:
-    """Limits of position; infinite for continuous joints, and where lower = upper = 0."""
-    if limits is None or kind in ("continuous", "fixed"):
-        return -math.inf, math.inf
-    lower, upper = limit(place, limits, "lower"), limit(place, limits, "upper")
+def _read_limits(place: str, kind: str, limits: Element | None) -> tuple[float, float, float, float]:
+    """Limits of position, velocity and effort; infinite where they are zero or left out, or the joint has none."""
+    if limits is None:
+        return -math.inf, math.inf, math.inf, math.inf
+    lower = upper = 0.0
+    if kind not in ("continuous", "fixed"):
+        lower, upper = (number(place, limits, key, 0.0, math.inf) for key in ("lower", "upper"))
     if lower > upper:
         raise InputError(f"lower {lower:g} exceeds upper {upper:g}", element=place)
-    return (-math.inf, math.inf) if lower == upper == 0.0 else (lower, upper)
+    if lower == upper == 0.0:
+        lower, upper = -math.inf, math.inf
+    bounds = {key: number(place, limits, key, 0.0, math.inf) for key in ("velocity", "effort")}
+    for key, bound in bounds.items():
+        if bound < 0.0:
+            raise InputError(f"{key} {bound:g} is negative", element=place)
+    return lower, upper, bounds["velocity"] or math.inf, bounds["effort"] or math.inf
 
 
-def _read_bound(place: str, limits: Element | None, key: str) -> float:
-    """A limit of velocity or effort; infinite where it is zero or left out."""
-    if limits is None:
-        return math.inf
-    bound = limit(place, limits, key)
-    if bound < 0.0:
-        raise InputError(f"{key} {bound:g} is negative", element=place)
-    return bound or math.inf
-
-
-def _read_mimic(place: str, element: Element) -> Mimic | None:
-    where = f"{place}: mimic"
-    mimic = only(place, element, "mimic")
+def _read_mimic(place: str, name: str, mimic: Element | None, joints: Collection[str]) -> Mimic | None:
     if mimic is None:
         return None
-    joint = mimic.get("joint")
-    if not joint:
-        raise InputError("names no joint", element=where, advice='write joint="..."')
-    return Mimic(joint, number(where, mimic, "multiplier", 1.0), number(where, mimic, "offset", 0.0))
+    leader = mimic.get("joint")
+    if not leader:
+        raise InputError("names no joint", element=place, advice='write joint="..."')
+    if leader not in joints:
+        raise InputError(f'names joint "{leader}", which does not exist', element=place)
+    if leader == name:
+        raise InputError("a joint cannot mimic itself", element=place)
+    return Mimic(leader, number(place, mimic, "multiplier", 1.0), number(place, mimic, "offset", 0.0))
 
 
 def _drop_placeholders(joints: Iterable[UrdfJoint]) -> tuple[tuple[UrdfJoint, ...], list[str]]:
@@ -181,37 +167,26 @@ def _drop_placeholders(joints: Iterable[UrdfJoint]) -> tuple[tuple[UrdfJoint, ..
     kept: list[UrdfJoint] = []
     dropped: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
     for joint in joints:
-        fast = LARGEST_RATE <= joint.velocity < math.inf
-        strong = (LARGEST_TORQUE_BESIDE_RATE if fast else LARGEST_TORQUE) <= joint.effort < math.inf
-        wide = LARGEST_ANGLE <= max(-joint.lower, joint.upper) < math.inf
-        found = {"position": wide, "velocity": fast, "effort": strong}
-        if not joint.turns or not any(found.values()):
-            kept.append(joint)
-            continue
-        for kind, is_found in found.items():
-            dropped[kind] += [joint.name] if is_found else []
+        fast = joint.turns and LARGEST_RATE <= joint.velocity < math.inf
+        strong = joint.turns and (LARGEST_TORQUE_BESIDE_RATE if fast else LARGEST_TORQUE) <= joint.effort < math.inf
+        wide = joint.turns and LARGEST_ANGLE <= max(-joint.lower, joint.upper) < math.inf
         lower, upper = (-math.inf, math.inf) if wide else (joint.lower, joint.upper)
         velocity, effort = math.inf if fast else joint.velocity, math.inf if strong else joint.effort
         kept.append(replace(joint, lower=lower, upper=upper, velocity=velocity, effort=effort))
-    listed = [f"limits of {kind} too large to be meant, taken as not given: " for kind in dropped]
-    return tuple(kept), [text + ", ".join(names) for text, names in zip(listed, dropped.values(), strict=True) if names]
+        for kind, large in zip(dropped, (wide, fast, strong), strict=True):
+            dropped[kind] += [joint.name] if large else []
+    return tuple(kept), [
+        f"limits of {kind} too large to be meant, taken as not given: {', '.join(names)}"
+        for kind, names in dropped.items()
+        if names
+    ]
 
 
-def _check_mimic(joint: UrdfJoint, joints: Mapping[str, Element]) -> None:
-    if joint.mimic is None:
-        return
-    where = f'joint "{joint.name}": mimic'
-    if joint.mimic.joint not in joints:
-        raise InputError(f'names joint "{joint.mimic.joint}", which does not exist', element=where)
-    if joint.mimic.joint == joint.name:
-        raise InputError("a joint cannot mimic itself", element=where)
-
-
-def _order(links: Mapping[str, UrdfLink], joints: Sequence[UrdfJoint]) -> tuple[str, tuple[UrdfJoint, ...]]:
+def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tuple[UrdfJoint, ...]]:
     """Return the root link and the joints, parents before children and siblings by name."""
     carrier: dict[str, UrdfJoint] = {}
     children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
-    for joint in joints:
+    for joint in sorted(joints, key=lambda joint: joint.name):
         place = f'joint "{joint.name}"'
         for kind, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
@@ -227,26 +202,21 @@ def _order(links: Mapping[str, UrdfLink], joints: Sequence[UrdfJoint]) -> tuple[
     if not roots:
         raise InputError(f"the joints form a loop: {_loop(carrier)}; no link is the root")
     if len(roots) > 1:
-        named = ", ".join(f'"{name}"' for name in roots[:5])
-        raise InputError(
-            f"has {len(roots)} root links ({named}), so parts of it are detached", advice="connect them by a joint"
-        )
-    ordered = _depth_first(roots[0], children)
+        listed = ", ".join(f'"{name}"' for name in roots[:5])
+        reason = f"has {len(roots)} root links ({listed}), so parts of it are detached"
+        raise InputError(reason, advice="connect them by a joint")
+
+    def below(link: str) -> Iterator[UrdfJoint]:
+        for joint in children[link]:
+            yield joint
+            yield from below(joint.child)
+
+    ordered = tuple(below(roots[0]))
     if len(ordered) < len(joints):
-        reached = {joint.name for joint in ordered}
-        loop = _loop({child: joint for child, joint in carrier.items() if joint.name not in reached})
+        reached = {joint.child for joint in ordered}
+        loop = _loop({child: joint for child, joint in carrier.items() if child not in reached})
         raise InputError(f'the joints form a loop, detached from the root link "{roots[0]}": {loop}')
     return roots[0], ordered
-
-
-def _depth_first(root: str, children: Mapping[str, list[UrdfJoint]]) -> tuple[UrdfJoint, ...]:
-    ordered: list[UrdfJoint] = []
-    waiting = sorted(children[root], key=lambda joint: joint.name, reverse=True)
-    while waiting:
-        joint = waiting.pop()
-        ordered.append(joint)
-        waiting += sorted(children[joint.child], key=lambda below: below.name, reverse=True)
-    return tuple(ordered)
 
 
 def _loop(carrier: Mapping[str, UrdfJoint]) -> str:
@@ -257,3 +227,55 @@ def _loop(carrier: Mapping[str, UrdfJoint]) -> str:
         seen.append(link)
         link = carrier[link].parent
     return " - ".join([link, *reversed(seen[seen.index(link) :])])
+
+
+def _check_inertias(tree: UrdfTree) -> list[str]:
+    """Return warnings about links whose own inertia is impossible, and whose rigid body's is not.
+
+    Refused is a rigid body with a negative principal moment, or one larger than the sum of the other two. A moment of
+    zero (a massless link, a point mass, a rod) is left to the check of the model's mass matrix.
+    """
+    faults = {
+        link.name: fault
+        for link in tree.links.values()
+        if link.inertial is not None and (fault := _fault(link.inertial.inertia))
+    }
+    if not faults:
+        return []
+    body = {tree.root: tree.root}
+    for joint in tree.joints:
+        body[joint.child] = body[joint.parent] if joint.type == "fixed" else joint.child
+    for name, fault in faults.items():
+        if _fault(_combined_inertia(tree, [link for link in tree.links if body[link] == body[name]])):
+            advice = "no body has a negative moment, or one larger than the sum of the other two"
+            raise InputError(fault, element=f'link "{name}": inertia', advice=advice)
+    reason = "used, because together with the links fixed to them they make sound bodies"
+    return [f"links with an inertia that no body can have: {', '.join(faults)}; {reason}"]
+
+
+def _fault(inertia: Array) -> str | None:
+    moments = np.linalg.eigvalsh(inertia)
+    listed = ", ".join(f"{moment:.4g}" for moment in moments)
+    if moments[0] < -max(DEFINITE_SLACK * abs(moments[2]), NEGLIGIBLE):
+        return f"is not positive definite: principal moments {listed} kg m^2"
+    if moments[2] > moments[0] + moments[1] + max(TRIANGLE_SLACK * moments[2], NEGLIGIBLE):
+        return f"breaks the triangle inequality: principal moments {listed} kg m^2"
+    return None
+
+
+def _combined_inertia(tree: UrdfTree, links: Iterable[str]) -> Array:
+    """Inertia (3, 3) of links that are fixed to one another, about their common centre of mass."""
+    placements = tree.placements({})
+    solid = [
+        (inertial, placements[link] * inertial.origin.placement)
+        for link in links
+        if (inertial := tree.links[link].inertial) is not None
+    ]
+    mass = sum(inertial.mass for inertial, _ in solid)
+    center = sum((inertial.mass * place.translation for inertial, place in solid), np.zeros(3)) / (mass or 1.0)
+    combined = np.zeros((3, 3))
+    for inertial, place in solid:
+        arm = place.translation - center
+        combined += place.rotation @ inertial.inertia @ place.rotation.T
+        combined += inertial.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return combined

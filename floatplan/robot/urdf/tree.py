@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -116,6 +116,17 @@ class UrdfTree:
     def joint(self) -> Mapping[str, UrdfJoint]:
         """Joints by name."""
         return {joint.name: joint for joint in self.joints}
+
+    @cached_property
+    def carrier(self) -> Mapping[str, UrdfJoint]:
+        """The joint that carries a link, by the link's name."""
+        return {joint.child: joint for joint in self.joints}
+
+    def path(self, link: str) -> Iterator[UrdfJoint]:
+        """Joints from the one that carries a link to the root's."""
+        while link in self.carrier:
+            yield self.carrier[link]
+            link = self.carrier[link].parent
 
     def placements(self, positions: Mapping[str, float]) -> dict[str, Any]:
         """Placement (``pinocchio.SE3``) of each link in the root link, at joint ``positions`` (zero where left out)."""

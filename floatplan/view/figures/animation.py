@@ -15,21 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.figures.snapshots import (
-    FLATTEST,
-    TALLEST,
-    draw_posture,
-    frame_box,
-    picture_box,
-    snapshot_times,
-)
-from floatplan.view.postures import com_path, postures
+from floatplan.view.figures.snapshots import FLATTEST, TALLEST, draw_ground, draw_obstacle, draw_posture, frame_box
+from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
-from floatplan.view.surroundings import draw_ground, draw_obstacle
 
 FRAME_RATE = 25.0  # [Hz] GIF counts in hundredths of a second
 SPEED = 0.5  # [-] of the film's clock against the flight's
@@ -71,11 +62,13 @@ def animate(
     if plan.duration / speed > LONGEST:
         length = f"{speed:g} makes a film of {plan.duration / speed:.3g} s"
         raise InputError(f"{length}, longer than {LONGEST:g} s", element="speed", advice="give a higher speed")
-    if path.suffix == ".gif":
-        return write_atomically(path, _gif(pictures(plan, speed, progress)))
-    if path.suffix == ".mp4":
-        return write_atomically(path, _mp4(_ffmpeg(), pictures(plan, speed, progress)))
-    raise InputError(f"must end in .gif or .mp4, not {path.suffix!r}", source=path)
+    if path.suffix not in (".gif", ".mp4"):
+        raise InputError(f"must end in .gif or .mp4, not {path.suffix!r}", source=path)
+    ffmpeg = shutil.which("ffmpeg")
+    if path.suffix == ".mp4" and ffmpeg is None:
+        raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
+    drawn = pictures(plan, speed, progress)
+    return write_atomically(path, _gif(drawn) if path.suffix == ".gif" else _mp4(str(ffmpeg), drawn))
 
 
 def pictures(plan: Plan, speed: float = SPEED, progress: Callable[[int, int], None] | None = None) -> list[Image.Image]:
@@ -126,11 +119,7 @@ def _picture(figure: Figure, axes: Axes, plan: Plan, time: float) -> Image.Image
     for artist in sorted(added, key=lambda artist: artist.get_zorder()):
         axes.draw_artist(artist)
         artist.remove()
-    return Image.fromarray(_pixels(figure)).convert("RGB")
-
-
-def _pixels(figure: Figure) -> Array:
-    return np.array(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
+    return Image.fromarray(np.array(figure.canvas.buffer_rgba())).convert("RGB")  # type: ignore[attr-defined]
 
 
 def _gif(frames: list[Image.Image]) -> bytes:
@@ -145,13 +134,6 @@ def _gif(frames: list[Image.Image]) -> bytes:
     return stream.getvalue()
 
 
-def _ffmpeg() -> str:
-    program = shutil.which("ffmpeg")
-    if program is None:
-        raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
-    return program
-
-
 def _mp4(ffmpeg: str, frames: list[Image.Image]) -> bytes:
     size = f"{frames[0].width}x{frames[0].height}"
     with tempfile.TemporaryDirectory() as folder:
@@ -159,9 +141,8 @@ def _mp4(ffmpeg: str, frames: list[Image.Image]) -> bytes:
         raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{FRAME_RATE:g}", "-i", "-"]
         made = ["-vf", f"tpad=stop_mode=clone:stop_duration={LANDING_PAUSE}", "-pix_fmt", "yuv420p", str(film)]
         content = b"".join(frame.tobytes() for frame in frames)
-        done = subprocess.run(
-            [ffmpeg, "-loglevel", "error", *raw, *made], input=content, capture_output=True, check=False
-        )
+        command = [ffmpeg, "-loglevel", "error", *raw, *made]
+        done = subprocess.run(command, input=content, capture_output=True, check=False)
         if done.returncode != 0:
             raise FloatplanError(f"ffmpeg failed: {done.stderr.decode(errors='replace').strip()}")
         return film.read_bytes()

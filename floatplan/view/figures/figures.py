@@ -1,20 +1,51 @@
-"""The figures of a plan, by name, and their files."""
+"""The figures of a plan, by name, and their files: the moving robot, and charts over time.
+
+A chart of few curves is one picture; of many, small ones, each with its own limits.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.charts import charts
-from floatplan.view.figures.curves import chart_figure, sample
-from floatplan.view.figures.kinogram import kinogram
-from floatplan.view.figures.snapshots import comparison, snapshots
-from floatplan.view.style import METADATA, rendered, styled
+from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, clearance_range, is_crowded, margins
+from floatplan.view.figures.snapshots import comparison, kinogram, plan_names, snapshots
+from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
+
+SAMPLES = 241  # [-] of a curve
+HEIGHT = 2.1  # [in]
+SECOND_HEIGHT = 1.25  # [in] of an axis added below
+ACROSS = 2  # [-] small pictures side by side
+ROW_HEIGHT = 0.72  # [in] of them
+FRAME_HEIGHT = 0.62  # [in] of their time axis and legend
+SMALL = 5.6  # [pt]
+THINNER = 0.8  # [-] their lines and marks
+LONGEST_NAME = 18  # [letters] of a title
+OTHER = 0.75  # [-] strength of a second plan's colours
+DASHED: dict[str, Any] = {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0}
+PROVED: dict[str, Any] = {"linestyle": (0, (1, 1.6)), "linewidth": 0.9, "zorder": 1.4}
+LIMIT: dict[str, Any] = {"linestyle": (0, (9, 3)), "linewidth": 0.7, "zorder": 1.5}
+START: dict[str, Any] = {
+    "marker": "o",
+    "linestyle": "none",
+    "clip_on": False,
+    "zorder": 5,
+    "markersize": 3.2,
+    "markeredgewidth": 1.0,
+}
+GOAL: dict[str, Any] = {**START, "markersize": 4.4, "markerfacecolor": "white"}
+
+Marks = dict[str, Any]  # a legend's entries: name -> handle
 
 
 def figures(plan: Plan, *, compare: Plan | None = None) -> dict[str, Figure]:
@@ -83,3 +114,153 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
         yield chart.name, chart_figure(chart, sampled, other)
     if compare is not None:
         yield "comparison", comparison(plan, compare)
+
+
+def sample(plan: Plan, beside: Plan | None = None) -> SampledPlan:
+    """Sample a plan at the instants of the curves, as :meth:`SampledPlan.of`."""
+    return SampledPlan.of(plan, np.linspace(0, plan.duration, SAMPLES), beside)
+
+
+def chart_figure(chart: Chart, sampled: SampledPlan, other: SampledPlan | None = None) -> Figure:
+    """Draw a chart, with a second plan's curves dashed; what would flatten the curves is left out."""
+    if chart.of_each and is_crowded(sampled.plan):
+        return _small_multiples(chart, sampled, other)
+    rows = len(chart.panels)
+    figure = new_figure(COLUMN, HEIGHT + SECOND_HEIGHT * (rows - 1))
+    ratios = [HEIGHT - 0.5] + [SECOND_HEIGHT] * (rows - 1)
+    grid = figure.subplots(rows, 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": ratios})[:, 0]
+    grid[-1].set(xlim=(0, sampled.plan.duration), xlabel="time (s)")
+    marks: Marks = {}
+    entries: list[tuple[Any, str]] = []
+    for axes, panel in reversed(list(zip(grid, chart.panels, strict=True))):
+        marks |= draw_panel(axes, chart, panel, sampled, other)
+        for curve in panel.curves:
+            known = [each.columns[curve.key] for each in _both(sampled, other) if curve.key in each.columns]
+            if chart.factor * min(map(np.min, known)) <= axes.get_ylim()[1]:
+                entries.append((Line2D([], [], color=curve.colour, linestyle=curve.linestyle), curve.name))
+    figure.align_ylabels()
+    legend_above(figure, [*entries, *((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)])
+    return figure
+
+
+def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | None) -> Figure:
+    """A small picture for each curve; a limit that is too far to be drawn is a number beside the name."""
+    rows = -(-len(chart.curves) // ACROSS)
+    figure = new_figure(COLUMN, ROW_HEIGHT * rows + FRAME_HEIGHT)
+    grid = figure.subplots(rows, ACROSS, sharex=True, squeeze=False)
+    marks: Marks = {}
+    for axes, curve in zip(grid.T.ravel(), chart.curves, strict=False):
+        name = curve.name if len(curve.name) <= LONGEST_NAME else f"{curve.name[: LONGEST_NAME - 1]}…"
+        axes.set_title(name, fontsize=SMALL + 0.6, loc="left", pad=2, color=INK)
+        marks |= draw_panel(axes, chart, Panel("", [curve]), sampled, other, THINNER)
+        axes.yaxis.set_major_locator(MaxNLocator(3))
+        axes.tick_params(labelsize=SMALL)
+    for axes in grid.T.ravel()[len(chart.curves) :]:
+        axes.set_axis_off()
+    for column in grid.T:
+        last = [axes for axes in column if axes.axison][-1]
+        last.tick_params(labelbottom=True)
+        last.set(xlim=(0, sampled.plan.duration))
+        last.xaxis.set_major_locator(MaxNLocator(4))
+    figure.supylabel(chart.unit, fontsize=7)
+    figure.supxlabel("time (s)", fontsize=7)
+    entries = [*((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)]
+    if entries:
+        legend_above(figure, entries)
+    return figure
+
+
+def draw_panel(
+    axes: Axes,
+    chart: Chart,
+    panel: Panel,
+    sampled: SampledPlan,
+    other: SampledPlan | None = None,
+    thinner: float = 1.0,
+) -> Marks:
+    """Draw the curves of a panel onto axes with all that belongs to them; return the legend's entries for that."""
+
+    def scaled(style: dict[str, Any]) -> dict[str, Any]:
+        return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
+
+    peak = 0.0
+    for each in _both(sampled, other):
+        for curve in panel.curves:
+            if curve.key in each.columns:
+                values = chart.factor * each.columns[curve.key]
+                style = DASHED if each is other else {"linestyle": curve.linestyle, "linewidth": 1.3}
+                colour = faded(curve.colour, OTHER if each is other else 1.0)
+                axes.plot(each.times, values, color=colour, **scaled(style))
+                peak = max(peak, float(np.abs(values).max()))
+    if panel.label:
+        axes.set_ylabel(f"{panel.label} ({chart.unit})")
+    if chart.name == "clearance":
+        return _frame_clearance(axes, chart, sampled, other)
+    if chart.name == "configuration":
+        axes.yaxis.set_major_locator(_angle_ticks(axes))
+    else:
+        axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
+    marks: Marks = {}
+    drawn, left = panel.lines(peak)
+    for line in drawn:
+        style = scaled(LIMIT) | {"color": INK if len(panel.curves) == 1 else line.colour}
+        if np.ndim(line.value):
+            axes.plot(sampled.times, np.broadcast_to(line.value, sampled.times.shape), **style)
+        else:
+            axes.axhline(float(line.value), **style)
+        marks[line.name] = Line2D([], [], **style | {"color": INK})
+    if panel.interval is not None:
+        low, high = panel.interval
+        if left:
+            marks[f"{INTERVAL}: {low:.3g} to {high:.3g}"] = Line2D([], [], linestyle="none")
+        else:
+            axes.axhspan(low, high, color=faded(INK, 0.08), linewidth=0, zorder=0.4)
+    elif thinner < 1.0 and left:
+        axes.set_title(f"limit {np.min(left[0].value):.3g}", fontsize=SMALL, loc="right", pad=2, color=GREY)
+    for curve in panel.curves:
+        if np.isfinite(curve.proved):
+            for side in (1, -1):
+                axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(PROVED))
+            marks["proved peak"] = Line2D([], [], color=INK, **scaled(PROVED))
+        if curve.ends is not None:  # a dot where it starts and a ring where it should end
+            start, goal = chart.factor * np.array(curve.ends)
+            axes.plot(0, start, color=curve.colour, **scaled(START))
+            axes.plot(sampled.plan.duration, goal, color=curve.colour, **scaled(GOAL))
+            marks["goal"] = Line2D([], [], color=INK, **scaled(GOAL))
+    return marks
+
+
+def _both(sampled: SampledPlan, other: SampledPlan | None) -> list[SampledPlan]:
+    """What to draw, the lowest layer first."""
+    return [sampled] if other is None else [other, sampled]
+
+
+def _plan_marks(sampled: SampledPlan, other: SampledPlan | None) -> list[tuple[Any, str]]:
+    """Entries of a legend that tell two plans apart."""
+    if other is None:
+        return []
+    names = plan_names(sampled.plan, other.plan)
+    return [(Line2D([], [], color=INK), names[0]), (Line2D([], [], color=faded(INK, OTHER), **DASHED), names[1])]
+
+
+def _frame_clearance(axes: Axes, chart: Chart, sampled: SampledPlan, other: SampledPlan | None) -> Marks:
+    """Cut off what is far away; draw margins, and the least distances that are proved."""
+    bottom, top = clearance_range(chart, sampled, *([] if other is None else [other]))
+    axes.set(ylim=(bottom, top))
+    axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
+    marks: Marks = {}
+    for line in margins(sampled.plan):
+        axes.axhline(float(line.value), color=line.colour, **LIMIT)
+        marks[line.name] = Line2D([], [], color=line.colour, **LIMIT)
+    for curve in chart.curves:
+        if curve.proved <= top:
+            axes.axhline(curve.proved, color=curve.colour, **PROVED)
+            marks["proved minimum"] = Line2D([], [], color=INK, **PROVED)
+    return marks
+
+
+def _angle_ticks(axes: Axes) -> MultipleLocator | MaxNLocator:
+    """Degrees are read in steps of 15, 30, 45, 90, 180 or 360."""
+    low, high = axes.get_ylim()
+    steps = [step for step in (15, 30, 45, 90, 180, 360) if (high - low) / step <= 8]
+    return MultipleLocator(steps[0]) if steps else MaxNLocator(6)

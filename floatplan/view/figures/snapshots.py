@@ -1,7 +1,11 @@
-"""Pictures of the moving robot: along the path of its centre of mass, side by side, and against another plan."""
+"""Pictures of the moving robot: along the path of its centre of mass, side by side, and against another plan.
+
+Side by side is the kinogram, read like text, for flights that stay in one place or turn over and over.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,13 +21,23 @@ from matplotlib.ticker import MultipleLocator
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
-from floatplan.view.figures.curves import plan_names
-from floatplan.view.postures import Postures, com_path, posture_at, postures, robot_size, stadium
+from floatplan.view.outlines import (
+    Postures,
+    box_around,
+    com_path,
+    ground_lines,
+    obstacle_outlines,
+    obstacle_times,
+    pairs,
+    picture_box,
+    posture_at,
+    postures,
+    snapshot_times,
+    stadium,
+)
 from floatplan.view.style import COLUMN, GREY, INK, faded, legend_above, new_figure, palette, round_below
-from floatplan.view.surroundings import draw_ground, draw_obstacle, obstacle_corners, obstacle_outlines, obstacle_times
 
-STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
-FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] snapshots along the path
+SOLID = "#9a9a9a"  # of obstacles
 PALEST = 0.30  # [-] strength of the first snapshot's colours
 MARK = 0.95  # [-] size of the dots on the frames that take off and land, in radii of the link
 TOUCH = 1e-3  # [m] standing on the ground is not running into it
@@ -31,6 +45,13 @@ PASSAGE_SAMPLES = 513  # [-] instants among which the deepest penetration is sou
 BACKGROUND = 0.3  # [-] strength of the snapshots behind the two robots compared
 CLOSE_UP = 0.12  # [-] room around two robots compared and the obstacle, in sizes of their box
 FLATTEST, TALLEST = 0.45, 1.35  # [-] height of a picture over its width
+COLUMNS = 5  # [-] of the kinogram
+ROWS = (2, 4)  # [-] fewest and most
+TURN = math.radians(60)  # [rad] of any body against the ground, from one posture to the next
+GAP = 0.07  # [in] between neighbours
+CAPTION = 0.19  # [in] for the line of text under a row
+RULE = 0.16  # [in] for the scale under the last row
+DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": INK, "markeredgecolor": "white", "mew": 0.4}
 
 
 def snapshots(plan: Plan) -> Figure:
@@ -44,19 +65,36 @@ def snapshots(plan: Plan) -> Figure:
     return figure
 
 
-def snapshot_times(plan: Plan) -> Array:
-    """Instants (K,) evenly spaced in time, so many that neighbours stand apart."""
-    path = float(np.abs(np.diff(com_path(plan, np.linspace(0, plan.duration, 65)))).sum())
-    count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST_SNAPSHOTS, MOST_SNAPSHOTS))
-    return np.linspace(0, plan.duration, count)
-
-
 def draw_surroundings(axes: Axes, plan: Plan, placed: Postures, instant: float | None = None) -> None:
     """Draw ground and obstacles onto axes in metres; obstacles that move at one instant, or several."""
     draw_ground(axes, placed)
     for obstacle in plan.problem.obstacles:
         times = obstacle_times(obstacle, plan.duration) if instant is None else np.array([instant])
         draw_obstacle(axes, obstacle, times)
+
+
+def draw_ground(axes: Axes, placed: Postures) -> None:
+    """Draw the ground line, through the whole picture where it is the same at takeoff and landing."""
+    lines = ground_lines(placed)
+    for height, low, high in lines:
+        if len(lines) == 1:
+            axes.axhline(height, color=INK, linewidth=0.9, zorder=1)
+        else:
+            reach = 0.15 * (high - low).real
+            axes.add_line(Line2D([low.real - reach, high.real + reach], [height] * 2, color=INK, linewidth=0.9))
+
+
+def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
+    """Draw an obstacle and its margin at some instants (K,), s, from light to full where there are several."""
+    for strength, time in zip(0.35 + 0.65 * np.arange(1, len(times) + 1) / len(times), times, strict=True):
+        look: dict[str, Any] = {"edgecolors": [faded(INK, strength)], "linewidths": 0.6}
+        body = [pairs(outline) for outline in obstacle_outlines(obstacle, time, 0.0)]
+        solid = PolyCollection(body, facecolors=[faded(SOLID, strength)], zorder=1.5, **look)
+        axes.add_collection(solid, autolim=False)
+        if obstacle.margin > 0:
+            ring = [pairs(outline) for outline in obstacle_outlines(obstacle, time, obstacle.margin)]
+            look |= {"facecolors": "none", "linestyles": [(0, (2, 1.5))]}
+            axes.add_collection(PolyCollection(ring, zorder=90, **look), autolim=False)
 
 
 def draw_flight(axes: Axes, plan: Plan, placed: Postures, strengths: Sequence[float] | None = None) -> None:
@@ -83,55 +121,34 @@ def draw_posture(
     colour: Any = None,
 ) -> None:
     """Draw one posture: rings (colour, points of width) around the whole robot, its links, the two frames' marks."""
-    offset = np.array([shift.real, shift.imag])
-    outlines = [outline + offset for outline in placed.outlines(index)]
+    outlines = placed.outlines(index)
     colours = palette(int(placed.part.max()) + 1)
     fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
     drawn = [(outline, faded(ring, 1.0), width) for ring, width in rings for outline in outlines]
     drawn += [(outline, fill, 0.0) for outline, fill in zip(outlines, fills, strict=True)]
-    for place, fill, size in _marks(placed, index):
-        drawn.append((stadium(place + shift, place + shift, size), faded(fill, max(strength, 0.5)), 0.0))
+    mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
+    takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
+    for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
+        drawn.append((stadium(place, place, size), faded(fill, max(strength, 0.5)), 0.0))
     shapes, faces, widths = zip(*drawn, strict=True)
     axes.add_collection(
-        PolyCollection(shapes, facecolors=faces, edgecolors=faces, linewidths=widths, joinstyle="round", zorder=zorder),
+        PolyCollection(
+            [pairs(shape + shift) for shape in shapes],
+            facecolors=faces,
+            edgecolors=faces,
+            linewidths=widths,
+            joinstyle="round",
+            zorder=zorder,
+        ),
         autolim=False,
     )
-
-
-def _marks(placed: Postures, index: int) -> list[tuple[complex, str, float]]:
-    """Discs (place, colour, radius) that mark the frames: full where it lands, hollow where it takes off."""
-    radius = MARK * float(placed.radius.min())
-    takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
-    return [(landing, INK, radius), (takeoff, INK, radius), (takeoff, "white", 0.6 * radius)]
 
 
 def draw_path(axes: Axes, plan: Plan, placed: Postures) -> None:
     """Draw the path of the centre of mass, with a dot per snapshot."""
     com = com_path(plan, np.linspace(0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
-    axes.plot(
-        placed.com.real,
-        placed.com.imag,
-        linestyle="none",
-        marker="o",
-        markersize=2.6,
-        color=INK,
-        markeredgecolor="white",
-        markeredgewidth=0.4,
-        zorder=80,
-    )
-
-
-def picture_box(plan: Plan, placed: Postures) -> tuple[complex, complex]:
-    """Corners of what a picture must hold, m."""
-    goal = posture_at(plan, plan.problem.final, plan.duration)
-    corners = [corner for each in (placed, goal) for corner in (each.low, each.high)]
-    points = [np.stack((corner.real, corner.imag), axis=1) for corner in corners]
-    points += [obstacle_corners(obstacle, plan.duration) for obstacle in plan.problem.obstacles]
-    everything = np.concatenate(points)
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    pad = 0.04 * float(np.max(high - low))
-    return complex(low[0] - pad, low[1] - pad), complex(high[0] + pad, high[1] + pad)
+    axes.plot(placed.com.real, placed.com.imag, markersize=2.6, zorder=80, **DOT)
 
 
 def spatial_figure(low: complex, high: complex) -> tuple[Figure, Axes]:
@@ -157,25 +174,25 @@ def frame_box(axes: Axes, low: complex, high: complex) -> None:
 
 def key(figure: Figure, plan: Plan, spacing: float) -> None:
     """Tell above a picture what its marks mean."""
-    problem = plan.problem
-    dot: dict[str, Any] = {
-        "marker": "o",
-        "linestyle": "none",
-        "markersize": 3.6,
-        "markeredgewidth": 0.6,
-        "markeredgecolor": INK,
-    }
-    entries: list[tuple[Any, str]] = [
-        (
-            Line2D([], [], color=GREY, linewidth=0.7, marker="o", markersize=2.6, markerfacecolor=INK, mew=0),
-            f"CM every {spacing:.2g} s",
-        ),
-        (Line2D([], [], markerfacecolor="white", **dot), problem.takeoff.frame),
-    ]
-    if problem.landing.frame != problem.takeoff.frame:
-        entries.append((Line2D([], [], markerfacecolor=INK, **dot), problem.landing.frame))
-    entries.append((Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal"))
-    legend_above(figure, entries)
+    takeoff, landing = plan.problem.takeoff.frame, plan.problem.landing.frame
+    frame: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3.6, "mew": 0.6, "mec": INK}
+    path = Line2D([], [], color=GREY, linewidth=0.7, marker="o", markersize=2.6, markerfacecolor=INK, mew=0)
+    entries: list[tuple[Any, str]] = [(path, f"CM every {spacing:.2g} s")]
+    entries.append((Line2D([], [], markerfacecolor="white", **frame), takeoff))
+    if landing != takeoff:
+        entries.append((Line2D([], [], markerfacecolor=INK, **frame), landing))
+    legend_above(figure, [*entries, (Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal")])
+
+
+def plan_names(plan: Plan, compare: Plan) -> tuple[str, str]:
+    """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
+    many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
+    if (many > 0) != (few > 0):
+        names = "with obstacle", "without obstacle"
+        return names if many else (names[1], names[0])
+    if plan.problem.name != compare.problem.name:
+        return plan.problem.name, compare.problem.name
+    return "this plan", "other plan"
 
 
 def comparison(plan: Plan, compare: Plan) -> Figure:
@@ -188,7 +205,9 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
     placed = postures(plan, snapshot_times(plan))
     own = postures(plan, np.array([time]))
     other = replace(postures(compare, np.array([time])), radius=own.radius)
-    figure, axes = spatial_figure(*_close_up(own, other, obstacle, time))
+    passed = obstacle_outlines(obstacle, time, obstacle.margin) if obstacle is not None and obstacle.bounded else []
+    near = np.concatenate((own.low, own.high, other.low, other.high, *passed))
+    figure, axes = spatial_figure(*box_around(near, CLOSE_UP))
     draw_surroundings(axes, plan, placed, time)
     draw_flight(axes, plan, placed, strengths=[BACKGROUND] * len(placed.times))
     draw_path(axes, compare, other)
@@ -196,8 +215,7 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
     draw_posture(axes, own, 0, strength=1.0, zorder=71, rings=(("white", 1.6),))
     names = plan_names(plan, compare)
     colours = tuple(Patch(facecolor=colour) for colour in palette(int(own.part.max()) + 1))
-    entries = [(colours, f"{names[0]}, at {time:.2f} s"), (Patch(facecolor=INK), f"{names[1]}")]
-    legend_above(figure, entries)
+    legend_above(figure, [(colours, f"{names[0]}, at {time:.2f} s"), (Patch(facecolor=INK), names[1])])
     return figure
 
 
@@ -213,12 +231,59 @@ def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
     return worst[1:]
 
 
-def _close_up(own: Postures, other: Postures, obstacle: Obstacle | None, time: float) -> tuple[complex, complex]:
-    """Corners of a box around two robots and what they pass, m."""
-    corners = np.concatenate((own.low, own.high, other.low, other.high))
-    points = np.stack((corners.real, corners.imag), axis=1)
-    if obstacle is not None and obstacle.bounded:
-        points = np.concatenate((points, *obstacle_outlines(obstacle, time, obstacle.margin)))
-    low, high = points.min(axis=0), points.max(axis=0)
-    room = CLOSE_UP * float(np.max(high - low))
-    return complex(low[0] - room, low[1] - room), complex(high[0] + room, high[1] + room)
+def kinogram(plan: Plan) -> Figure:
+    """Draw postures at even steps in time, side by side in rows; the centre of mass always on a row's line.
+
+    They stand so near one another that none touches its neighbours.
+    """
+    placed = postures(plan, kinogram_times(plan))
+    goal = posture_at(plan, plan.problem.final, plan.duration)
+    low, high = pairs(placed.low - placed.com), pairs(placed.high - placed.com)
+    low[-1] = np.minimum(low[-1], pairs(goal.low - goal.com))
+    high[-1] = np.maximum(high[-1], pairs(goal.high - goal.com))
+    left, right = -low[:, 0].reshape(-1, COLUMNS), high[:, 0].reshape(-1, COLUMNS)
+    widest = max(float((right[:, :-1] + left[:, 1:]).max()), 2 * float(left[:, 0].max()), 2 * float(right[:, -1].max()))
+    scale = widest * COLUMNS / (COLUMN - GAP * COLUMNS)  # m per inch of paper
+    pitch = COLUMN * scale / COLUMNS  # m from one to the next
+    above = high[:, 1].reshape(-1, COLUMNS).max(axis=1) + GAP / 2 * scale
+    below = low[:, 1].reshape(-1, COLUMNS).min(axis=1) - GAP / 2 * scale
+    tops = -np.cumsum([0.0, *(above - below + CAPTION * scale)])
+    height = RULE * scale - float(tops[-1])
+    figure = new_figure(COLUMN, height / scale)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0, 0, 1, 1))
+    frame_box(axes, -1j * height, complex(COLUMN * scale))
+    axes.set_axis_off()
+    last = len(placed.times) - 1
+    for index, time in enumerate(placed.times):
+        row, column = divmod(index, COLUMNS)
+        centre = complex((column + 0.5) * pitch, tops[row] - above[row])
+        if index == last:
+            rings = ((INK, 3.6), ("white", 2.4))
+            draw_posture(axes, goal, 0, strength=0.0, zorder=3, rings=rings, shift=centre - complex(goal.com[0]))
+        ring = (INK, 1.2) if index == 0 else ("white", 0.8)
+        shift = centre - complex(placed.com[index])
+        draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(ring,), shift=shift)
+        axes.plot(centre.real, centre.imag, markersize=2.2, zorder=5, **DOT)
+        caption = centre.imag + below[row] - 0.03 * scale
+        axes.text(centre.real, caption, f"{time:.2f} s", ha="center", va="top", size=6.5)
+    _draw_rule(axes, round_below(0.9 * pitch), complex(0.1, 0.07) * scale - 1j * height, 0.025 * scale)
+    return figure
+
+
+def kinogram_times(plan: Plan) -> Array:
+    """Instants (K,) evenly spaced in time that fill two to four rows: the more the robot turns, the more."""
+    times = np.linspace(0, plan.duration, 129)
+    angles = plan.robot.tree.absolute_angles(plan.orientation(times), plan.joint_motion(times)[0])
+    turned = float(np.abs(np.diff(angles, axis=0)).sum(axis=0).max())
+    rows = int(np.clip(math.ceil(turned / TURN / COLUMNS), *ROWS))
+    return np.linspace(0, plan.duration, rows * COLUMNS)
+
+
+def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
+    """Draw a scale of a round length from a place, m."""
+    left, height = begin.real, begin.imag
+    axes.plot([left, left + length], [height, height], color=INK, linewidth=0.8, solid_capstyle="butt")
+    for end in (left, left + length):
+        axes.plot([end, end], [height - tick, height + tick], color=INK, linewidth=0.8)
+    axes.text(left + length + 2 * tick, height, f"{length:g} m", ha="left", va="center", size=6.5)

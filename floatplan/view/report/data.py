@@ -1,46 +1,64 @@
-"""Data of the report's page: samples of the motion, and the weights that place the robot's links from them.
+"""Data of the report's page: samples of the motion, the weights that place the robot's links from them, and tables.
 
 The page places the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` does, from orientation and joints, so that
-a few numbers per instant move any robot. Columns are in SI units and radians.
+a few numbers per instant move any robot. Columns are in SI units and radians. Tables are plain text, which the page
+writes as text.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array
 from floatplan.files import plain
+from floatplan.plans.measures import told_limits
 from floatplan.plans.plan import Plan
+from floatplan.plans.verdicts import Verdict, verdict_in_words
+from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
-from floatplan.view.charts import NEAR, Chart, Curve, SampledPlan, clearance_ceiling
-from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import drawn_part, drawn_radius, postures
-from floatplan.view.style import ALARM, INK, OBSTACLES, TRAILS, palette
-from floatplan.view.surroundings import ground_lines, obstacle_outlines
+from floatplan.view.charts import Chart, Line, SampledPlan, clearance_range, margins
+from floatplan.view.outlines import (
+    box_around,
+    drawn_part,
+    drawn_radius,
+    ground_lines,
+    obstacle_outlines,
+    pairs,
+    picture_box,
+    postures,
+    snapshot_times,
+)
+from floatplan.view.style import OBSTACLES, TRAILS, palette
 
+Row = tuple[str, str]
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
 SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
 BOX_PAD = 0.02  # [-] room around what is drawn
+TONES: dict[Verdict, str] = {"proved": "good", "refuted": "bad", "undecided": "open"}
+LONGEST_LIST = 12  # [-] joints listed one by one
 
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
-    plan = sampled.plan
+    plan, final = sampled.plan, sampled.plan.problem.final
     placed = postures(plan, snapshot_times(plan))
+    com = plan.ballistics.positions(np.array([plan.duration]))[0]
+    box = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
         **scene_data(plan.problem),
         "ghosts": rounded(placed.times),
-        "goal": _goal(plan),
+        "goal": {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()},
         "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
-        "box": _box(plan),
+        "box": pairs(np.array(box_around(np.array(box), BOX_PAD))).ravel().tolist(),
     }
 
 
@@ -57,51 +75,46 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     (name, colour, one value or samples, part): limits, margins and the interval of h. ``beyond`` describes limits that
     would flatten the curves.
     """
-    lines, beyond = [], ""
+    lines: list[Line] = []
+    beyond: list[str] = []
     for panel in chart.panels:
-        peak = max(float(np.abs(sampled.columns[curve.key]).max()) for curve in panel.curves)
-        near, far = panel.limits(peak)
-        for curve, limit in near:
-            values = limit[0] if np.ptp(limit) == 0 else limit
-            lines += [_line("limit", curve.colour, side * values, curve.part) for side in (1.0, -1.0)]
-        if np.isfinite(far) and not beyond:
-            beyond = f"limits from {far:.4g}, not drawn"
-    if chart.interval is not None:
-        low, high = chart.interval
-        if max(abs(low), abs(high)) <= NEAR * peak:
-            lines += [_line("h of monotonic joints", INK, end) for end in chart.interval]
-        else:
-            beyond = f"monotonic joints: h from {low:.4g} to {high:.4g}"
-    data = {
+        drawn, left = panel.lines(max(float(np.abs(sampled.columns[curve.key]).max()) for curve in panel.curves))
+        lines += drawn
+        if left and panel.interval is not None:
+            beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
+        elif left:
+            beyond.append(f"limits from {min(np.abs(line.value).min() for line in left):.4g}, not drawn")
+    data: dict[str, Any] = {}
+    if chart.name == "clearance":
+        lines, data["range"] = margins(sampled.plan), clearance_range(chart, sampled)
+    if all(curve.ends is not None for curve in chart.curves):
+        data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
+    series = [
+        {"name": curve.name, "colour": to_hex(curve.colour), "key": curve.key, "part": curve.part}
+        | ({} if curve.limit is None else {"limit": _limit(float(np.min(curve.limit)), chart.unit)})
+        for curve in chart.curves
+    ]
+    return data | {
         "title": chart.title,
         "unit": chart.unit,
         "factor": chart.factor,
-        "series": [_series(curve, chart.unit) for curve in chart.curves],
-        "lines": lines,
-        "beyond": beyond,
+        "series": series,
+        "lines": [
+            {
+                "name": line.name,
+                "colour": to_hex(line.colour),
+                "value": rounded(np.unique(line.value)[0] if np.ptp(line.value) == 0 else line.value),
+                "part": line.part,
+            }
+            for line in lines
+        ],
+        "beyond": beyond[0] if beyond else "",
     }
-    if all(curve.ends is not None for curve in chart.curves):
-        data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
-    if chart.name == "clearance":
-        margins = sorted({obstacle.margin for obstacle in sampled.plan.problem.obstacles})
-        values = np.array([sampled.columns[curve.key] for curve in chart.curves])
-        top = clearance_ceiling(sampled.plan, values.max(where=np.isfinite(values), initial=0.0))
-        data["lines"] = [_line("margin", ALARM, margin) for margin in margins]
-        data["range"] = [min(1.1 * values.min(initial=0.0), -0.04 * top), top]
-    return data
 
 
-def _series(curve: Curve, unit: str) -> dict[str, Any]:
-    """A curve, with its least limit in words for when it is chosen."""
-    data = {"name": curve.name, "colour": to_hex(curve.colour), "key": curve.key, "part": curve.part}
-    if curve.limit is None:
-        return data
-    least = float(np.min(curve.limit))
-    return {**data, "limit": f"of {least:.4g} {unit}" if np.isfinite(least) else "no limit"}
-
-
-def _line(name: str, colour: Any, value: Array | float, part: int | None = None) -> dict[str, Any]:
-    return {"name": name, "colour": to_hex(colour), "value": rounded(value), "part": part}
+def _limit(least: float, unit: str) -> str:
+    """A curve's least limit in words, for when it is chosen."""
+    return f"of {least:.4g} {unit}" if np.isfinite(least) else "no limit"
 
 
 def scene_data(problem: Problem) -> dict[str, Any]:
@@ -125,10 +138,8 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             {
                 "bounded": obstacle.bounded,
                 "colour": OBSTACLES[index % len(OBSTACLES)],
-                "outlines": [rounded(each) for each in obstacle_outlines(obstacle, 0.0, 0.0)],
-                "margins": [rounded(each) for each in obstacle_outlines(obstacle, 0.0, obstacle.margin)]
-                if obstacle.margin > 0
-                else [],
+                "outlines": _outlines(obstacle, 0.0),
+                "margins": _outlines(obstacle, obstacle.margin) if obstacle.margin > 0 else [],
                 "velocity": list(obstacle.velocity),
                 "window": None if obstacle.window is None else list(obstacle.window),
             }
@@ -137,18 +148,25 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     }
 
 
+def _outlines(obstacle: Obstacle, margin: float) -> list[Any]:
+    return [rounded(pairs(outline)) for outline in obstacle_outlines(obstacle, 0.0, margin)]
+
+
 def _robot(problem: Problem) -> dict[str, Any]:
-    robot = problem.robot
-    bodies, moved = [shape.body for shape in robot.shapes], range(1, len(robot.tree.mass))
-    starts = _weights(robot, bodies, [shape.start for shape in robot.shapes])
-    ends = _weights(robot, bodies, [shape.end for shape in robot.shapes])
-    links = zip(drawn_part(robot).tolist(), drawn_radius(problem).tolist(), starts, ends, strict=True)
+    robot, shapes = problem.robot, problem.robot.shapes
+    bodies, moved = [shape.body for shape in shapes], range(1, len(robot.tree.mass))
+    columns = {
+        "part": drawn_part(robot).tolist(),
+        "radius": drawn_radius(problem).tolist(),
+        "start": _weights(robot, bodies, [shape.start for shape in shapes]),
+        "end": _weights(robot, bodies, [shape.end for shape in shapes]),
+    }
     return {
         "joints": list(robot.joints),
         "turn": robot.tree.turn,
         "turns": rounded(robot.tree.turns),
         "offsets": rounded(robot.tree.offsets),
-        "links": [{"part": part, "radius": radius, "start": start, "end": end} for part, radius, start, end in links],
+        "links": [dict(zip(columns, link, strict=True)) for link in zip(*columns.values(), strict=True)],
         "pivots": _weights(robot, moved, [0j] * len(moved)),
         "colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)],
     }
@@ -156,12 +174,8 @@ def _robot(problem: Problem) -> dict[str, Any]:
 
 def _weights(robot: Robot, bodies: Sequence[int], local: Sequence[complex]) -> Any:
     """Weights of points of bodies, each a list of (real, imaginary) per body."""
-    return pairs(robot.tree.point_weights(np.array(bodies, dtype=np.int64), np.array(local, dtype=np.complex128)))
-
-
-def pairs(values: ComplexArray) -> Any:
-    """Return complex numbers as lists of (real, imaginary)."""
-    return rounded(np.stack((values.real, values.imag), axis=-1))
+    weights = robot.tree.point_weights(np.array(bodies, dtype=np.int64), np.array(local, dtype=np.complex128))
+    return rounded(pairs(weights))
 
 
 def rounded(values: Any) -> Any:
@@ -170,14 +184,127 @@ def rounded(values: Any) -> Any:
     return plain(float(f"{array:.{DIGITS}g}")) if array.ndim == 0 else [rounded(each) for each in array]
 
 
-def _goal(plan: Plan) -> dict[str, Any]:
-    final = plan.problem.final
-    place = plan.ballistics.positions(np.array([plan.duration]))[0]
-    return {"orientation": final.orientation, "positions": final.positions.tolist(), "com": place.tolist()}
+def sections(plan: Plan) -> list[dict[str, Any]]:
+    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
+    tables: list[dict[str, Any]] = [
+        {"title": "Problem", "rows": _problem(plan.problem)},
+        {"title": "Result", "rows": _result(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
+        {"title": "Proved", **_proved(plan)},
+        {"title": "Use of limits", "rows": [], **_motors(plan)},
+    ]
+    if plan.warnings:
+        warned = [(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+        tables.append({"title": "Warnings", "rows": warned, "tone": "open"})
+    return tables
 
 
-def _box(plan: Plan) -> list[float]:
-    """Left, low, right, high of all that is drawn at any time, m."""
-    low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
-    room = BOX_PAD * max((high - low).real, (high - low).imag)
-    return [low.real - room, low.imag - room, high.real + room, high.imag + room]
+def verdict(plan: Plan) -> tuple[str, str]:
+    """Return the plan's verdict in a word or two, and its tone."""
+    certificate, warned = plan.certificate, bool(plan.warnings)
+    word = verdict_in_words(plan.ok, certificate, warned)
+    if certificate is None or not plan.ok:
+        return word, "open" if plan.ok else "bad"
+    return word, "open" if certificate.proved and warned else TONES[certificate.verdict]
+
+
+def _problem(problem: Problem) -> list[Row]:
+    flight, robot = problem.flight, problem.robot
+    momentum = flight.angular_momentum
+    degrees = ", ".join(map(str, problem.degrees if len(set(problem.degrees)) > 1 else problem.degrees[:1]))
+    rows = [
+        ("robot", f"{robot.name}, {len(robot.joints)} planned joints, {robot.mass:.4g} kg"),
+        ("start", _posture(problem.initial, robot.joints)),
+        ("goal", _posture(problem.final, robot.joints)),
+        ("duration", f"{flight.duration:g} s"),
+        ("takes off", f"{problem.takeoff.frame} at {_pair(problem.takeoff.position)} m"),
+        ("lands", f"{problem.landing.frame} at height {problem.landing_height:g} m"),
+        ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
+        ("momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m²/s"),
+        ("motion", f"sine polynomials of degree {degrees}, least {problem.motion.objective}"),
+    ]
+    if problem.ground:
+        rows.append(("ground", "no link below the line on which it took off"))
+    return rows + [("obstacle", _obstacle(obstacle)) for obstacle in problem.obstacles]
+
+
+def _result(plan: Plan) -> list[Row]:
+    record = plan.record
+    low, high = record.angular_momentum_bounds
+    ends = record.orientation
+    place = "inside" if low <= record.angular_momentum <= high else "outside"
+    rows = [
+        ("status", record.status),
+        ("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end"),
+        ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {place} [{low:.5g}, {high:.5g}] of monotonic joints"),
+        ("objective", f"{record.objective['name']}: {float(record.objective['value']):.6g}"),
+    ]
+    if record.clearance_min is not None:
+        rows.append(("least clearance", f"{record.clearance_min:.5g} m"))
+    rows += [(contact.end, contact.brief) for contact in plan.contacts]
+    seconds = record.solver.get("seconds")
+    return rows if seconds is None else [*rows, ("found in", f"{float(seconds):.3g} s")]
+
+
+def _motors(plan: Plan) -> dict[str, list[Any]]:
+    """Peaks, limits and utilisation of each motor, worst first: titles and cells of a table."""
+    keys = told_limits(plan.utilisation)
+    titles = ["joint", *(title for row in keys for title in (row.unit, "limit", "used")), "of range", "at, s"]
+    cells = []
+    for use in plan.utilisation:
+        row = [use.joint]
+        for key in (limit.key for limit in keys):
+            row += map(_number, (getattr(use, f"{key}_peak"), getattr(use, f"{key}_limit")))
+            row.append(_percent(getattr(use, f"{key}_utilisation")))
+        cells.append([*row, _percent(use.range_used), f"{use.instant:.3f}"])
+    return {"titles": titles, "motors": cells}
+
+
+def _proved(plan: Plan) -> dict[str, Any]:
+    """What certificate and replay say; the certificate's findings, unproved ones first: label, verdict, numbers."""
+    certificate, replay = plan.certificate, plan.record.replay
+    rows = [("certificate", "none in the plan file; floatplan certify --save makes one")]
+    findings: list[list[str]] = []
+    if certificate is not None:
+        for finding in sorted(certificate.findings, key=lambda finding: finding.verdict == "proved"):
+            numbers = map(_number, (finding.bound, finding.limit, finding.instant))
+            findings.append([finding.label, finding.verdict, *numbers])
+        many = f"{len(findings) - len(certificate.unproved)} of {len(findings)}"
+        rows = [("certificate", f"{certificate.verdict}: {many} constraints hold at every instant")]
+        if certificate.clearance_min is not None:
+            rows.append(("clearance above", f"{_number(certificate.clearance_min)} m"))
+    if replay is None:
+        rows.append(("replay", "none in the plan file; floatplan replay --save makes one"))
+    else:
+        landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
+        error = _number(replay.get("orientation_error"))
+        rows.append(("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad"))
+    return {"rows": rows, "tone": "open" if certificate is None else TONES[certificate.verdict], "findings": findings}
+
+
+def _posture(state: JointState, joints: Sequence[str]) -> str:
+    angles = np.rad2deg([state.orientation, *state.positions]) + 0.0
+    if len(joints) <= LONGEST_LIST:
+        return ", ".join(f"{name} {angle:.5g}°" for name, angle in zip(("orientation", *joints), angles, strict=True))
+    listed = ", ".join(map(_number, angles[1 : LONGEST_LIST + 1]))
+    return f"orientation {angles[0]:.5g}°, joints {listed}, … ({len(joints)} in all)°"
+
+
+def _obstacle(obstacle: Obstacle) -> str:
+    text = f"{obstacle.kind} {obstacle.where}, margin {obstacle.margin:g} m"
+    if any(obstacle.velocity):
+        text += f", moving at {_pair(obstacle.velocity)} m/s"
+    if obstacle.window is not None:
+        text += f", from {obstacle.window[0]:g} to {obstacle.window[1]:g} s"
+    return text
+
+
+def _pair(values: Iterable[float]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
+
+
+def _percent(fraction: float | None) -> str:
+    return "" if fraction is None else f"{100 * fraction:.0f} %"
+
+
+def _number(value: Any) -> str:
+    return "none" if value is None or not math.isfinite(value) else f"{float(value) + 0.0:.5g}"

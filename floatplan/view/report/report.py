@@ -22,8 +22,7 @@ from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
 from floatplan.view.charts import SampledPlan, charts
-from floatplan.view.report.data import chart_data, motion_data, sample_grid
-from floatplan.view.report.sections import sections, verdict
+from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections, verdict
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
 PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with

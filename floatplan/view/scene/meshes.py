@@ -19,7 +19,7 @@ from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.meshes import LARGEST, check_mesh_file, find_mesh
-from floatplan.view.postures import body_poses
+from floatplan.view.outlines import body_poses
 
 Mesh = tuple[Array, IntArray]
 SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
@@ -35,7 +35,7 @@ def visual_model(robot: Robot) -> Any:
         A mesh cannot be read, is too large, or is an archive.
     """
     root = ElementTree.fromstring(robot.xml)
-    folder = Path() if robot.path is None else robot.path.parent
+    folder = robot.path.parent
     if not _drop_missing_visuals(root, folder):
         return None
     import yourdfpy
@@ -89,8 +89,8 @@ def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
     return dict(zip(list(robot.model.names)[BASE_COORDINATES + 1 :], full[BASE_COORDINATES:].tolist(), strict=True))
 
 
-def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) -> Any:
-    """Return the ``trimesh.Trimesh`` of a capsule between two points (3,), m; sections along and around its axis."""
+def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) -> Mesh:
+    """Return a capsule between two points (3,), m, of so many sections along and around its axis."""
     import trimesh
 
     length = float(np.linalg.norm(end - start))
@@ -99,7 +99,7 @@ def capsule(start: Array, end: Array, radius: float, sections: tuple[int, int]) 
     if length > 0:
         mesh.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], (end - start) / length))
     mesh.apply_translation((start + end) / 2)
-    return mesh
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
 def coarser(vertices: Array, faces: IntArray, cell: float) -> Mesh:

@@ -1,33 +1,62 @@
 """The scene: a flight in three dimensions, with the robot's own meshes, as one page that works without a network.
 
 The page is viser's player. World axes are those of the root link at orientation zero; the plane of the motion is drawn
-where the base is.
+where the base is. The robot has one node for each body of the tree, and what is drawn of it hangs from these.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
+import math
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
-from floatplan.robot.parts import Plane
-from floatplan.view.figures.snapshots import picture_box, snapshot_times
-from floatplan.view.postures import body_poses, com_path, postures, robot_size
-from floatplan.view.scene.bodies import FINE_SECTIONS, Bodies, in_space
-from floatplan.view.style import TRAILS, rgb_bytes
-from floatplan.view.surroundings import ground_lines, obstacle_outlines
+from floatplan.robot import Plane
+from floatplan.robot.robot import Robot
+from floatplan.view.outlines import (
+    Poses,
+    Postures,
+    body_poses,
+    com_path,
+    ground_lines,
+    obstacle_outlines,
+    picture_box,
+    postures,
+    robot_size,
+    snapshot_times,
+)
+from floatplan.view.scene.meshes import (
+    Mesh,
+    capsule,
+    coarser,
+    fewer,
+    joined,
+    joint_angles,
+    plain_colour,
+    seen_capsules,
+    visual_model,
+)
+from floatplan.view.style import TRAILS, palette, rgb_bytes
 
+Colour = tuple[int, int, int]
+DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
+SHARE, FEW = 0.2, 200  # [-] of their triangles that are drawn, and of a mesh all the same
+SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
+FINE_SECTIONS = (16, 16)  # [-] the same where nobody waits for it
+SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
+GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
@@ -56,7 +85,7 @@ def scene(plan: Plan) -> str:
     placed = postures(plan, snapshot_times(plan))
     low, high = picture_box(plan, placed)
     with _server(viser) as server:
-        bodies = Bodies(server, "/robot", plan.robot)
+        bodies = RobotNodes(server, "/robot", plan.robot)
         if not bodies.add_meshes():
             bodies.add_capsules(placed, sections=FINE_SECTIONS)
         obstacles = plan.problem.obstacles
@@ -116,7 +145,7 @@ def add_grounds(
         server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
 
 
-def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: tuple[Array, IntArray]) -> Any:
+def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: Mesh) -> Any:
     """Add an obstacle as the solid of :func:`obstacle_slab`; return its node."""
     flat = not obstacle.bounded
     look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
@@ -142,22 +171,18 @@ def _add_trails(server: Any, plan: Plan) -> None:
         server.scene.add_label(f"/trails/{index}/name", name, position=points[0])
 
 
-def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> tuple[Array, IntArray]:
+def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
     """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
     """
-    solids = [_piece_slab(plan, piece, low, high) for piece in obstacle.pieces]
-    firsts = np.cumsum([0, *(len(corners) for corners, _ in solids)])
-    triangles = [first + part for first, (_, part) in zip(firsts[:-1], solids, strict=True)]
-    return np.concatenate([corners for corners, _ in solids]), np.concatenate(triangles)
+    return joined([_piece_slab(plan, piece, low, high) for piece in obstacle.pieces])
 
 
-def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> tuple[Array, IntArray]:
+def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
     size = robot_size(plan)
     if not isinstance(obstacle, HalfPlane):
-        outline = obstacle_outlines(obstacle, 0.0, 0.0)[0]
-        return prism(plan.robot.plane, outline[:, 0] + 1j * outline[:, 1], WIDTH * size)
+        return prism(plan.robot.plane, obstacle_outlines(obstacle, 0.0, 0.0)[0], WIDTH * size)
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
     point, reach, below = complex(*obstacle.point), abs(high - low) / 2, -SLAB * size * normal
     beside = ((low + high) / 2 - point) / (1j * normal)
@@ -165,7 +190,7 @@ def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> 
     return prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size)
 
 
-def prism(plane: Plane, corners: ComplexArray, width: float) -> tuple[Array, IntArray]:
+def prism(plane: Plane, corners: ComplexArray, width: float) -> Mesh:
     """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
     count = len(corners)
     aside = 0.5 * width * plane.normal
@@ -177,3 +202,137 @@ def prism(plane: Plane, corners: ComplexArray, width: float) -> tuple[Array, Int
     faces = np.concatenate((*sides, fan[:, ::-1], fan + count))
     both = np.concatenate((faces, faces[:, ::-1]))  # whichever way round the polygon goes, it is seen from outside
     return np.concatenate((points - aside, points + aside)), both
+
+
+def in_space(plane: Plane, places: ComplexArray | complex) -> Array:
+    """Places (...) of the plane, horizontal + i vertical, as points (..., 3)."""
+    places = np.asarray(places)
+    return np.asarray(places.real[..., None] * plane.horizontal + places.imag[..., None] * plane.vertical)
+
+
+def in_plane(plane: Plane, eye: Array, point: Array) -> complex | None:
+    """Where the line from an eye (3,) through a point (3,) meets the plane; None where it never does."""
+    aside = np.cross(plane.horizontal, plane.vertical)
+    ray = point - eye
+    slope = float(ray @ aside)
+    if abs(slope) < 1e-6 * float(np.linalg.norm(ray)):
+        return None
+    met = eye - (eye @ aside) / slope * ray
+    return complex(met @ plane.horizontal, met @ plane.vertical)
+
+
+def turned(plane: Plane, angles: Array) -> Array:
+    """Quaternions (..., 4), w x y z, of angles (...) about the normal."""
+    sines = np.sin(angles / 2)[..., None] * plane.normal
+    return np.concatenate((np.cos(angles / 2)[..., None], sines), axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What is grabbed of a part: its node, the body that it is on, and where, m."""
+
+    node: Any
+    body: int
+    end: complex
+
+
+class RobotNodes:
+    """A robot in a scene, whose bodies can be put anywhere."""
+
+    def __init__(self, server: Any, name: str, robot: Robot) -> None:
+        self.name, self._server, self._robot = name, server, robot
+        self.root = server.scene.add_frame(name, show_axes=False)
+        self.frames = [
+            server.scene.add_frame(f"{name}/{body}", show_axes=False) for body in range(len(robot.tree.mass))
+        ]
+
+    def add_capsules(
+        self,
+        shapes: Postures,
+        colour: Colour | None = None,
+        opacity: float | None = None,
+        sections: tuple[int, int] = SECTIONS,
+    ) -> list[tuple[int, Any]]:
+        """Draw the links as capsules, in one colour or in those of all pictures; return parts with their nodes.
+
+        ``shapes`` has the radii and the parts of the capsules.
+
+        What moves together is one mesh; what another capsule hides always is left out.
+        """
+        robot = self._robot
+        colours = [rgb_bytes(each) for each in palette(len(robot.joints) + 1)]
+        together: dict[tuple[int, int], list[Mesh]] = {}
+        for index in seen_capsules(robot, shapes.radius):
+            shape, radius, part = robot.shapes[index], float(shapes.radius[index]), int(shapes.part[index])
+            start, end = (in_space(robot.plane, place) for place in (shape.start, shape.end))
+            together.setdefault((shape.body, part), []).append(capsule(start, end, radius, sections))
+        nodes = []
+        for (body, part), meshes in together.items():
+            name, look = f"{self.name}/{body}/capsules{part}", {"color": colour or colours[part], "opacity": opacity}
+            nodes.append((part, self._server.scene.add_mesh_simple(name, *joined(meshes), **look)))
+        return nodes
+
+    def add_meshes(self, size: float | None = None, share: float = SHARE) -> bool:
+        """Draw the links as the URDF does, as fine as a robot of a size, m, shows it; return whether it does.
+
+        What moves together and has one colour is one mesh; of its triangles a share is drawn, fewest where it is flat.
+        Without a size all is drawn as it is.
+        """
+        robot, scene = self._robot, self._server.scene
+        model = visual_model(robot)
+        if model is None:
+            return False
+        from trimesh.transformations import rotation_matrix
+
+        plane, layout = robot.plane, robot.layout
+        resting = np.zeros(len(robot.joints))
+        angles = joint_angles(robot, resting)
+        model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
+        poses = body_poses(robot, np.zeros(1), resting[None], np.zeros(1, dtype=np.complex128))
+        root = robot.frames[robot.tree.names[0]]
+        base = complex(poses.places[0, 0] + root.local * robot.tree.rotations(poses.angles)[0, 0])
+        origins = in_space(plane, poses.places[0] - base)
+        together: dict[tuple[int, Colour], list[Mesh]] = {}
+        for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
+            link = model.scene.graph.transforms.parents[geometry]
+            body = layout.body_of[link]
+            placed = mesh.copy()
+            placed.apply_transform(model.get_transform(geometry))
+            placed.apply_translation(-origins[body])
+            placed.apply_transform(rotation_matrix(-float(poses.angles[0, body]), plane.normal))
+            colour = plain_colour(placed)
+            if colour is None or size is None:
+                scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
+            else:
+                together.setdefault((body, colour), []).append((placed.vertices, placed.faces))
+        for number, ((body, colour), meshes) in enumerate(together.items()):
+            vertices, faces = coarser(*joined(meshes), DETAIL * (size or 0.0))
+            count = max(math.ceil(share * len(faces)), FEW)
+            name = f"{self.name}/{body}/links{number}"
+            scene.add_mesh_simple(name, *fewer(vertices, faces, count), color=colour)
+        return True
+
+    def add_grips(self, shapes: Postures, reach: float, colour: Colour) -> dict[int, Grip]:
+        """Add what is grabbed: for each part the end of a link that is farthest from its joint."""
+        from trimesh.creation import icosphere
+
+        robot, ball = self._robot, icosphere(SUBDIVISIONS, GRIP * reach)
+        shaped = zip(robot.shapes, shapes.part.tolist(), strict=True)
+        ends = [(part, shape.body, end) for shape, part in shaped for end in (shape.start, shape.end)]
+        grips: dict[int, Grip] = {}
+        for part, body, end in sorted(ends, key=lambda each: -abs(each[2])):
+            if part not in grips:
+                look = {"color": colour, "position": in_space(robot.plane, end)}
+                name = f"{self.name}/{body}/grip{part}"
+                node = self._server.scene.add_mesh_simple(name, ball.vertices, ball.faces, **look)
+                grips[part] = Grip(node, body, end)
+        return grips
+
+    def put(self, poses: Poses, index: int) -> None:
+        """Put the bodies where they are at an instant."""
+        plane = self._robot.plane
+        points = in_space(plane, poses.places[index])
+        turns = turned(plane, poses.angles[index])
+        for frame, point, turn in zip(self.frames, points, turns, strict=True):
+            frame.position = point
+            frame.wxyz = turn

@@ -1,7 +1,8 @@
-"""Changes of a problem that are more than a number at a path."""
+"""Changes of a problem, and the numbers at its paths."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, TypeAlias
@@ -30,6 +31,20 @@ def numbers(values: Mapping[str, float]) -> Edit:
         return fp.Family(problem, {path: np.array([float(value)]) for path, value in values.items()})[0]
 
     return edit
+
+
+def number_at(problem: fp.Problem, path: str) -> float:
+    """Return the number at a path, SI units and radians; NaN where a word is in its place."""
+    head, *keys = path.split(".")
+    if head == "limits":
+        return limit_of(problem, keys[0], keys[1])  # type: ignore[arg-type]
+    value: Any = end_state(problem, head) if head in ("start", "goal") else getattr(problem, head)
+    for key in keys:
+        if isinstance(value, np.ndarray):
+            value = value[problem.robot.joints.index(key)]
+        else:
+            value = value[int(key)] if key.isdecimal() else getattr(value, key)
+    return math.nan if isinstance(value, str) else float(value)
 
 
 def flight(**changes: Any) -> Edit:

@@ -1,22 +1,25 @@
-"""The session: the problem as it stands, the answer to it, and all that can be done."""
+"""The session: the problem as it stands, the answer to it, and all that can be done, without a page."""
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import chain, count
+from pathlib import Path
 from typing import Generic, Literal, TypeAlias, TypeVar
 
 import floatplan as fp
-from floatplan.studio.session.edits import Edit, numbers
-from floatplan.studio.work.around import Map
-from floatplan.studio.work.flown import Flown
-from floatplan.studio.work.planning import Planning
-from floatplan.studio.work.tasks import Failure, words_of
+from floatplan.studio.answers import Failure, Map, ShownPlan
+from floatplan.studio.edits import Edit, numbers
+from floatplan.studio.planning import Planning
 
 State = TypeVar("State")
 Verdict: TypeAlias = Literal["waiting", "planned", "proved", "undecided", "refuted", "not found", "failed"]
+Part: TypeAlias = Literal["problem", "plan", "report"]
+FILE_NAMES: dict[Part, str] = {"problem": "problem.toml", "plan": "plan.json", "report": "report.html"}
 MOST = 200  # [-] states of a history
 ONE_GESTURE = 1.0  # [s] between changes of one gesture that count as one
 
@@ -30,12 +33,12 @@ class View:
     problem : Problem
         As asked.
     number : of the question
-    flown : Flown or None
-        The newest answer, perhaps to an older question.
-    answers : number of the question that it answers
+    answer : ShownPlan or None
+        The newest one, perhaps to an older question.
+    answered : number of the question that it answers
     fault : why the newest question has no answer; empty where it has one, or waits for it
     refusal : why the last change was not made; empty where it was
-    kept : Flown or None
+    kept : ShownPlan or None
         To compare with.
     map : Map or None
     can_undo, can_redo : bool
@@ -43,32 +46,30 @@ class View:
 
     problem: fp.Problem
     number: int = 0
-    flown: Flown | None = None
-    answers: int = 0
+    answer: ShownPlan | None = None
+    answered: int = 0
     fault: str = ""
     refusal: str = ""
-    kept: Flown | None = None
+    kept: ShownPlan | None = None
     map: Map | None = None
     can_undo: bool = False
     can_redo: bool = False
 
     @property
     def is_current(self) -> bool:
-        """Whether what is flown answers what is asked."""
-        return self.flown is not None and self.answers == self.number
+        """Whether the answer is to what is asked."""
+        return self.answer is not None and self.answered == self.number
 
     @property
     def verdict(self) -> Verdict:
         """What is known of the present question; "planned" has no proof yet."""
         if self.fault:
             return "failed"
-        if self.flown is None or not self.is_current:
+        if self.answer is None or not self.is_current or not (self.answer.settled or self.answer.plan.ok):
             return "waiting"
-        if not self.flown.settled:
-            return "planned" if self.flown.plan.ok else "waiting"
-        if self.flown.certificate is not None:
-            return self.flown.certificate.verdict
-        return "planned" if self.flown.plan.ok else "not found"
+        if self.answer.settled and self.answer.certificate is not None:
+            return self.answer.certificate.verdict
+        return "planned" if self.answer.plan.ok else "not found"
 
 
 class History(Generic[State]):
@@ -88,15 +89,9 @@ class History(Generic[State]):
         """The present state."""
         return self._states[self._at]
 
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an earlier state."""
-        return self._at > 0
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether there is a later one."""
-        return self._at + 1 < len(self._states)
+    def reaches(self, step: int) -> bool:
+        """Whether there is a state so many steps later."""
+        return 0 <= self._at + step < len(self._states)
 
     def change(self, state: State, gesture: str = "") -> None:
         """Go to a new state, after the present one; of the same gesture, in its place."""
@@ -109,17 +104,12 @@ class History(Generic[State]):
             self._at = len(self._states) - 1
         self._gesture, self._last = gesture, now
 
-    def undo(self) -> None:
-        """Go back by one state, if there is one."""
-        self._go(-1)
-
-    def redo(self) -> None:
-        """Go forth by one state, if there is one."""
-        self._go(1)
-
-    def _go(self, step: int) -> None:
-        self._at = min(max(self._at + step, 0), len(self._states) - 1)
-        self._gesture = ""
+    def go(self, step: int) -> bool:
+        """Go so many steps forth, or back where negative, if there is such a state; return whether there is."""
+        if not self.reaches(step):
+            return False
+        self._at, self._gesture = self._at + step, ""
+        return True
 
 
 class Session:
@@ -136,7 +126,7 @@ class Session:
         self._listeners: list[Callable[[], None]] = []
         self._view = View(problem)
         self._with_map = with_map
-        self._planning = Planning(problem.robot, self._take_flown, self._take_map)
+        self._planning = Planning(problem.robot, self._take_plan, self._take_map)
         self._ask()
 
     @property
@@ -154,7 +144,7 @@ class Session:
             try:
                 problem = edit(self._view.problem)
             except Exception as error:  # of whatever a user can reach: it is said, and nothing changes
-                self.refuse(words_of(error))
+                self.refuse(Failure.of(error).words)
                 return False
             if problem is self._view.problem:
                 return True
@@ -168,16 +158,15 @@ class Session:
 
     def undo(self) -> None:
         """Take back the last change."""
-        with self._lock:
-            if self._history.can_undo:
-                self._history.undo()
-                self._ask()
+        self._go(-1)
 
     def redo(self) -> None:
         """Make it again."""
+        self._go(1)
+
+    def _go(self, step: int) -> None:
         with self._lock:
-            if self._history.can_redo:
-                self._history.redo()
+            if self._history.go(step):
                 self._ask()
 
     def jump(self, row: int, column: int) -> None:
@@ -188,13 +177,12 @@ class Session:
 
     def refuse(self, words: str) -> None:
         """Say why something that was asked is not done."""
-        with self._lock:
-            self._show(refusal=words)
+        self._show(refusal=words)
 
     def keep(self, wanted: bool = True) -> None:
         """Keep the present answer to compare with, or let it go."""
         with self._lock:
-            self._show(kept=self._view.flown if wanted else None)
+            self._show(kept=self._view.answer if wanted else None)
 
     def draw_map(self, wanted: bool) -> None:
         """Whether to plan around the present point."""
@@ -223,10 +211,10 @@ class Session:
             number = self._planning.ask(problem, self._with_map)
             self._show(problem=problem, number=number, fault="", refusal="", map=None)
 
-    def _take_flown(self, number: int, answer: Flown | Failure) -> None:
+    def _take_plan(self, number: int, answer: ShownPlan | Failure) -> None:
         with self._lock:
-            if isinstance(answer, Flown):
-                self._show(flown=answer, answers=number)
+            if isinstance(answer, ShownPlan):
+                self._show(answer=answer, answered=number)
             elif number == self._view.number:
                 self._show(fault=answer.words)
 
@@ -237,8 +225,49 @@ class Session:
 
     def _show(self, **changes: object) -> None:
         with self._changed:
-            history = {"can_undo": self._history.can_undo, "can_redo": self._history.can_redo}
+            history = {"can_undo": self._history.reaches(-1), "can_redo": self._history.reaches(1)}
             self._view = replace(self._view, **history, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
         for listener in self._listeners:
             listener()
+
+
+class Saving:
+    """Saves into a folder; what this session has not written, or others have changed since, is not overwritten."""
+
+    def __init__(self) -> None:
+        self._written: dict[Path, tuple[int, int]] = {}
+
+    def save(self, view: View, part: Part, folder: str) -> str:
+        """Write the problem, its plan or the report; return what to say about it: nothing is raised."""
+        try:
+            asked = Path(folder).expanduser() / FILE_NAMES[part]
+            numbered = (asked.with_stem(f"{asked.stem}-{number}") for number in count(2))
+            path = next(each for each in chain((asked,), numbered) if not os.path.lexists(each) or self._is_own(each))
+            _write(view, part, path)
+            self._written[path.resolve()] = _version(path)
+        except Exception as error:  # of a name, of a full disk, of what a report may find: the page goes on
+            return f"Not saved: {Failure.of(error).words}"
+        return f"{path} is saved." if path == asked else f"{path} is saved: there is another {asked.name} already."
+
+    def _is_own(self, path: Path) -> bool:
+        return path.is_file() and self._written.get(path.resolve()) == _version(path)
+
+
+def _write(view: View, part: Part, path: Path) -> None:
+    if part == "problem":
+        fp.save_problem(view.problem, path)
+        return
+    if view.answer is None or not view.is_current or not view.answer.settled:
+        raise fp.InputError("the plan is not settled yet", advice="wait a moment")
+    plan = view.answer.complete_plan()
+    if part == "plan":
+        plan.save(path)
+    else:
+        plan.show(path, browse=False)
+
+
+def _version(path: Path) -> tuple[int, int]:
+    """What changes when a file is written anew."""
+    state = path.stat()
+    return state.st_ino, state.st_mtime_ns

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from html import escape
-from typing import Any
 
 from floatplan.plans.measures import Utilisation
 from floatplan.plans.verdicts import verdict_in_words
-from floatplan.studio.session.session import Verdict, View
-from floatplan.studio.work.around import COLUMNS, ROWS, Map
-from floatplan.studio.work.flown import Flown
-from floatplan.studio.work.tasks import Cell
+from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
+from floatplan.studio.session import Verdict, View
 
-GREEN, AMBER, RED, GREY, BLUE = "#1a7f4b", "#b26a00", "#c0182b", "#7a7f87", "#1f5fbf"
+GREEN, AMBER, RED, GREY, BLUE, BLACK = "#1a7f4b", "#b26a00", "#c0182b", "#7a7f87", "#1f5fbf", "#3a3f45"
 FULL = 1 + 1e-9  # [-] share of a limit that is still kept
 NEARLY = 0.9  # [-] share of a limit from which its bar is amber
 MOST_WARNINGS = 6  # [-] told; the others are counted
@@ -58,7 +55,7 @@ def is_news(told: View | None, view: View) -> bool:
     """Whether a view is to be told at once: that a search has begun matters only where it lasts."""
     if told is None or view.is_current or view.fault or view.refusal != told.refusal:
         return True
-    return view.flown is not told.flown
+    return view.answer is not told.answer
 
 
 def status_card(view: View) -> str:
@@ -67,77 +64,69 @@ def status_card(view: View) -> str:
     parts = []
     if view.refusal:
         parts.append(f'<div class="band refusal"><b>Not changed</b><p>{escape(view.refusal)}</p></div>')
-    words = _words(view)
-    attributes = f'data-verdict="{view.verdict}" data-number="{view.number}" data-answers="{view.answers}"'
+    attributes = f'data-verdict="{view.verdict}" data-number="{view.number}" data-answers="{view.answered}"'
+    words = _paragraphs(*_words(view))
     parts.append(f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{words}</div>')
-    if view.flown is not None:
-        parts.append(_facts(view.flown))
-        parts.append(_warnings(view.flown) if view.flown.plan.ok else "")
+    if view.answer is not None:
+        facts = "".join(f"<div><span>{name}</span>{value}</div>" for name, value in _facts(view.answer))
+        parts.append(f'<div class="facts">{facts}</div>')
+        if view.answer.plan.ok and view.answer.warnings:
+            warnings = [warning.message for warning in view.answer.warnings]
+            more = [f"and {len(warnings) - MOST_WARNINGS} more"] if len(warnings) > MOST_WARNINGS else []
+            told = _paragraphs(*warnings[:MOST_WARNINGS], *more)
+            parts.append(f'<div class="band warning"><b>Beside the verdict</b>{told}</div>')
     return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
 
 
 def _headline(view: View) -> tuple[str, str]:
-    flown, known = view.flown, BEFORE_THE_END.get(view.verdict)
-    if known is not None or flown is None:
+    answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
+    if known is not None or answer is None:
         return known or BEFORE_THE_END["waiting"]
-    warned = bool(flown.warnings)
-    words = verdict_in_words(flown.plan.ok, flown.certificate, warned)
+    warned = bool(answer.warnings)
+    words = verdict_in_words(answer.plan.ok, answer.certificate, warned)
     return AMBER if warned and view.verdict == "proved" else COLOURS[view.verdict], words.capitalize()
 
 
-def _words(view: View) -> str:
-    if view.fault:
-        return _paragraphs(view.fault)
-    if view.flown is None or not view.is_current:
-        return ""
-    flown, words = view.flown, []
+def _words(view: View) -> list[str]:
+    answer = view.answer
+    if view.fault or answer is None or not view.is_current:
+        return [view.fault] if view.fault else []
     if view.verdict == "not found":
-        words = [flown.plan.explanation, "Shown is the nearest motion found."]
-    elif view.verdict == "waiting":
-        words = ["Shown is the nearest motion so far."]
-    elif view.verdict in ("undecided", "refuted") and flown.certificate is not None:
-        words = [f"{finding.verdict}: {finding.label}" for finding in flown.certificate.unproved[:MOST_WARNINGS]]
-    elif view.verdict == "proved" and flown.certificate is not None:
-        words = [f"All {len(flown.certificate.findings)} constraints hold at every instant, from takeoff to landing."]
-    return _paragraphs(*words)
+        return [answer.plan.explanation, "Shown is the nearest motion found."]
+    if view.verdict == "waiting":
+        return ["Shown is the nearest motion so far."]
+    if answer.certificate is None:
+        return []
+    if view.verdict == "proved":
+        count = len(answer.certificate.findings)
+        return [f"All {count} constraints hold at every instant, from takeoff to landing."]
+    return [f"{finding.verdict}: {finding.label}" for finding in answer.certificate.unproved[:MOST_WARNINGS]]
 
 
 def _paragraphs(*words: str) -> str:
     return "".join(f"<p>{escape(each)}</p>" for each in words)
 
 
-def _facts(flown: Flown) -> str:
-    plan = flown.plan
+def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
+    plan, use = answer.plan, answer.largest_use
     facts = [
         ("duration", f"{plan.duration:.4g} s"),
         ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
     ]
-    if flown.largest_use is not None:
-        colour = use_colour(flown.largest_use)
-        facts.append(("most used limit", f'<b style="color:{colour}">{flown.largest_use:.0%}</b>'))
-    if flown.clearance is not None:
-        facts.append(("least clearance", f"{1e3 * flown.clearance:.4g} mm"))
-    return '<div class="facts">' + "".join(f"<div><span>{name}</span>{value}</div>" for name, value in facts) + "</div>"
+    if use is not None:
+        facts.append(("most used limit", f'<b style="color:{use_colour(use)}">{use:.0%}</b>'))
+    if answer.clearance is not None:
+        facts.append(("least clearance", f"{1e3 * answer.clearance:.4g} mm"))
+    return facts
 
 
-def _warnings(flown: Flown) -> str:
-    told = [f"<p>{escape(warning.message)}</p>" for warning in flown.warnings[:MOST_WARNINGS]]
-    if not told:
-        return ""
-    more = len(flown.warnings) - MOST_WARNINGS
-    if more > 0:
-        told.append(f"<p>and {more} more</p>")
-    return f'<div class="band warning"><b>Beside the verdict</b>{"".join(told)}</div>'
-
-
-def limits_card(flown: Flown | None) -> str:
+def limits_card(answer: ShownPlan | None) -> str:
     """A row for each motor: what it reaches, and how much of its limits that is."""
-    if flown is None:
+    if answer is None:
         return ""
     head = "<tr><th>motor<th>rate, rad/s<th><th>torque, N m<th></tr>"
-    rows = "".join(
-        _motor(row) for row in sorted(flown.utilisation, key=lambda row: flown.plan.robot.motors.index(row.joint))
-    )
+    motors = answer.plan.robot.motors
+    rows = "".join(_motor(row) for row in sorted(answer.utilisation, key=lambda row: motors.index(row.joint)))
     return f'{STYLE}<div class="fp"><table>{head}{rows}</table></div>'
 
 
@@ -155,12 +144,10 @@ def _motor(row: Utilisation) -> str:
 def _bar(use: float | None) -> str:
     if use is None:
         return ""
-    width = 100 * min(use / WIDEST, 1.0)
-    mark = 100 / WIDEST
-    colour = use_colour(use)
     return (
-        f'<div class="bar" title="{use:.0%}"><i style="width:{width:.1f}%;background:{colour}"></i>'
-        f'<u style="left:{mark:.1f}%"></u></div>'
+        f'<div class="bar" title="{use:.0%}">'
+        f'<i style="width:{100 * min(use / WIDEST, 1.0):.1f}%;background:{use_colour(use)}"></i>'
+        f'<u style="left:{100 / WIDEST:.1f}%"></u></div>'
     )
 
 
@@ -169,65 +156,62 @@ def use_colour(use: float) -> str:
     return GREEN if use < NEARLY else AMBER if use <= FULL else RED
 
 
-def map_card(chart: Map | None, buttons: Mapping[tuple[int, int], str], wanted: bool) -> str:
+def map_card(chart: Map | None, buttons: Mapping[tuple[int, ...], str], wanted: bool) -> str:
     """The map; each point is a label of the hidden button, by its id, that jumps there."""
     hidden = ",".join(f'div:has(>[id="{each}"])' for each in buttons.values())
     style = f"{STYLE}<style>{hidden}{{display:none}}</style>"
     if chart is None:
         words = "Drawn when the plan is proved." if wanted else "Switched off."
         return f'{style}<div class="fp"><p>{words}</p></div>'
-    columns = f"3.6em repeat({COLUMNS},1fr)"
-    rows = []
-    uses = [cell.use for cell in chart.cells.values() if cell.use is not None]
+    cells = []
     for row in reversed(range(ROWS)):
-        rows.append(f'<span class="axis">{chart.durations[row]:.3g} s</span>')
-        rows += [_point(chart, row, column, buttons[row, column], uses) for column in range(COLUMNS)]
-    axis = "".join(
-        f'<span class="axis">{_number(value, 2) if index % 2 == 0 else ""}</span>'
-        for index, value in enumerate(chart.momenta)
-    )
+        cells.append(f'<span class="axis">{chart.durations[row]:.3g} s</span>')
+        cells += [_point(chart, row, column, buttons[row, column]) for column in range(COLUMNS)]
+    cells.append("<span></span>")
+    for index, value in enumerate(chart.momenta):
+        cells.append(f'<span class="axis">{_number(value, 2) if index % 2 == 0 else ""}</span>')
     unit = "share of the limits used" if chart.relative else "largest torque, N m"
-    key = (
+    return (
+        f'{style}<div class="fp" id="floatplan-map">'
+        "<p>Duration (up) and angular momentum, kg m²/s (right). Click a point to go there.</p>"
+        f'<div class="map" style="grid-template-columns:3.6em repeat({COLUMNS},1fr)">{"".join(cells)}</div>'
         f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>none found quickly '
-        '<i style="background:#3a3f45"></i>impossible</p>'
+        f'<i style="background:{BLACK}"></i>impossible</p></div>'
     )
-    grid = f'<div class="map" style="grid-template-columns:{columns}">{"".join(rows)}<span></span>{axis}</div>'
-    title = "<p>Duration (up) and angular momentum, kg m²/s (right). Click a point to go there.</p>"
-    return f'{style}<div class="fp" id="floatplan-map">{title}{grid}{key}</div>'
 
 
-def _point(chart: Map, row: int, column: int, button: str, uses: list[float]) -> str:
-    cell = chart.cells.get((row, column))
+def _point(chart: Map, row: int, column: int, button: str) -> str:
+    point = chart.points.get((row, column))
     here = " here" if (row, column) == (ROWS // 2, COLUMNS // 2) else ""
-    colour, text = _point_look(cell, uses, chart.relative)
+    colour, text = _point_look(chart, point)
     where = f"T = {chart.durations[row]:.4g} s, h = {_number(chart.momenta[column])} kg m²/s"
-    status = "not planned yet" if cell is None else cell.status.replace("_", " ")
+    status = "not planned yet" if point is None else point.status.replace("_", " ")
     attributes = f'for="{button}" title="{where}: {status}" data-point="{row},{column}" data-status="{status}"'
     return f'<label class="point{here}" style="background:{colour}" {attributes}>{text}</label>'
 
 
-def _point_look(cell: Cell | None, uses: list[float], relative: bool) -> tuple[str, str]:
+def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:
     """Colour and text of a point."""
-    if cell is None:
+    if point is None:
         return "#e8eaed", ""
-    if cell.use is None:
-        return ("#3a3f45" if cell.status == "impossible" else GREY), ""
-    if relative:
-        return use_colour(cell.use), f"{cell.use:.0%}".rstrip("%")
-    known = [math.log(each) for each in uses if 0 < each < math.inf]
-    width = max(known, default=0.0) - min(known, default=0.0)
-    share = (math.log(cell.use) - min(known)) / width if width > 0 and 0 < cell.use < math.inf else 0.0
-    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{cell.use:.0f}" if 10 <= cell.use < 1e4 else _number(cell.use, 2)
+    use = point.use
+    if use is None:
+        return (BLACK if point.status == "impossible" else GREY), ""
+    if chart.relative:
+        return use_colour(use), f"{use:.0%}".rstrip("%")
+    logs = [math.log(each.use) for each in chart.points.values() if each.use is not None and 0 < each.use < math.inf]
+    width = max(logs, default=0.0) - min(logs, default=0.0)
+    share = (math.log(use) - min(logs)) / width if width > 0 and 0 < use < math.inf else 0.0
+    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{use:.0f}" if 10 <= use < 1e4 else _number(use, 2)
 
 
-def comparison_card(flown: Flown | None, kept: Flown | None) -> str:
+def comparison_card(answer: ShownPlan | None, kept: ShownPlan | None) -> str:
     """Two plans side by side."""
-    if kept is None or flown is None:
-        return (
-            f'{STYLE}<div class="fp"><p>Keep the present plan, change something, and both fly side by side.</p></div>'
-        )
+    if kept is None or answer is None:
+        words = "Keep the present plan, change something, and both fly side by side."
+        return f'{STYLE}<div class="fp"><p>{words}</p></div>'
     rows = "".join(
-        f"<tr><td>{name}<td>{_value(get(kept), unit)}<td>{_value(get(flown), unit)}</tr>"
+        f"<tr><td>{name}<td>{_value(get(kept), unit)}<td>{_value(get(answer), unit)}</tr>"
         for name, unit, get in COMPARED
     )
     head = "<tr><th><th>kept (violet)<th>present</tr>"
@@ -259,9 +243,3 @@ def _value(value: object, unit: str) -> str:
 
 def _number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}".replace("-", "−") if math.isfinite(value) else "–"
-
-
-def put(html: Any, content: str) -> None:
-    """Change what is shown where it differs."""
-    if html.content != content:
-        html.content = content

@@ -1,0 +1,211 @@
+"""What a process of the studio is asked, and what it answers: plans with what is shown of them, points of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.errors import printable
+from floatplan.kernel.rows import is_plain_family
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
+from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
+from floatplan.view.outlines import Poses, body_poses, postures
+
+POSE_RATE = 60.0  # [Hz]
+MOST_POSES = 1200  # [-] of a long flight
+TRAIL = 81  # [-] points of a path
+DURATION, MOMENTUM = "flight.duration", "flight.angular_momentum"
+COLUMNS, ROWS = 9, 7  # [-] values of h, values of T
+DURATION_STEP = 0.07  # [-] of the duration
+MOMENTUM_STEP = 0.12  # [-] of the angular momentum, or of half the interval (9); the larger one counts
+TOGETHER = 3  # [-] points that are asked for at a time
+POINT_BUDGET = 0.4  # [s] of search at a point
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why there is no answer, for a person."""
+
+    words: str
+
+    @classmethod
+    def of(cls, error: BaseException) -> Failure:
+        """Return what went wrong: floatplan's own errors say it themselves."""
+        if isinstance(error, fp.FloatplanError):
+            return cls(str(error))
+        if isinstance(error, MemoryError):
+            return cls("there is not enough memory for this")
+        return cls(printable(f"{type(error).__name__}: {error}"))
+
+
+@dataclass(frozen=True, eq=False)
+class ShownPlan:
+    """A plan with what the page shows of it, measured where it was planned.
+
+    Attributes
+    ----------
+    plan : Plan
+        Where none was found, the nearest motion.
+    certificate : Certificate or None
+    settled : bool
+        Whether ``floatplan plan`` would answer so; else a quick search did.
+    poses : Poses
+    com, takeoff, landing : (N,) complex, m; paths of the centre of mass and of the frames that take off and land
+    utilisation, warnings : of the plan
+    clearance : m, or None without obstacles
+    """
+
+    plan: fp.Plan
+    certificate: fp.Certificate | None
+    settled: bool
+    poses: Poses
+    com: ComplexArray
+    takeoff: ComplexArray
+    landing: ComplexArray
+    utilisation: tuple[Utilisation, ...]
+    warnings: tuple[PlanWarning, ...]
+    clearance: float | None
+
+    @classmethod
+    def of(cls, plan: fp.Plan, settled: bool) -> ShownPlan:
+        """Measure a plan."""
+        count = min(int(np.ceil(plan.duration * POSE_RATE)) + 1, MOST_POSES)
+        state = plan.at(np.linspace(0.0, plan.duration, count))
+        com = state.com_position[:, 0] + 1j * state.com_position[:, 1]
+        paths = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
+        return cls(
+            plan=replace(plan),  # without what it caches
+            certificate=plan.certificate,
+            settled=settled,
+            poses=body_poses(plan.robot, state.orientation, state.positions, com),
+            com=paths.com,
+            takeoff=paths.takeoff,
+            landing=paths.landing,
+            utilisation=plan.utilisation,
+            warnings=plan.warnings,
+            clearance=plan.peaks.clearance,
+        )
+
+    @property
+    def largest_use(self) -> float | None:
+        """Largest share of a limit that a motor uses; None without limits."""
+        return largest_use(self.utilisation)
+
+    def complete_plan(self) -> fp.Plan:
+        """The plan with its certificate, as ``floatplan plan`` writes it."""
+        if self.certificate is None:
+            return self.plan
+        return self.plan.with_record(self.plan.record.with_checks(certificate=self.certificate.to_dict()))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanTask:
+    """Plan a problem: as ``floatplan plan`` does, with its proof, or within a ``budget``, s, the best motion so far.
+
+    A search with a budget begins from the plan ``near`` it, where there is one.
+    """
+
+    problem: fp.Problem
+    budget: float | None = None
+    near: fp.Plan | None = None
+
+    def answer(self) -> ShownPlan:
+        """Plan."""
+        if self.budget is None:
+            return ShownPlan.of(fp.plan(self.problem, prove=True), settled=True)
+        searched = planned(self.problem, SearchOptions(budget=self.budget), self.near)
+        return ShownPlan.of(searched.plan, settled=False)
+
+
+@dataclass(frozen=True)
+class MapPoint:
+    """One point of the map.
+
+    Attributes
+    ----------
+    status : as of :func:`floatplan.plan_many`
+    use : share of the limits that the plan uses; where there are none, its largest torque, N m; None without a plan
+    """
+
+    status: str
+    use: float | None
+
+    @classmethod
+    def of(cls, status: str, plan: fp.Plan) -> MapPoint:
+        """Measure the plan of a point."""
+        use = largest_use(plan.utilisation)
+        return cls(status, float(np.max(plan.peaks.motor_torque)) if use is None else use)
+
+
+@dataclass(frozen=True, eq=False)
+class MapTask:
+    """Plan some points of the map: arrays by their paths; each within a budget, s, where they are no batch."""
+
+    problem: fp.Problem
+    varied: Mapping[str, Array]
+    budget: float
+
+    def answer(self) -> list[MapPoint]:
+        """Plan them."""
+        family = fp.Family(self.problem, self.varied)
+        if not is_plain_family(family):
+            return [self._searched(family, row) for row in range(len(family))]
+        plans = fp.plan_many(family)
+        answers = enumerate(zip(plans.status.tolist(), plans.ok.tolist(), strict=True))
+        return [MapPoint.of(status, plans[row]) if ok else MapPoint(status, None) for row, (status, ok) in answers]
+
+    def _searched(self, family: fp.Family, row: int) -> MapPoint:
+        try:
+            plan = fp.plan(family[row], budget=self.budget)
+        except fp.InputError:
+            return MapPoint("error", None)
+        return MapPoint.of(plan.status, plan) if plan.ok else MapPoint("not_found", None)
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Plans around one: columns of angular momentum, rows of duration.
+
+    Attributes
+    ----------
+    momenta : (COLUMNS,) kg m^2/s
+    durations : (ROWS,) s
+    relative : whether what points use is a share of limits; else torques, N m
+    points : (row, column) -> MapPoint, as far as they were planned
+    """
+
+    momenta: Array
+    durations: Array
+    relative: bool
+    points: Mapping[tuple[int, int], MapPoint] = field(default_factory=dict)
+
+    @classmethod
+    def around(cls, present: ShownPlan) -> Map:
+        """Return the empty map around a plan."""
+        duration, momentum = present.plan.duration, present.plan.angular_momentum
+        low, high = present.plan.angular_momentum_bounds
+        step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)
+        return cls(
+            momenta=np.asarray(momentum + step * (np.arange(COLUMNS) - COLUMNS // 2), dtype=np.float64),
+            durations=np.asarray(duration * (1 + DURATION_STEP * (np.arange(ROWS) - ROWS // 2)), dtype=np.float64),
+            relative=present.largest_use is not None,
+        )
+
+    def questions(self, problem: fp.Problem) -> Iterator[tuple[list[tuple[int, int]], MapTask]]:
+        """Rows and columns of points and the question about them, from the middle outwards."""
+        rows, columns = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
+        distance = ((rows - ROWS // 2) / ROWS) ** 2 + ((columns - COLUMNS // 2) / COLUMNS) ** 2
+        order: IntArray = np.argsort(distance, kind="stable")
+        for first in range(0, len(order), TOGETHER):
+            row, column = (each[order[first : first + TOGETHER]] for each in (rows, columns))
+            varied = {DURATION: self.durations[row], MOMENTUM: self.momenta[column]}
+            yield list(zip(row.tolist(), column.tolist(), strict=True)), MapTask(problem, varied, POINT_BUDGET)
+
+    def values(self, row: int, column: int) -> dict[str, float]:
+        """The numbers of a point, by their paths."""
+        return {DURATION: float(self.durations[row]), MOMENTUM: float(self.momenta[column])}

@@ -1,0 +1,141 @@
+"""Sliders of numbers of the problem, by their paths, and choices of words and ticks.
+
+An input does not fight with the user who holds it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.studio.edits import Edit, number_at, numbers
+from floatplan.studio.events import Actions, by_user
+from floatplan.studio.session import Session
+
+RELEASED = 0.7  # [s] after the user's last touch, before an input follows the session
+STEPS = 400  # [-] of a slider
+FINER = 2  # [-] decimals that are shown beyond those of a step
+
+
+@dataclass(frozen=True)
+class Dial:
+    """A number that a slider shows.
+
+    Attributes
+    ----------
+    label : beside it
+    paths : in a problem file; all get the value, the first one's is shown
+    low, high : of the slider, SI units and radians
+    unit : what the slider's numbers are in: one of them in SI units
+    hint : for a person
+    """
+
+    label: str
+    paths: Sequence[str]
+    low: float
+    high: float
+    unit: float = 1.0
+    hint: str = ""
+
+
+@dataclass(eq=False)
+class Input:
+    """What a user sets, how to read from a problem what it shows, and when the user last touched it, s."""
+
+    handle: Any
+    get: Callable[[fp.Problem], Any]
+    touched: float = -math.inf
+
+
+class Inputs:
+    """Sliders, choices and ticks; each follows the session unless the user holds it."""
+
+    def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
+        self._gui, self._session, self._actions = gui, session, actions
+        self.sliders: dict[str, Any] = {}  # by the path that each shows
+        self._shown: list[Input] = []
+
+    def slider(self, dial: Dial, problem: fp.Problem, get: Callable[[fp.Problem], float] | None = None) -> Any:
+        """Add a slider that shows the number of a problem; ``get`` reads it where it is not the one at its path."""
+        path, unit = dial.paths[0], dial.unit
+        step = _step((dial.high - dial.low) / unit)
+        digits = max(0, -int(np.floor(np.log10(step))))
+
+        def shown(problem: fp.Problem) -> float:
+            return round((number_at(problem, path) if get is None else get(problem)) / unit, digits + FINER)
+
+        def set_to(value: float) -> None:
+            if math.isfinite(value):
+                self._session.edit(numbers(dict.fromkeys(dial.paths, value * unit)), path)
+            else:
+                self._session.refuse(f"{path}: {value} is not a finite number")
+
+        value = shown(problem)
+        value = value if math.isfinite(value) else round(dial.low / unit, digits + FINER)
+        low = min(round(math.ceil(dial.low / unit / step) * step, digits), value)
+        high = max(round(math.floor(dial.high / unit / step) * step, digits), value)
+        slider = self._gui.add_slider(
+            dial.label, min=low, max=high, step=step, initial_value=value, hint=dial.hint or None
+        )
+        self._add(slider, shown, path, set_to)
+        self.sliders[path] = slider
+        return slider
+
+    def choice(
+        self,
+        label: str,
+        words: Sequence[str],
+        get: Callable[[fp.Problem], str],
+        edit: Callable[[str], Edit],
+        hint: str | None = None,
+    ) -> None:
+        """Add a choice of words: how to read it from a problem, and the edit that makes it."""
+        present = get(self._session.view.problem)
+        offered = tuple(dict.fromkeys((*words, present)))
+        dropdown = self._gui.add_dropdown(label, offered, initial_value=present, hint=hint)
+        self._add(dropdown, get, label, lambda word: self._session.edit(edit(word)))
+
+    def tick(self, label: str, get: Callable[[fp.Problem], bool], edit: Callable[[bool], Edit]) -> None:
+        """Add a tick."""
+        tick = self._gui.add_checkbox(label, get(self._session.view.problem))
+        self._add(tick, get, label, lambda wanted: self._session.edit(edit(wanted)))
+
+    def _add(self, handle: Any, get: Callable[[fp.Problem], Any], about: str, act: Callable[[Any], object]) -> None:
+        shown = Input(handle, get)
+
+        def touch(event: Any) -> None:
+            shown.touched, value = time.monotonic(), event.target.value  # before anything else sets it
+            self._actions.do(about, lambda: act(value))
+
+        by_user(handle.on_update, touch)
+        self._shown.append(shown)
+
+    def forget(self, handles: Sequence[Any]) -> None:
+        """Remove inputs that are gone."""
+        self._shown = [shown for shown in self._shown if shown.handle not in handles]
+        self.sliders = {path: slider for path, slider in self.sliders.items() if slider not in handles}
+
+    def follow(self, problem: fp.Problem) -> bool:
+        """Show what a problem has; return whether the user still holds an input. In the thread of the user's events."""
+        now, busy = time.monotonic(), False
+        for shown in self._shown:
+            handle, value = shown.handle, shown.get(problem)
+            if now - shown.touched < RELEASED:
+                busy = True
+            elif value != handle.value and value == value:  # a number that is not known is NaN
+                if isinstance(value, float):
+                    handle.min, handle.max = min(handle.min, value), max(handle.max, value)
+                handle.value = value
+        return busy
+
+
+def _step(width: float) -> float:
+    """A round step, about so fine that a slider has :data:`STEPS`."""
+    power = 10.0 ** np.floor(np.log10(max(width, 1e-9) / STEPS))
+    return float(power * next(each for each in (1, 2, 5, 10) if each * power >= width / STEPS))

@@ -1,0 +1,306 @@
+"""The panel: what is asked, as sliders and choices, and what the session says about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
+from floatplan.studio import cards, edits
+from floatplan.studio.answers import COLUMNS, ROWS
+from floatplan.studio.events import Actions, by_user, in_turn, on
+from floatplan.studio.inputs import Dial, Inputs
+from floatplan.studio.player import Player
+from floatplan.studio.session import Part, Saving, Session, View
+from floatplan.studio.stage import Stage
+from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitKey
+
+DEGREE = math.pi / 180  # [rad]
+TURNS = 400 * DEGREE  # [rad] that an orientation's slider reaches, to both sides
+FASTER = 4.0  # [m/s] that the horizontal velocity's slider reaches, to both sides
+REACH = 2.0  # [m] that a place's slider reaches, to both sides
+LEAST = 0.01  # [-] of a limit slider's end
+WIDE = 3.0  # [-] of what the first motion needs, where the URDF has no limit: a slider's end
+SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
+A_NUMBER = "a number"
+MOMENTA = ("midpoint", "free", A_NUMBER)
+DEGREES = ("auto", "7", "9", "11", "13")
+SAVED: dict[str, Part] = {"Save problem": "problem", "Save plan": "plan", "Save report": "report"}
+
+
+class Controls:
+    """The panel; :meth:`draw` follows the session's view, what the user does changes the session."""
+
+    def __init__(
+        self, server: Any, session: Session, actions: Actions, stage: Stage, player: Player, folder: str
+    ) -> None:
+        self._server, self._gui, self._session, self._actions = server, server.gui, session, actions
+        self._stage, self._player = stage, player
+        self.inputs = Inputs(self._gui, session, actions)
+        self._told: View | None = None
+        self._begun = 0  # number of the newest question whose search was not told at once
+        self._status = self._gui.add_html(cards.status_card(session.view))
+        self._flying()
+        tabs = self._gui.add_tab_group()
+        with tabs.add_tab("Goal"):
+            self._posture("goal")
+        with tabs.add_tab("Start"):
+            self._posture("start")
+        with tabs.add_tab("Flight"):
+            self._flight()
+        with tabs.add_tab("Limits"):
+            self._limits = LimitsTab(self._gui, session, self.inputs)
+        with tabs.add_tab("Obstacles") as tab:
+            self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_place())
+        with tabs.add_tab("Map"):
+            self._map()
+        with tabs.add_tab("Compare"):
+            self._compare()
+        with tabs.add_tab("Save"):
+            self._save(folder)
+
+    def draw(self, view: View) -> bool:
+        """Say and show what has changed; return whether it has to be drawn again soon.
+
+        So it is where the user holds a slider, or a search may take long enough to be told.
+        """
+        begun = not cards.is_news(self._told, view) and view.number != self._begun
+        if begun:
+            self._begun = view.number
+        else:
+            self._told = view
+            self._status.content = cards.status_card(view)
+        self._map_html.content = cards.map_card(view.map, self._points, self._map_wanted.value)
+        self._comparison.content = cards.comparison_card(view.answer, view.kept)
+        self._limits.draw(view)
+        self._obstacles.draw(view)
+        self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
+        self.time.max = max(shown.plan.duration for shown in (view.answer, view.kept) if shown is not None)
+        return in_turn(self._server, lambda: self.inputs.follow(view.problem)) or begun
+
+    def at(self, instant: float) -> None:
+        """Show the flight's time, s."""
+        value = round(float(np.clip(instant, 0.0, self.time.max)), 3)
+        in_turn(self._server, lambda: setattr(self.time, "value", value))
+
+    def _button(self, label: str, about: str, act: Callable[[], object], **look: Any) -> Any:
+        button = self._gui.add_button(label, **look)
+        on(button.on_click, lambda _: self._actions.do(about, act))
+        return button
+
+    def _flying(self) -> None:
+        """Buttons and keys to go back and forth, and the time of the flight."""
+        session, player = self._session, self._player
+        actions = {
+            "Undo": session.undo,
+            "Redo": session.redo,
+            "Play / pause": lambda: player.play(not player.playing),
+        }
+
+        def act(name: str, event: Any) -> None:
+            self._actions.do(f"{name} {id(event)}", actions[name])
+
+        buttons = self._gui.add_button_group("", tuple(actions))
+        on(buttons.on_click, lambda event: act(event.target.value, event))
+        for name, hotkey in (("Undo", "Z"), ("Redo", "Y")):
+            command = self._gui.add_command(name, hotkey=hotkey, modifier="cmd/ctrl")
+            on(command.on_trigger, partial(act, name))
+        duration = float(session.view.problem.flight.duration)
+        self.time = self._gui.add_slider(
+            "time, s", min=0.0, max=duration, step=0.001, initial_value=0.0, hint="Moving it stops the flight."
+        )
+        by_user(self.time.on_update, lambda event: self._seek(float(event.target.value)))
+
+    def _seek(self, instant: float) -> None:
+        longest = float(self.time.max)
+        if 0.0 <= instant <= longest:
+            self._player.seek(instant)
+        else:
+            self._session.refuse(f"time: {instant:g} s is not within the flight, 0 to {longest:g} s")
+            self.time.value = 0.0
+
+    def _posture(self, end: str) -> None:
+        problem, path = self._session.view.problem, f"{end}.orientation"
+        turn, hint = edits.number_at(problem, path), "360° more is one somersault more."
+        self.inputs.slider(Dial("base, °", (path,), turn - TURNS, turn + TURNS, DEGREE, hint), problem)
+        for joint, (low, high) in zip(problem.robot.joints, problem.position_limits.tolist(), strict=True):
+            self.inputs.slider(Dial(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, DEGREE), problem)
+        shown = self._gui.add_checkbox(f"show the {end}", initial_value=True, hint="Drag its links to change it.")
+        on(shown.on_update, lambda _: setattr(self._stage.ghosts[end].root, "visible", shown.value))
+
+    def _flight(self) -> None:
+        answer, problem = self._session.view.answer, self._session.view.problem
+        low, high = (0.0, 1.0) if answer is None else answer.plan.angular_momentum_bounds
+        half = max(high - low, abs(low), abs(high), 0.1)
+        present, speed = problem.flight.duration, problem.flight.horizontal_velocity
+        self.inputs.slider(Dial("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present), problem)
+        hint = "Angular momentum: the middle of what suits joints that do not turn back "
+        hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
+        self.inputs.choice("h is", MOMENTA, _momentum_word, self._momentum_edit, hint)
+        dial = Dial("h, kg m²/s", ("flight.angular_momentum",), low - half, high + half)
+        self._momentum = self.inputs.slider(dial, problem, self._momentum_of)
+        path, hint = "flight.horizontal_velocity", "Of the centre of mass, horizontal."
+        self.inputs.slider(Dial("speed, m/s", (path,), speed - FASTER, speed + FASTER, hint=hint), problem)
+        self.inputs.choice(
+            "least",
+            tuple(OBJECTIVE_TABLE),
+            lambda each: each.motion.objective,
+            lambda word: edits.motion(objective=word),
+            "What the motion minimises.",
+        )
+        hint = "Of the polynomials: higher ones move more freely."
+        self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
+        self.inputs.tick("keep above the ground", lambda each: each.ground, edits.ground)
+
+    def _momentum_edit(self, word: str) -> edits.Edit:
+        return edits.flight(angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
+
+    def _momentum_of(self, problem: fp.Problem) -> float:
+        asked = problem.flight.angular_momentum
+        return self._present_momentum(math.nan) if isinstance(asked, str) else float(asked)
+
+    def _present_momentum(self, unknown: float) -> float:
+        answer = self._session.view.answer
+        return unknown if answer is None else answer.plan.angular_momentum
+
+    def _map(self) -> None:
+        session = self._session
+        wanted = self._map_wanted = self._gui.add_checkbox("plan around this point", initial_value=True)
+        on(wanted.on_update, lambda _: self._actions.do("map", lambda: session.draw_map(wanted.value)))
+        self._points = {}  # ids in the page of hidden buttons, by row and column
+        for point in np.ndindex(ROWS, COLUMNS):
+            self._points[point] = self._button("", "jump", partial(session.jump, *point))._impl.uuid
+        self._map_html = self._gui.add_html("")
+
+    def _compare(self) -> None:
+        self._button("Keep this plan", "keep", lambda: self._session.keep(True))
+        self._button("Let it go", "keep", lambda: self._session.keep(False), color="gray")
+        self._comparison = self._gui.add_html("")
+        speed = self._gui.add_dropdown("flown at", tuple(SPEEDS), initial_value="half speed")
+        on(speed.on_update, lambda _: self._player.set_speed(SPEEDS[speed.value]))
+
+    def _save(self, folder: str) -> None:
+        place, saving = self._gui.add_text("folder", folder), Saving()
+
+        def save(part: Part) -> None:
+            saved.content = cards.saved_card([saving.save(self._session.view, part, place.value)])
+
+        for label, part in SAVED.items():
+            self._button(label, label, partial(save, part))
+        saved = self._gui.add_html(cards.saved_card([]))
+
+
+def _momentum_word(problem: fp.Problem) -> str:
+    asked = problem.flight.angular_momentum
+    return asked if isinstance(asked, str) else A_NUMBER
+
+
+def _degree_word(problem: fp.Problem) -> str:
+    return DEGREES[0] if problem.raises_degree else ", ".join(dict.fromkeys(map(str, problem.degrees)))
+
+
+def _degree_edit(word: str) -> edits.Edit:
+    return edits.motion(degree=int(word) if word.isdecimal() else word)
+
+
+class LimitsTab:
+    """Limits of joints and motors."""
+
+    def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
+        self._session, self._inputs = session, inputs
+        self._sliders = {key: self._add(key) for key, row in LIMIT_TABLE.items() if row.of != "base"}
+        self._table = gui.add_html("")
+
+    def draw(self, view: View) -> None:
+        """Show sliders where they count, and the table."""
+        self._table.content = cards.limits_card(view.answer)
+        for key, sliders in self._sliders.items():
+            for slider in sliders:
+                slider.visible = edits.limit_choice(view.problem, key) == edits.BY_HAND
+
+    def _add(self, key: LimitKey) -> list[Any]:
+        problem, row, needed = self._session.view.problem, LIMIT_TABLE[key], self._needed(key)
+        robot = problem.robot
+        of_urdf = getattr(robot, f"motor_{key}_limits").tolist() if row.in_urdf else [math.inf] * len(robot.motors)
+        words = ("none", "urdf", edits.BY_HAND) if np.isfinite(of_urdf).any() else ("none", edits.BY_HAND)
+        self._inputs.choice(
+            f"{key} limit",
+            words,
+            lambda each: edits.limit_choice(each, key),
+            lambda word: edits.limit(key, word, self._needed(key)),
+        )
+        ends = {
+            motor: value if math.isfinite(value) else WIDE * max(needed[motor], 1e-3)
+            for motor, value in zip(robot.motors, of_urdf, strict=True)
+        }
+        return [
+            self._inputs.slider(
+                Dial(f"{joint}, {row.unit}", edits.limit_paths(robot, key, joint), LEAST * ends[joint], ends[joint]),
+                problem,
+            )
+            for joint in robot.joints
+        ]
+
+    def _needed(self, key: LimitKey) -> dict[str, float]:
+        """Peaks of the present motion, by motor."""
+        answer, robot = self._session.view.answer, self._session.view.problem.robot
+        peaks = {} if answer is None else {row.joint: getattr(row, f"{key}_peak") for row in answer.utilisation}
+        return {motor: float(peaks.get(motor, 1.0)) for motor in robot.motors}
+
+
+class ObstaclesTab:
+    """A folder of sliders for each obstacle; ``free_place`` is where a new one goes, and the robot's size, m."""
+
+    def __init__(
+        self, gui: Any, tab: Any, session: Session, actions: Actions, inputs: Inputs, free_place: tuple[complex, float]
+    ) -> None:
+        self._gui, self._tab, self._session, self._actions, self._inputs = gui, tab, session, actions, inputs
+        self._kinds: list[str] = []
+        self._folders: list[Any] = []
+        self._sliders: list[Any] = []
+        for kind, known in OBSTACLE_KINDS.items():
+            self._button(f"Add a {kind}", edits.with_obstacle(known.example(*free_place)))
+
+    def draw(self, view: View) -> None:
+        """List the obstacles anew where there are others."""
+        obstacles = view.problem.obstacles
+        kinds = [obstacle.kind for obstacle in obstacles]
+        if kinds == self._kinds:
+            return
+        self._inputs.forget(self._sliders)
+        for folder in self._folders:
+            folder.remove()
+        self._folders, self._sliders, self._kinds = [], [], kinds
+        for index, obstacle in enumerate(obstacles):
+            with self._tab, self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
+                self._sliders += [self._inputs.slider(dial, view.problem) for dial in obstacle_dials(index, obstacle)]
+                self._button("Remove", edits.without_obstacle(index))
+            self._folders.append(folder)
+
+    def _button(self, label: str, edit: edits.Edit) -> None:
+        button = self._gui.add_button(label, color="gray")
+        on(
+            button.on_click,
+            lambda event: self._actions.do(f"obstacles {id(event)}", lambda: self._session.edit(edit)),
+        )
+
+
+def obstacle_dials(index: int, obstacle: Obstacle) -> list[Dial]:
+    """Sliders of an obstacle: its places, radius and margin."""
+    dials = []
+
+    def add(key: str, label: str, low: float, high: float) -> None:
+        dials.append(Dial(f"{label}, m", (f"obstacles.{index}.{key}",), low, high))
+
+    for name in obstacle.places():
+        for axis, place in enumerate(getattr(obstacle, name)):
+            add(f"{name}.{axis}", f"{name} {'→↑'[axis]}", float(place) - REACH, float(place) + REACH)
+    if hasattr(obstacle, "radius"):
+        add("radius", "radius", 0.0, max(1.0, 2 * obstacle.radius))
+    add("margin", "margin", 0.0, max(0.3, 2 * obstacle.margin))
+    return dials

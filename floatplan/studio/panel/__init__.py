@@ -1,1 +1,0 @@
-"""The panel: sliders, choices and buttons, and what the page says."""

@@ -1,0 +1,278 @@
+"""Planning beside the page: the newest question wins, a quick answer comes first, then the one that is proved.
+
+Two processes plan: the page stays quick, and what is out of date ends at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+import floatplan as fp
+from floatplan.pool import get_ready
+from floatplan.studio.answers import Failure, Map, MapTask, PlanTask, ShownPlan
+
+QUICK = 0.3  # [s] of search, before the best motion so far is shown
+QUIET = 0.2  # [s] without another question, before the whole search and the proof begin
+MAP_BUDGET = 30.0  # [s] of planning for a map
+LAST = 10  # [-] niceness of proofs and maps: the page is drawn first
+LOST = "the planner ended unexpectedly; change something to try again"
+ROBOT = "robot"
+LOADED = (  # before a process begins
+    *("floatplan.certificate.certify", "floatplan.kernel.library", "floatplan.planning.many"),
+    *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
+)
+
+
+class StoppedError(Exception):
+    """The process was stopped, or has died, before it answered."""
+
+
+class Worker:
+    """A process that answers questions about one robot, which stays there: only what changes is sent.
+
+    It is started when it is asked something, and again after it was stopped.
+    """
+
+    def __init__(self, robot: fp.Robot, niceness: int = 0) -> None:
+        self._robot, self._niceness = robot, niceness
+        self._lock = threading.Lock()
+        self._process: Any = None
+        self._pipe: Connection | None = None
+        self._stops = 0  # so far
+        self._closed = False
+
+    def ask(self, task: PlanTask | MapTask) -> Any:
+        """Return the answer, or a :class:`Failure`; one thread at a time may ask.
+
+        Raises
+        ------
+        StoppedError
+            :meth:`stop` was called meanwhile, or the process has died.
+        """
+        try:
+            pipe = self._running()
+        except StoppedError:
+            raise
+        except Exception as error:  # whatever the system says: the page goes on and says it
+            return Failure(f"the process that plans cannot be started: {Failure.of(error).words}")
+        try:
+            pipe.send_bytes(packed(task, self._robot))
+            return unpacked(pipe.recv_bytes(), self._robot)
+        except (EOFError, OSError):
+            self.stop()
+            raise StoppedError from None
+
+    def stop(self) -> None:
+        """End the process, whatever it does; from any thread, and without waiting for one that only starts."""
+        with self._lock:
+            self._stops += 1
+            process, self._process, self._pipe = self._process, None, None
+        if process is not None:
+            process.kill()
+            process.join()
+            process.close()
+
+    def close(self) -> None:
+        """Stop for good."""
+        self._closed = True
+        self.stop()
+
+    @property
+    def process_id(self) -> int | None:
+        """Of the process, where one runs."""
+        with self._lock:
+            return None if self._process is None else self._process.pid
+
+    def _running(self) -> Connection:
+        with self._lock:
+            if self._pipe is not None:
+                return self._pipe
+            stops = self._stops
+        process, pipe = self._started()
+        with self._lock:
+            self._process, self._pipe = process, pipe
+        if self._closed:
+            self.stop()
+        if self._stops != stops:
+            raise StoppedError
+        return pipe
+
+    def _started(self) -> tuple[Any, Connection]:
+        if self._closed:
+            raise StoppedError
+        context = get_ready("__main__", *LOADED)
+        ours, theirs = context.Pipe()
+        process = context.Process(target=serve, args=(theirs, self._robot, self._niceness), daemon=True)
+        process.start()
+        theirs.close()
+        return process, ours
+
+
+def serve(pipe: Connection, robot: fp.Robot, niceness: int) -> None:
+    """Answer until the other end is closed, with so much less priority; Ctrl-C is for the main process."""
+    if hasattr(os, "nice"):
+        os.nice(niceness)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            task = unpacked(pipe.recv_bytes(), robot)
+            try:
+                answer = task.answer()
+            except Exception as error:  # whatever it is, the page goes on and says it
+                answer = Failure.of(error)
+            pipe.send_bytes(packed(answer, robot))
+
+
+def packed(content: object, robot: fp.Robot) -> bytes:
+    """Content as bytes, without the robot."""
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer, pickle.HIGHEST_PROTOCOL)
+    pickler.persistent_id = lambda each: ROBOT if each is robot else None  # type: ignore[method-assign]
+    pickler.dump(content)
+    return buffer.getvalue()
+
+
+def unpacked(content: bytes, robot: fp.Robot) -> Any:
+    """What was packed on the other side, with the robot of this one."""
+    unpickler = pickle.Unpickler(io.BytesIO(content))
+    unpickler.persistent_load = lambda _: robot  # type: ignore[method-assign]
+    return unpickler.load()
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked, with a number that grows."""
+
+    number: int
+    problem: fp.Problem
+    with_map: bool
+    asked: float
+
+
+class Planning:
+    """Two processes: one plans at once, the other proves, searches on, and draws the map.
+
+    Parameters
+    ----------
+    robot : Robot
+    on_plan : callable
+        Told the number of a question, and its plan or why there is none; from a thread of its own. Quick answers
+        come in the order of their questions, those that newer ones overtook are left out.
+    on_map : callable
+        Told the number of a question, and the map as far as it is known.
+    """
+
+    def __init__(
+        self,
+        robot: fp.Robot,
+        on_plan: Callable[[int, ShownPlan | Failure], None],
+        on_map: Callable[[int, Map], None],
+    ) -> None:
+        self._on_plan, self._on_map = on_plan, on_map
+        self._quick, self._thorough = Worker(robot), Worker(robot, LAST)
+        self._change = threading.Condition()
+        self._newest: Question | None = None
+        self._near: fp.Plan | None = None  # the newest plan, from which the next quick one begins
+        self._answered = 0  # number of the newest question that has a quick answer
+        self._settled = 0  # number of the newest question that the other process was given
+        self._settling = False  # whether it is at work
+        self._closed = False
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._plan_all, self._settle_all)]
+        for thread in self._threads:
+            thread.start()
+
+    def ask(self, problem: fp.Problem, with_map: bool) -> int:
+        """Ask for a plan; return the question's number. What older questions still wait for is dropped."""
+        with self._change:
+            number = self._newest.number + 1 if self._newest else 1
+            self._newest = Question(number, problem, with_map, time.monotonic())
+            self._change.notify_all()
+        if self._settling:
+            self._thorough.stop()
+        return number
+
+    def close(self) -> None:
+        """End both processes."""
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+        self._quick.close()
+        self._thorough.close()
+        for thread in self._threads:
+            thread.join()
+
+    @property
+    def process_ids(self) -> list[int]:
+        """Of the processes that run."""
+        return [number for worker in (self._quick, self._thorough) if (number := worker.process_id) is not None]
+
+    def _tell(self, question: Question, answer: ShownPlan | Failure) -> None:
+        if isinstance(answer, ShownPlan) and answer.plan.ok:
+            self._near = answer.plan
+        self._on_plan(question.number, answer)
+
+    def _is_newest(self, question: Question) -> bool:
+        return self._newest is question and not self._closed
+
+    def _plan_all(self) -> None:
+        while question := self._next(lambda newest: newest.number > self._answered):
+            try:
+                answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
+            except StoppedError:
+                answer = Failure(LOST)
+            if not self._closed:
+                self._tell(question, answer)
+            with self._change:
+                self._answered = question.number
+                self._change.notify_all()
+
+    def _settle_all(self) -> None:
+        while question := self._next(lambda newest: self._answered == newest.number > self._settled):
+            self._settled = question.number
+            if not self._stays_newest(question):
+                continue
+            self._settling = True
+            try:
+                answer = self._thorough.ask(PlanTask(question.problem))
+                if self._is_newest(question):
+                    self._tell(question, answer)
+                    if question.with_map and isinstance(answer, ShownPlan):
+                        self._draw_map(question, answer)
+            except StoppedError:
+                if self._is_newest(question):
+                    self._on_plan(question.number, Failure(LOST))
+            finally:
+                self._settling = False
+
+    def _draw_map(self, question: Question, present: ShownPlan) -> None:
+        chart, until = Map.around(present), time.monotonic() + MAP_BUDGET
+        for places, task in chart.questions(question.problem):
+            if not self._is_newest(question) or time.monotonic() > until:
+                return
+            points = self._thorough.ask(task)
+            if isinstance(points, Failure) or not self._is_newest(question):
+                return
+            chart = replace(chart, points={**chart.points, **dict(zip(places, points, strict=True))})
+            self._on_map(question.number, chart)
+
+    def _next(self, wanted: Callable[[Question], bool]) -> Question | None:
+        """Wait for a newest question of which something is wanted; None where there will be no more."""
+        with self._change:
+            self._change.wait_for(lambda: self._closed or (self._newest is not None and wanted(self._newest)))
+            return None if self._closed else self._newest
+
+    def _stays_newest(self, question: Question) -> bool:
+        """Wait until a question is old enough; return whether it is still the newest then."""
+        with self._change:
+            left = question.asked + QUIET - time.monotonic()
+            return not self._change.wait_for(lambda: not self._is_newest(question), max(left, 0.0))

@@ -1,0 +1,268 @@
+"""Where a flight's robot, ground and obstacles are, as outlines that pictures and pages draw.
+
+Places in the plane are complex, horizontal + i vertical, m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.motion.planar.clearance import LinkShapes
+from floatplan.plans.plan import Plan
+from floatplan.problem.parts import HalfPlane, JointState, Obstacle
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Frame, Robot
+
+ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of a circle
+LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
+REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
+MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
+LEAST_RADIUS = 0.4  # [-] of the former
+STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
+FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] along the path
+STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
+SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper is drawn without ground
+WIDE = 1e3  # [m] half-planes end outside every picture
+PAD = 0.04  # [-] room around what a picture must hold, in sizes of its box
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """The robot at K instants.
+
+    Attributes
+    ----------
+    times : (K,) s
+    com : (K,) complex, m
+    start, end : (K, S) complex, m
+        Ends of the links' capsules.
+    radius : (S,) m
+        As drawn: a link that has none gets one.
+    part : (S,) int
+        Colour of each capsule: 0 for the base, i + 1 for what joint i moves.
+    takeoff, landing : (K,) complex, m
+        Places of the frames that take off and land.
+    """
+
+    times: Array
+    com: ComplexArray
+    start: ComplexArray
+    end: ComplexArray
+    radius: Array
+    part: IntArray
+    takeoff: ComplexArray
+    landing: ComplexArray
+
+    @property
+    def low(self) -> ComplexArray:
+        """Lower left corners (K,) of the boxes around the postures."""
+        return self._corner(np.minimum, -1.0)
+
+    @property
+    def high(self) -> ComplexArray:
+        """Upper right corners (K,) of the boxes around the postures."""
+        return self._corner(np.maximum, 1.0)
+
+    def _corner(self, extreme: np.ufunc, side: float) -> ComplexArray:
+        ends = (self.start.real, self.end.real), (self.start.imag, self.end.imag)
+        across, up = (extreme.reduce(extreme(*pair) + side * self.radius, axis=1) for pair in ends)
+        return np.asarray(across + 1j * up)
+
+    def outlines(self, index: int) -> list[ComplexArray]:
+        """Closed outlines (points,) of the capsules at instant ``index``, m."""
+        ends = zip(self.start[index].tolist(), self.end[index].tolist(), self.radius.tolist(), strict=True)
+        return [stadium(start, end, radius) for start, end, radius in ends]
+
+
+def postures(plan: Plan, times: Array) -> Postures:
+    """Return the robot in flight at times (K,), s."""
+    return _placed(plan, times, plan.orientation(times), plan.joint_motion(times)[0])
+
+
+def posture_at(plan: Plan, state: JointState, time: float) -> Postures:
+    """Return the robot in a given posture, its centre of mass where the flight has it at ``time``."""
+    return _placed(plan, np.array([time]), np.array([state.orientation]), state.positions[None])
+
+
+def _placed(plan: Plan, times: Array, orientation: Array, positions: Array) -> Postures:
+    robot, problem, com = plan.robot, plan.problem, com_path(plan, times)
+    angles = robot.tree.absolute_angles(orientation, positions)
+    segments = LinkShapes(robot.tree, robot.shapes).place(com, angles)
+    rotations = robot.tree.rotations(angles)
+
+    def place(frame: Frame) -> ComplexArray:
+        weights = robot.tree.point_weights(np.array([frame.body]), np.array([frame.local]))[0]
+        return np.asarray(com + rotations @ weights)
+
+    return Postures(
+        times=times,
+        com=com,
+        start=segments.start,
+        end=segments.end,
+        radius=drawn_radius(problem),
+        part=drawn_part(robot),
+        takeoff=place(problem.takeoff_frame),
+        landing=place(problem.landing_frame),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """The bodies of the robot at K instants.
+
+    Attributes
+    ----------
+    places : (K, m) complex, m; of the bodies' origins
+    angles : (K, m) rad; about the plane's normal
+    """
+
+    places: ComplexArray
+    angles: Array
+
+
+def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexArray) -> Poses:
+    """Poses of the bodies from orientation (K,), positions (K, n) and centre of mass (K,)."""
+    tree = robot.tree
+    bodies = len(tree.mass)
+    origins = tree.point_weights(np.arange(bodies), np.zeros(bodies, dtype=np.complex128))
+    angles = tree.absolute_angles(orientation, positions)
+    return Poses(places=com[:, None] + tree.rotations(angles) @ origins.T, angles=angles)
+
+
+def com_path(plan: Plan, times: Array) -> ComplexArray:
+    """Places (K,) of the centre of mass at times (K,), m."""
+    return np.asarray(plan.ballistics.positions(times) @ [1, 1j])
+
+
+def robot_size(plan: Plan) -> float:
+    """Largest extent of the robot during the flight, horizontal or vertical, m."""
+    placed = postures(plan, np.linspace(0, plan.duration, 33))
+    return float(np.abs(pairs(placed.high - placed.low)).max())
+
+
+def snapshot_times(plan: Plan) -> Array:
+    """Instants (K,) evenly spaced in time, so many that neighbours stand apart."""
+    path = float(np.abs(np.diff(com_path(plan, np.linspace(0, plan.duration, 65)))).sum())
+    count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST_SNAPSHOTS, MOST_SNAPSHOTS))
+    return np.linspace(0, plan.duration, count)
+
+
+def pairs(places: ComplexArray) -> Array:
+    """Complex numbers (...) as pairs (..., 2) of their parts."""
+    return np.stack((places.real, places.imag), axis=-1)
+
+
+def stadium(start: complex, end: complex, radius: float, arc: int = ARC) -> ComplexArray:
+    """Outline (points,) of all points within ``radius`` of a segment, m; half a circle has ``arc`` corners."""
+    along = np.angle(end - start) if end != start else 0.0
+    half = radius * np.exp(1j * (along + np.linspace(-np.pi / 2, np.pi / 2, arc + 1)))
+    return np.concatenate((end + half, start - half))
+
+
+def drawn_radius(problem: Problem) -> Array:
+    """Return the radii (S,) of the capsules as drawn, m.
+
+    Where there is none: a fraction of the links' usual length or of the robot's reach; less where that would fill the
+    margin of an obstacle that the link keeps clear of.
+    """
+    robot, shapes = problem.robot, problem.robot.shapes
+    radius = np.array([shape.radius for shape in shapes])
+    lengths = np.array([abs(shape.end - shape.start) for shape in shapes])
+    usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
+    ends, bodies = np.array([shape.end for shape in shapes]), np.array([shape.body for shape in shapes])
+    reach = float(np.abs(robot.tree.point_weights(bodies, ends)).sum(axis=1).max())
+    drawn = max(LINK_RADIUS * usual, REACH_RADIUS * reach)
+    margins = [obstacle.margin for obstacle in problem.obstacles if obstacle.margin > 0]
+    if margins:
+        drawn = max(min(drawn, MARGIN_RADIUS * min(margins)), LEAST_RADIUS * drawn)
+    return np.where(radius > 0, radius, drawn)
+
+
+def drawn_part(robot: Robot) -> IntArray:
+    """Return which joint moves the body of each capsule (S,) against its parent: i + 1 for joint i, 0 for the base."""
+    tree = robot.tree
+    part = np.zeros(len(tree.parent), dtype=np.int64)
+    for body in range(1, len(part)):
+        turn = np.abs(tree.turns[body] - tree.turns[tree.parent[body]])
+        part[body] = 1 + int(turn.argmax()) if turn.any() else part[tree.parent[body]]
+    return part[[shape.body for shape in robot.shapes]]
+
+
+def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
+    """Find the ground that a flight leaves and comes back to.
+
+    There is ground where the robot stands on the frame that takes off or lands and nothing of it is below. Ends at one
+    height have one ground, and must both stand on it. What flies far below the ground has none.
+
+    Returns
+    -------
+    list of (height, low, high)
+        m; the ground is drawn below the box between the corners.
+    """
+    low, high = placed.low, placed.high
+    size = float(np.abs(high - low).max())
+    slack = STANDING * size + float(placed.radius.min())
+    heights = float(placed.takeoff[0].imag), float(placed.landing[-1].imag)
+    stands = [
+        low[end].imag >= height - slack and low.imag.min() >= height - SINKING * size
+        for end, height in zip((0, -1), heights, strict=True)
+    ]
+    if abs(heights[0] - heights[1]) <= STANDING * size:
+        level = float(min(low[0].imag, low[-1].imag))
+        corners = complex(low.real.min(), level), complex(high.real.max(), level)
+        return [(level, *corners)] if all(stands) else []
+    ends = zip(stands, (0, -1), strict=True)
+    return [(float(low[end].imag), complex(low[end]), complex(high[end])) for stand, end in ends if stand]
+
+
+def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
+    """Return the instants at which to draw an obstacle: one where it stands still, else five."""
+    low, high = obstacle.window or (0.0, duration)
+    if not any(obstacle.velocity):
+        return np.array([low])
+    return np.linspace(max(low, 0.0), min(high, duration), 5)
+
+
+def obstacle_outlines(obstacle: Obstacle, time: float, margin: float) -> list[ComplexArray]:
+    """Outlines (points,) of an obstacle's pieces grown by a margin, at a time, m."""
+    shift = complex(*obstacle.velocity) * time
+    return [shift + OUTLINES[piece.kind](piece, margin) for piece in obstacle.pieces]
+
+
+def _half_plane(wall: HalfPlane, margin: float) -> ComplexArray:
+    corners = margin + WIDE * np.array([-1j, 1j, 1j - 1, -1j - 1])
+    return np.asarray(complex(*wall.point) + corners * complex(*wall.normal) / abs(complex(*wall.normal)))
+
+
+OUTLINES: dict[str, Callable[[Any, float], ComplexArray]] = {
+    "circle": lambda disc, margin: stadium(
+        complex(*disc.center), complex(*disc.center), disc.radius + margin, FINE_ARC
+    ),
+    "capsule": lambda bar, margin: stadium(complex(*bar.start), complex(*bar.end), bar.radius + margin),
+    "half-plane": _half_plane,
+}
+
+
+def picture_box(plan: Plan, placed: Postures) -> tuple[complex, complex]:
+    """Corners of what a picture must hold, m: postures, goal, and obstacles with bounds wherever they are drawn."""
+    goal = posture_at(plan, plan.problem.final, plan.duration)
+    outlines = [
+        outline
+        for obstacle in plan.problem.obstacles
+        if obstacle.bounded
+        for time in obstacle_times(obstacle, plan.duration)
+        for outline in obstacle_outlines(obstacle, time, obstacle.margin)
+    ]
+    return box_around(np.concatenate((placed.low, placed.high, goal.low, goal.high, *outlines)), PAD)
+
+
+def box_around(points: ComplexArray, room: float) -> tuple[complex, complex]:
+    """Corners of the box around points (N,), m, with room around it, in its longer sides."""
+    low, high = pairs(points).min(axis=0), pairs(points).max(axis=0)
+    pad = room * float(np.max(high - low))
+    return complex(*(low - pad)), complex(*(high + pad))
