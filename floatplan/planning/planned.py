@@ -16,8 +16,7 @@ from floatplan.motion.flight import motion_into_ground
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, follow_together
 from floatplan.planning.explanation import explain, proven_impossible
-from floatplan.planning.runner import expiry
-from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SearchOptions, SearchResult, search
+from floatplan.planning.search import ATTEMPTS_FOR_THE_IMPOSSIBLE, SearchOptions, SearchResult, expiry, search
 from floatplan.planning.starts import Start
 from floatplan.planning.transcription.variables import decision_variables
 from floatplan.plans.plan import Plan
@@ -68,13 +67,10 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     followed = follow_together(problem, Search(options.starts, most, options.seed))
     if followed and followed.status != "infeasible":
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
-        LOG.info("starts %d, solved %d, steps %d: %s", *_counts(plan), plan.status)
+        told = "starts %(starts)d, solved %(solved)d, steps %(iterations)d: %(status)s"
+        LOG.info(told, {**plan.solver, "status": plan.status})
         return SearchedPlan(plan, followed, work=followed.work)
     return _searched(problem, options, near, followed, began)
-
-
-def _counts(plan: Plan) -> tuple[int, int, int]:
-    return plan.solver["starts"], plan.solver["solved"], plan.solver["iterations"]
 
 
 @one_thread
@@ -95,7 +91,8 @@ def _searched(
             LOG.info("impossible: %s", reason)
         result = search(prepared, options, ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None, followed)
     plan = _plan_of(prepared, result, reasons, time.perf_counter() - began)
-    return SearchedPlan(plan, result.best, result.holding[1:], bool(reasons), result.ran_out_of_patience, result.work)
+    work = sum(outcome.work for outcome in result.outcomes)
+    return SearchedPlan(plan, result.best, result.holding[1:], bool(reasons), result.ran_out_of_patience, work)
 
 
 def _followed_from(
@@ -139,14 +136,7 @@ def _plan_of(prepared: Attempts, result: SearchResult, reasons: list[str], secon
         status=best.solution.status if best.holds else unsolved,
         ok=best.holds,
         explanation=explain(prepared.problem, prepared, result, reasons),
-        solver={
-            "iterations": result.iterations,
-            "evaluations": result.evaluations,
-            "seconds": seconds,
-            "seed": prepared.seed,
-            "starts": result.attempts,
-            "solved": result.solved,
-        },
+        solver={**result.counts, "seconds": seconds, "seed": prepared.seed},
     )
 
 

@@ -10,20 +10,28 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
-from typing import ClassVar
+from itertools import islice, zip_longest
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.kernel.stages import WANTED_AFTER_FAILURE
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
-from floatplan.planning.runner import expiry, runner
-from floatplan.planning.starts import MOMENTUM_FRACTIONS
+from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
+from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+Run: TypeAlias = Callable[[tuple[int, ...], list[Start], range], Iterator[Outcome]]
 
 LOG = logging.getLogger(__name__)
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
@@ -63,29 +71,15 @@ class SearchResult:
         return tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding)
 
     @property
-    def attempts(self) -> int:
-        """Number of starts followed."""
-        return sum(outcome.starts for outcome in self.outcomes)
-
-    @property
-    def solved(self) -> int:
-        """Number of those solved."""
-        return sum(outcome.solved for outcome in self.outcomes if outcome.holds)
-
-    @property
-    def iterations(self) -> int:
-        """Of the solver, in all attempts."""
-        return sum(outcome.solution.iterations for outcome in self.outcomes)
-
-    @property
-    def evaluations(self) -> int:
-        """Motions evaluated in all attempts."""
-        return sum(outcome.solution.evaluations for outcome in self.outcomes)
-
-    @property
-    def work(self) -> float:
-        """Done in all attempts, instants of one body."""
-        return sum(outcome.work for outcome in self.outcomes)
+    def counts(self) -> dict[str, int]:
+        """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
+        solutions = [outcome.solution for outcome in self.outcomes]
+        return {
+            "iterations": sum(solution.iterations for solution in solutions),
+            "evaluations": sum(solution.evaluations for solution in solutions),
+            "starts": sum(outcome.starts for outcome in self.outcomes),
+            "solved": sum(outcome.solved for outcome in self.outcomes if outcome.holds),
+        }
 
 
 @dataclass(frozen=True)
@@ -143,13 +137,12 @@ def search(
     try:
         for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), attempts):
             outcomes.append(outcome)
-            so_far = SearchResult(outcomes)
             if LOG.isEnabledFor(logging.INFO):
-                LOG.info("%s", _said(prepared, so_far))
+                LOG.info("%s", _said(prepared, outcomes))
             if options.progress and time.monotonic() - announced > 1:
-                announced = time.monotonic()
-                tried, degree = so_far.attempts, max(outcome.degrees)
-                options.progress(f"{tried} starts tried, {so_far.solved} solved, degree {degree}")
+                announced, counts = time.monotonic(), SearchResult(outcomes).counts
+                tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
+                options.progress(f"{tried}, degree {max(outcome.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
     except KeyboardInterrupt:
@@ -160,19 +153,19 @@ def search(
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
 
-def _said(prepared: Attempts, so_far: SearchResult) -> str:
+def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
     """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
-    outcome = so_far.outcomes[-1]
+    outcome = outcomes[-1]
     degrees = " to ".join(map(str, sorted(set(outcome.degrees))))
-    steps = f"start {so_far.attempts}, degree {degrees}, {outcome.solution.iterations} steps"
-    least = f"best violation {min(each.violation for each in so_far.outcomes):.3g}"
+    start = sum(each.starts for each in outcomes)
+    steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
+    least = f"best violation {min(each.violation for each in outcomes):.3g}"
     if outcome.holds:
         return f"{steps}; {outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
-    worst, of = outcome.worst, " rad of the goal's orientation"
-    if worst.value.size and -worst.least >= outcome.violation:
-        index = int(np.argmin(worst.value))
-        row = prepared.constraints[worst.block[index]].labels[int(worst.row[index])]
-        of = f" of {row} at {worst.s[index] * prepared.problem.flight.duration:.3g} s"
+    of = " rad of the goal's orientation"
+    if -outcome.worst.least >= outcome.violation:
+        block, row, _, s = outcome.worst.lowest
+        of = f" of {prepared.constraints[block].labels[row]} at {s * prepared.problem.flight.duration:.3g} s"
     return f"{steps}; violation {outcome.violation:.3g}{of}; {least}"
 
 
@@ -261,3 +254,87 @@ def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
         if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
             distinct.append(outcome)
     return distinct[:RAISED]
+
+
+def expiry(budget: float | None) -> Callable[[], bool]:
+    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
+    if budget is None:
+        return lambda: False
+    end = time.monotonic() + budget
+    return lambda: time.monotonic() > end
+
+
+@contextmanager
+def runner(
+    prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool], work_left: Callable[[], float]
+) -> Iterator[Run]:
+    """What follows starts at some degrees by their numbers, in this process or several: given ones, then random ones.
+
+    Outcomes come in the order of the numbers all the same.
+    """
+    from concurrent.futures import BrokenExecutor  # here, because most plans do without
+
+    from floatplan.pool import processes
+
+    ready = (prepared.problem, prepared.seed, prepared.momentum, budget, work_left())
+    with processes(jobs, (__name__,), _prepare, *ready) if jobs > 1 else nullcontext() as pool:
+
+        def run(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome]:
+            futures: list[Future[Outcome | None]] = []
+            with suppress(BrokenExecutor):  # the system has killed a process of it: this one goes on alone
+                futures += [pool.submit(_attempt, degrees, given, number) for number in numbers] if pool else []
+            for number, future in zip_longest(numbers, futures):
+                try:
+                    outcome = future.result() if future else None
+                except BrokenExecutor:
+                    future = None
+                if future is None:
+                    outcome = _follow(prepared, given, number, degrees, expired, work_left())
+                if outcome is None:  # there are not so many starts
+                    return
+                yield outcome
+
+        yield run
+
+
+def _follow(
+    prepared: Attempts,
+    given: list[Start],
+    number: int,
+    degrees: tuple[int, ...],
+    expired: Callable[[], bool],
+    most_work: float,
+) -> Outcome | None:
+    """Follow a start by its number: the given ones come first; None where there are not so many."""
+    known = [*given, *prepared.first_starts(degrees, max(number + 1 - len(given), 0))]
+    return prepared.attempt(known[number], number, degrees, expired, most_work) if number < len(known) else None
+
+
+_prepared: Attempts
+_expired: Callable[[], bool]
+_most_work: float
+
+
+@one_thread
+def _prepare(problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float) -> None:
+    """Make a process ready for attempts."""
+    global _prepared, _expired, _most_work
+    _prepared, _expired, _most_work = Attempts(problem, seed, momentum), expiry(budget), most_work
+
+
+@one_thread
+def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
+    outcome = _follow(_prepared, given, number, degrees, _expired, _most_work)
+    return _portable(outcome) if outcome else None
+
+
+def _portable(outcome: Outcome) -> Outcome:
+    """Strip an outcome of what cannot go from one process to another: its derivatives, and what its motion caches."""
+    solution = outcome.solution
+    motion = solution.evaluation.detail
+    evaluation = replace(solution.evaluation, differentiate=_no_derivatives, detail=replace(motion))
+    return replace(outcome, solution=replace(solution, evaluation=evaluation))
+
+
+def _no_derivatives() -> Derivatives:
+    raise AssertionError("the derivatives of an outcome stay in the process that computed them")

@@ -70,6 +70,12 @@ class Worst:
         """The lowest value; infinite where nothing is near."""
         return float(self.value.min(initial=np.inf))
 
+    @property
+    def lowest(self) -> tuple[int, int, float, float]:
+        """Block, row, value and s of the lowest, where there is one."""
+        index = int(np.argmin(self.value))
+        return int(self.block[index]), int(self.row[index]), float(self.value[index]), float(self.s[index])
+
 
 NOTHING_NEAR = Worst(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
 
