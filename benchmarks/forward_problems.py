@@ -13,7 +13,7 @@ from generated_problems import random_chain
 
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
-from floatplan.motion.planar.flight import PlanarFlown, gauss_grid, momentum_set
+from floatplan.motion.planar.flight import PlanarBaseMotion, gauss_grid, momentum_set
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, flight_model, sample_nodes, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.parts import Obstacle
@@ -98,7 +98,7 @@ def _look(model: FlightModel, variables: DecisionVariables, x: np.ndarray) -> Tr
 
 
 def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:
-    assert isinstance(motion.flown, PlanarFlown), "flights of the benchmark are in a plane"
+    assert isinstance(motion.flown, PlanarBaseMotion), "flights of the benchmark are in a plane"
     segments = motion.flown.shapes
     along = segments.end - segments.start
     share = np.clip((along.conj() * (point - segments.start)).real / np.maximum(np.abs(along) ** 2, 1e-300), 0, 1)

@@ -1,15 +1,18 @@
-"""What public classes and functions may be given: checks that return the value as it is kept, or raise.
+"""What public classes and functions may be given, and how what they return shows itself.
 
-A dataclass that people make lists the checks of its fields; functions call them on their arguments.
+Checks return the value as it is kept, or raise: a dataclass that people make lists those of its fields, functions call
+them on their arguments. Results are short text for a prompt, and tables for notebooks.
 """
 
 from __future__ import annotations
 
+import html
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
-from itertools import count
+from itertools import count, islice
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias
@@ -19,10 +22,12 @@ import numpy.typing as npt
 
 from floatplan.arrays import read_only
 from floatplan.errors import InputError, refuse
-from floatplan.tables import LEAST, RANGES, Range, check_number
+from floatplan.tables import LEAST, RANGES, Range
 
 LARGEST_SEED = 2**63 - 1
 MOST_ERRORS = 1000  # of one sequence
+MOST_NUMBERS = 8  # [-] of a list in a line
+LINE = 160  # [-] characters of one
 Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a message names -> the value kept
 
 
@@ -88,7 +93,7 @@ def number(allowed: str | Range, *, infinite: bool = False, advice: str | None =
             return value
         found = _real(value, element)
         if not (infinite and found == math.inf):
-            check_number(found, element, limits, advice)
+            _check_range(found, element, limits, advice)
         return found
 
     return check
@@ -108,7 +113,7 @@ def whole(allowed: Range, advice: str | None = None) -> Check:
             return value
         if isinstance(value, bool) or not isinstance(value, Integral):
             raise InputError(f"{value!r} is not a whole number", element=element)
-        check_number(int(value), element, allowed, advice)
+        _check_range(int(value), element, allowed, advice)
         return int(value)
 
     return check
@@ -121,6 +126,12 @@ SEED = whole(Range(0, LARGEST_SEED, ""))
 def optional(check: Check) -> Check:
     """None, or what a check lets through."""
     return lambda value, element: None if value is None else check(value, element)
+
+
+def either(words: Iterable[str]) -> str:
+    """Words as a message says that it may be any of them."""
+    *first, last = words
+    return f"{', '.join(first)} or {last}" if first else last
 
 
 def flag(value: Any, element: str) -> bool:
@@ -156,7 +167,7 @@ def path(value: Any, element: str) -> Path:
 
 def one_of(*words: str, or_number: Check | None = None) -> Check:
     """One of some words, or a number that a check lets through."""
-    wanted = _listed([*(["a number"] if or_number else []), *map(repr, words)])
+    wanted = either([*(["a number"] if or_number else []), *map(repr, words)])
 
     def check(value: Any, element: str) -> Any:
         if isinstance(value, str) and value in words:
@@ -170,7 +181,7 @@ def one_of(*words: str, or_number: Check | None = None) -> Check:
 
 def made(*kinds: type, advice: str | None = None) -> Check:
     """An object of one of some classes; what is wrong with one that was not checked is told too."""
-    wanted = _listed([kind.__name__ for kind in kinds])
+    wanted = either([kind.__name__ for kind in kinds])
 
     def check(value: Any, element: str) -> Any:
         if not isinstance(value, kinds):
@@ -222,7 +233,7 @@ def by_joint(check: Check, *words: str, single: bool = True, mapping: bool = Tru
     """What a check lets through: by name, in joint order, or one for all; or one of some words."""
     named = by_name(check)
     shapes = ["a number"] * single + ["a sequence in joint order"] + ["a mapping by joint"] * mapping
-    wanted = _listed([*map(repr, words), *shapes])
+    wanted = either([*map(repr, words), *shapes])
 
     def shaped(value: Any, element: str) -> Any:
         if single and type(value) is float:
@@ -297,6 +308,76 @@ def _real(value: Any, element: str) -> float:
         return math.inf
 
 
-def _listed(words: Iterable[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)} or {last}" if first else last
+def _check_range(value: float, element: str, allowed: Range, advice: str | None) -> None:
+    """Refuse a number that is not finite or out of a range; ``advice`` is for one below it."""
+    if not abs(value) <= sys.float_info.max:  # NaN, infinite, or an integer beyond all doubles
+        raise InputError(f"{value!r} is not a finite number", element=element)
+    if allowed.low >= 0 and (value < 0 or value == 0 < allowed.low):
+        fault = "is not positive" if allowed.low > 0 else "is negative"
+        raise InputError(" ".join(filter(None, (str(value), allowed.unit, fault))), element=element, advice=advice)
+    if not allowed.low <= value <= allowed.high:
+        degrees = ""
+        if allowed.unit.startswith("rad"):
+            turned = allowed.unit.replace("rad", "degrees", 1)
+            degrees = f" ({math.degrees(allowed.low):.4g} to {math.degrees(allowed.high):.4g} {turned})"
+        advice = advice if value < allowed.low else None
+        raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element, advice=advice)
+
+
+def shortened(values: Iterable[float]) -> str:
+    """Numbers in a line, so many at most."""
+    numbers = [f"{float(value) + 0.0:.4g}" for value in values]
+    more = len(numbers) - MOST_NUMBERS
+    return ", ".join(numbers if more <= 0 else [*numbers[:MOST_NUMBERS], f"... ({more} more)"])
+
+
+class Outlined:
+    """A dataclass that shows its fields, or what ``shown`` names, one a line; arrays by their shapes and ranges."""
+
+    shown: ClassVar[Sequence[str]] = ()
+
+    def __repr__(self) -> str:
+        names = self.shown or [each.name for each in fields(self)]  # type: ignore[arg-type]
+        rows = ((name, _brief(getattr(self, name))) for name in names)
+        return outline(type(self).__name__, ((name, text) for name, text in rows if text))
+
+
+def outline(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """A title, and a line for each row below it."""
+    lines = (f"  {name}: {text}" for name, text in rows)
+    return "\n".join([title, *(line if len(line) <= LINE else f"{line[: LINE - 4]} ..." for line in lines)])
+
+
+def _brief(value: object) -> str:
+    """A value in at most about a line."""
+    if isinstance(value, np.ndarray):
+        return _brief_array(value)
+    if isinstance(value, Mapping):
+        first = [f"{key} {_brief(item)}" for key, item in islice(value.items(), MOST_NUMBERS)]
+        return "; ".join([*first, *([f"... ({len(value)})"] if len(value) > MOST_NUMBERS else [])])
+    if isinstance(value, list | tuple) and not all(isinstance(item, str | int | float) for item in value):
+        return f"{len(value)} of {type(value[0]).__name__}"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else repr(value).partition("\n")[0]
+
+
+def _brief_array(array: npt.NDArray[Any]) -> str:
+    if array.dtype.kind == "U":
+        words, counts = np.unique(array, return_counts=True)
+        return ", ".join(f"{count} {word or repr('')}" for word, count in zip(words, counts, strict=True))
+    if array.size <= MOST_NUMBERS and array.ndim == 1:
+        return shortened(array)
+    finite = array[np.isfinite(array)]
+    return f"{array.shape}" + (f" from {finite.min():.4g} to {finite.max():.4g}" if finite.size else "")
+
+
+def html_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
+    """A table as HTML; everything in it is text."""
+
+    def cells(texts: Sequence[str], tag: str) -> str:
+        return "".join(f'<{tag} style="text-align: left">{html.escape(text)}</{tag}>' for text in texts)
+
+    above = f"<thead><tr>{cells(head, 'th')}</tr></thead>" if head else ""
+    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
+    return f"<table><caption><b>{html.escape(title)}</b></caption>{above}<tbody>{body}</tbody></table>"

@@ -9,8 +9,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from floatplan.errors import InputError
-
 # What counts as kept: one tolerance for one statement, the same for search and certificate. The search aims inside its
 # constraints (``BACK_OFF`` of the transcription); what it ends with is judged by these, as the certificate judges it.
 ORIENTATION = 1e-8  # [rad] at the end of the flight
@@ -140,30 +138,3 @@ RANGES: dict[str, Range] = {
     "limit": Range(1e-9, 1e12, ""),
     "slope": Range(0.0, 1e12, "N m s/rad"),
 }
-
-
-def check_number(value: object, element: str, key: str | Range, advice: str | None = None) -> None:
-    """Refuse what is not a number in a range, or in that of a key; ``advice`` is for one below it.
-
-    Raises
-    ------
-    InputError
-        Not a number, not finite, or out of the range.
-    """
-    allowed = RANGES[key] if isinstance(key, str) else key
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{value!r} is not a finite number", element=element)
-    if allowed.low >= 0 and (number < 0 or number == 0 < allowed.low):
-        fault = "is not positive" if allowed.low > 0 else "is negative"
-        raise InputError(" ".join(filter(None, (str(value), allowed.unit, fault))), element=element, advice=advice)
-    if not allowed.low <= number <= allowed.high:
-        degrees = ""
-        if allowed.unit.startswith("rad"):
-            turned = allowed.unit.replace("rad", "degrees", 1)
-            degrees = f" ({math.degrees(allowed.low):.4g} to {math.degrees(allowed.high):.4g} {turned})"
-        advice = advice if number < allowed.low else None
-        raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element, advice=advice)

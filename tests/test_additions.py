@@ -28,7 +28,7 @@ POWER: Edits = {
         (
             "    acceleration: Annotated[",
             '    power: Annotated[\n        Literal["none"] | JointValues,\n'
-            '        Key("Largest mechanical power", "W", "limit", "\'none\', a number, or a table by joint"),\n'
+            '        Key("Largest mechanical power", "W", "limit"),\n'
             '    ] = "none"\n    acceleration: Annotated[',
         ),
     ),

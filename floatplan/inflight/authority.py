@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import FINITE
+from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.correction import REACHED
@@ -21,7 +21,6 @@ from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
-from floatplan.shown import Outlined
 
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried

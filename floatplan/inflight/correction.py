@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, TypeAlias
 
+from floatplan.arguments import Outlined
 from floatplan.arrays import Array
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.update import Corrected
-from floatplan.shown import Outlined
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 

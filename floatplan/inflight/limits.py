@@ -18,7 +18,7 @@ from floatplan.errors import InputError
 from floatplan.kernel.watch import can_write
 from floatplan.motion.dynamics import Distances
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
-from floatplan.motion.planar.flight import PlanarFlown
+from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -35,7 +35,7 @@ class Ahead(Protocol):
     """The rest of a flight: at K instants, the last W of which are watched for distances."""
 
     @property
-    def flown(self) -> PlanarFlown:
+    def flown(self) -> PlanarBaseMotion:
         """How the base turns."""
 
     @property
@@ -81,7 +81,7 @@ class JointRows(Shares):
         """Values (K, r)."""
         return np.asarray(1 - np.abs(self._quantity(ahead.flown)[:, self.limited]) / self.limit)
 
-    def _quantity(self, flown: PlanarFlown) -> Array:
+    def _quantity(self, flown: PlanarBaseMotion) -> Array:
         if self.quantity == "orientation_rate":
             return flown.rate
         return flown.joints.velocities if self.quantity == "velocities" else flown.joints.accelerations

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
+from operator import le, sub
 
 import numpy as np
 import numpy.typing as npt
@@ -51,14 +53,15 @@ def read(
     """Return a measurement of ``size`` joints; None where anything is no finite number or of another shape."""
     try:
         time, angle, rate = float(t), float(orientation), float(orientation_rate)
-        positions, velocities = (np.array(values, dtype=np.float64).reshape(size) for values in joints)
+        positions = np.array(joints[0], dtype=np.float64).reshape(size)
+        velocities = np.array(joints[1], dtype=np.float64).reshape(size)
         place, speed = (None if value is None else np.array(value, dtype=np.float64).reshape(2) for value in com)
     except Exception:  # whatever a caller's object raises: the flight goes on
         return None
     if (place is None) != (speed is None):
         return None
-    arrays = [positions, velocities, *([] if place is None or speed is None else [place, speed])]
-    if not all(map(math.isfinite, (time, angle, rate, *chain.from_iterable(array.tolist() for array in arrays)))):
+    numbers = chain.from_iterable(each.tolist() for each in (positions, velocities, place, speed) if each is not None)
+    if not all(map(math.isfinite, (time, angle, rate, *numbers))):
         return None
     return Measurement(time, angle, rate, positions, velocities, place, speed)
 
@@ -108,10 +111,9 @@ class Plausibility:
 
     def joints(self, measured: Measurement, expected: Expected) -> bool:
         """Whether joints are near their reference."""
-        places = zip(measured.positions.tolist(), expected.positions.tolist(), strict=True)
-        rates = zip(measured.velocities.tolist(), expected.velocities.tolist(), self._joint_rate, strict=True)
-        return all(abs(one - other) <= POSITION_JUMP for one, other in places) and all(
-            abs(one - other) <= fastest for one, other, fastest in rates
+        rates = _apart(measured.velocities.tolist(), expected.velocities.tolist())
+        return _farthest(measured.positions.tolist(), expected.positions.tolist()) <= POSITION_JUMP and all(
+            map(le, rates, self._joint_rate)
         )
 
     def base(self, measured: Measurement, expected: Expected) -> bool:
@@ -151,12 +153,16 @@ class Plausibility:
         return abs(measured.orientation - expected.beside) <= LARGEST_JUMP
 
 
+def _apart(one: list[float], other: list[float]) -> Iterator[float]:
+    return map(abs, map(sub, one, other))
+
+
 def _farthest(one: list[float], other: list[float]) -> float:
-    return max(abs(first - second) for first, second in zip(one, other, strict=True))
+    return max(_apart(one, other))
 
 
 def _distance(one: list[float], other: list[float]) -> float:
-    return sum(abs(first - second) for first, second in zip(one, other, strict=True))
+    return sum(_apart(one, other))
 
 
 class Recovery:
@@ -169,7 +175,6 @@ class Recovery:
         """Forget them: one was as expected."""
         self._last: Measurement | None = None
         self._count = 0
-        self._off = np.zeros(0)
 
     def again(self, measured: Measurement) -> bool:
         """Take in the next; whether so many have gone on from one another that they are to be believed."""

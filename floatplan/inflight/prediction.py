@@ -15,7 +15,7 @@ from floatplan.inflight.motion import RemainingMotion
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import LinkShapes, Segments
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, PlanarFlown, gauss_grid, planar_flight
+from floatplan.motion.planar.flight import GaussGrid, PlanarBaseMotion, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis, joint_motion
 from floatplan.plans.plan import Plan
@@ -207,11 +207,11 @@ class Prediction:
         return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
 
     @cached_property
-    def flown(self) -> PlanarFlown:
+    def flown(self) -> PlanarBaseMotion:
         """How the base turns."""
         motion, instants = self.motion, self._instants
         joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, instants.values)
-        return PlanarFlown(self._flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
+        return PlanarBaseMotion(self._flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
 
     @property
     def present(self) -> Present:

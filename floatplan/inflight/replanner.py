@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arguments import optional, positive
+from floatplan.arguments import optional, outline, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.correction import REACHED, Correction, Reference, Status
@@ -23,7 +23,6 @@ from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
-from floatplan.shown import outline
 
 SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
 FIRST = 8  # [-] evaluations of the first correction, the largest

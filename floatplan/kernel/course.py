@@ -9,8 +9,8 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.filled import Filled
 from floatplan.kernel.watch import Watch
-from floatplan.motion.dynamics import Flown
-from floatplan.motion.planar.flight import PlanarFlown
+from floatplan.motion.dynamics import BaseMotion
+from floatplan.motion.planar.flight import PlanarBaseMotion
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 
 
@@ -24,14 +24,14 @@ class Look:
 
 
 def minima(
-    watch: Watch, flown: Flown, polynomials: SinePolynomials, look: Look, near: float, span: float
+    watch: Watch, flown: BaseMotion, polynomials: SinePolynomials, look: Look, near: float, span: float
 ) -> tuple[IntArray, Array, Array, int]:
     """Local minima below ``near`` over a flight, narrowed down from a look by ``span`` to both sides.
 
     Returned are row, s and value (L,), and at how many instants it looked closer. The flight, on any grid, is of a
     motion of the class ``polynomials``.
     """
-    assert isinstance(flown, PlanarFlown), "what is watched is in a plane"
+    assert isinstance(flown, PlanarBaseMotion), "what is watched is in a plane"
     series = basis(polynomials.form).series @ flown.joints.coefficients
     kernel, most = watch.kernel, len(look.grid) * watch.rows
     course = Filled(

@@ -10,9 +10,9 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Structure, address
 from floatplan.kernel.watch import Watch
-from floatplan.motion.dynamics import Flown
+from floatplan.motion.dynamics import BaseMotion
 from floatplan.motion.planar.closed_form import BaseRate
-from floatplan.motion.planar.flight import PlanarFlown
+from floatplan.motion.planar.flight import PlanarBaseMotion
 
 RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Asked"]
 
@@ -58,8 +58,8 @@ class ByX:
 class Motion:
     """A flight at these instants; what it computes of the base's motion, ``flown`` need not compute again."""
 
-    def __init__(self, instants: Instants, flown: Flown) -> None:
-        assert isinstance(flown, PlanarFlown), "what is watched is in a plane"
+    def __init__(self, instants: Instants, flown: BaseMotion) -> None:
+        assert isinstance(flown, PlanarBaseMotion), "what is watched is in a plane"
         self._instants, self._flown = instants, flown
         self._watch = watch = instants.watch
         joints = flown.joints

@@ -14,15 +14,15 @@ the other: their arrays have S K rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol, TypeAlias
 
+from floatplan.arguments import Outlined
 from floatplan.arrays import Array
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Obstacle
-from floatplan.shown import Outlined
 
 # The joints' rates (2, n), rad/s, at takeoff and landing for h (e,), and their derivatives (2, n, e) by h
 RatesAtEnds: TypeAlias = Callable[[Array], tuple[Array, Array]]
@@ -71,8 +71,8 @@ class Distances:
         return self.differentiate()
 
 
-class Grid(Protocol):
-    """Instants of a flight: N nodes, which the attitude is integrated on, then any others."""
+class FlightGrid(Hashable, Protocol):
+    """Instants of a flight: N nodes, which the attitude is integrated on, then any others; hashed as an object."""
 
     @property
     def s(self) -> Array:
@@ -86,14 +86,11 @@ class Grid(Protocol):
     def weights(self) -> Array:
         """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
 
-    def also(self, instants: Array) -> Grid:
+    def also(self, instants: Array) -> FlightGrid:
         """Return the same grid with more instants of [0, 1]."""
 
-    def __hash__(self) -> int:
-        """Of the object: what is computed for a grid is kept with it."""
 
-
-class Flown(Protocol):
+class BaseMotion(Protocol):
     """The base's motion; everything is computed when asked for. Derivatives are of a single motion, S = 1."""
 
     @property
@@ -159,12 +156,12 @@ class Flown(Protocol):
     def shape_partials(self, by_body: Array) -> Partials:
         """Of r quantities with derivatives ``by_body`` (K, r, bodies, or 3 for each in space) by the bodies' turns."""
 
-    def at_goal(self) -> Flown:
+    def at_goal(self) -> BaseMotion:
         """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
 
 
-class FlightDynamics(Protocol):
-    """What a problem fixes of every motion: dynamics, shapes, attitudes at both ends, the CM's path."""
+class FlightDynamics(Hashable, Protocol):
+    """What a problem fixes of every motion: dynamics, shapes, attitudes, the CM's path; hashed as an object."""
 
     @property
     def tangent(self) -> int:
@@ -185,17 +182,14 @@ class FlightDynamics(Protocol):
     def node_counts(self) -> tuple[int, ...]:
         """Number of nodes of the grids, by their level, rising."""
 
-    def grid(self, level: int) -> Grid:
+    def grid(self, level: int) -> FlightGrid:
         """Return a grid of nodes alone, the same object for the same level."""
 
-    def fly(self, grid: Grid, joints: JointMotion, angular_momentum: Array) -> Flown:
+    def fly(self, grid: FlightGrid, joints: JointMotion, angular_momentum: Array) -> BaseMotion:
         """Turn the base as joints and angular momenta (S, e), kg m^2/s, make it.
 
         ``joints`` are at the instants of ``grid``, which comes from :meth:`grid`, of S motions one after the other.
         """
-
-    def __hash__(self) -> int:
-        """Of the object: what is computed for a flight is kept with it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from floatplan.arguments import number, optional
+from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
@@ -21,7 +21,6 @@ from floatplan.plans.contact_advice import FAST, Momentum, advice, told
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
-from floatplan.shown import Outlined
 from floatplan.tables import RELATIVE
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}

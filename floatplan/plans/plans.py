@@ -9,13 +9,13 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
+from floatplan.arguments import Outlined
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
-from floatplan.shown import Outlined
 
 SOLVED = ("optimal", "feasible")
 GOAL_MET = "The goal is met."

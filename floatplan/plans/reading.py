@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from floatplan.arguments import number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
@@ -19,7 +20,6 @@ from floatplan.plans.record import FORMAT, PlanRecord, RobotRecord
 from floatplan.plans.schema import FILE, check_asked
 from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.robot.urdf.example_robots import PREFIX
-from floatplan.tables import check_number
 
 LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
 LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
@@ -96,7 +96,7 @@ def _record(content: dict[str, Any]) -> PlanRecord:
 def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
     """Refuse numbers beyond what any flight has; b_k counts as ``b_k T^k``, which is an angle."""
     duration = float(content["problem"]["flight"]["duration"])
-    check_number(duration, "problem.flight.duration", "duration")
+    number("duration")(duration, "problem.flight.duration")
     with np.errstate(over="ignore"):
         angles = np.abs(coefficients) * duration ** np.arange(coefficients.shape[1])
     if not (angles <= LARGEST_ANGLE).all():

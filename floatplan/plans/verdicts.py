@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
+from floatplan.arguments import html_table
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
-from floatplan.shown import html_table
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
 Kind: TypeAlias = str

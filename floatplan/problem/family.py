@@ -9,10 +9,9 @@ from typing import Any, ClassVar, overload
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arguments import Check, Checked, by_name, made, numbers
+from floatplan.arguments import Check, Checked, Outlined, by_name, made, numbers
 from floatplan.errors import InputError
 from floatplan.problem.problem import Problem
-from floatplan.shown import Outlined
 
 MOST_PROBLEMS = 10_000_000  # of a family
 FIELDS = {

@@ -28,14 +28,12 @@ class Key:
     unit : empty where it has none; angles are in the file's unit
     numbers : range of its numbers, by its key in :data:`floatplan.tables.RANGES`; that of its own name if left out, and
         of a pair without one that of a place
-    wanted : what a message says that it may be, where it may have several shapes
     check : of the field of a part, where its type and its numbers do not say all
     """
 
     meaning: str
     unit: str = ""
     numbers: str = ""
-    wanted: str = ""
     check: Check | None = None
 
 

@@ -14,8 +14,6 @@ from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
-BY_JOINT = "a number, a list in joint order, "
-LIMITED = "'urdf', 'none', a number, or a table by joint"
 MINIMISED = "; ".join(f"`{name}`: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items())
 
 SHORTEST_NORMAL = 1e-9  # as written
@@ -46,12 +44,7 @@ class Posture(Keyed):
         float, Key("Absolute angle of the base link; a full turn more is one somersault more", ANGLE)
     ]
     positions: Annotated[
-        JointValues,
-        Key(
-            "Of the joints: by name, a list in joint order, or one number for all",
-            ANGLE,
-            wanted=f"{BY_JOINT}or a table by joint",
-        ),
+        JointValues, Key("Of the joints: by name, a list in joint order, or one number for all", ANGLE)
     ]
     velocities: Annotated[
         JointValues | Literal["takeoff", "landing"],
@@ -59,16 +52,10 @@ class Posture(Keyed):
             "Rates of the joints, written as positions are; "
             "'takeoff' at the start, 'landing' at the goal: the frame rests",
             RATE,
-            wanted=f"{BY_JOINT}a table by joint, or 'takeoff' or 'landing'",
         ),
     ] = 0.0
     accelerations: Annotated[
-        JointValues | Literal["free"],
-        Key(
-            "Of the joints, written as positions are; or 'free'",
-            ACCELERATION,
-            wanted=f"{BY_JOINT}a table by joint, or 'free'",
-        ),
+        JointValues | Literal["free"], Key("Of the joints, written as positions are; or 'free'", ACCELERATION)
     ] = 0.0
     settled: Annotated[
         tuple[JointValues | None, JointValues | None] | None, optional(pair(optional(by_joint(FINITE)), "sequences"))
@@ -165,7 +152,6 @@ class Flight(Keyed):
         Key(
             'About the centre of mass; "midpoint" of what monotonic joints need, or "free": found by the search',
             "kg m^2/s",
-            wanted="a number, 'midpoint' or 'free'",
         ),
     ] = "midpoint"
     takeoff: Annotated[
@@ -193,7 +179,6 @@ class Motion(Keyed):
         Key(
             'Of the polynomials: one for all, one for each joint, or "auto": raised as needed',
             check=by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False),
-            wanted="a whole number, a list of them, or 'auto'",
         ),
     ] = 7
     objective: Annotated[Objective, Key(f"What is least. {MINIMISED}")] = "coefficients"
@@ -230,31 +215,19 @@ class Limits(Keyed):
 
     position: Annotated[
         Literal["urdf", "full"] | Mapping[str, Sequence[float]] | Sequence[Sequence[float]],
-        Key(
-            'Joint ranges: "urdf", "full" (one turn), or [low, high] by joint',
-            ANGLE,
-            "positions",
-            "'urdf', 'full', or a table of [low, high] by joint",
-        ),
+        Key('Joint ranges: "urdf", "full" (one turn), or [low, high] by joint', ANGLE, "positions"),
     ] = "urdf"
     velocity: Annotated[
-        Literal["urdf", "none"] | JointValues,
-        Key('Largest rate: "none", "urdf", a number, or by joint', RATE, "limit", LIMITED),
+        Literal["urdf", "none"] | JointValues, Key('Largest rate: "none", "urdf", a number, or by joint', RATE, "limit")
     ] = "none"
     torque: Annotated[
         Literal["urdf", "none"] | JointValues,
-        Key('Each motor\'s largest torque: "none", "urdf", a number, or by motor', "N m", "limit", LIMITED),
+        Key('Each motor\'s largest torque: "none", "urdf", a number, or by motor', "N m", "limit"),
     ] = "none"
     motor: Annotated[Mapping[str, Motor], Key("Motors' curves, by joint")] = field(default_factory=dict)
     orientation_rate: Annotated[float | None, Key("Largest rate of the base", RATE, "limit")] = None
     acceleration: Annotated[
-        Literal["none"] | JointValues,
-        Key(
-            'Largest acceleration: "none", a number, or by joint',
-            ACCELERATION,
-            "limit",
-            "'none', a number, or a table by joint",
-        ),
+        Literal["none"] | JointValues, Key('Largest acceleration: "none", a number, or by joint', ACCELERATION, "limit")
     ] = "none"
 
 

@@ -12,7 +12,7 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
 from typing import ClassVar
 
-from floatplan.arguments import Check, Checked, flag, made, many, optional, text
+from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
 from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
 from floatplan.pool.threads import one_thread
@@ -51,7 +51,6 @@ from floatplan.problem.parts import (
 )
 from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
-from floatplan.shown import html_table, shortened
 from floatplan.tables import LimitKey
 
 PAIRS = many(made(SelfClearance), "SelfClearance")

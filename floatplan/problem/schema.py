@@ -38,6 +38,7 @@ from pydantic import (
     create_model,
 )
 
+from floatplan.arguments import either
 from floatplan.problem import parts as asked
 from floatplan.problem.keys import ANGLE, Key, Keyed
 from floatplan.robot.robot import Coupling
@@ -46,6 +47,7 @@ from floatplan.tables import RANGES
 Part = TypeVar("Part", bound=Keyed)
 # What values of several shapes are told apart by; tags are in angle brackets, so that no path in a message shows them
 SHAPES = {Mapping: "<table>", Sequence: "<list>", Literal: "<word>"}
+NAMES = {float: "a number", int: "a whole number", Mapping: "a table{} by joint", Sequence: "a list{} in joint order"}
 UNLIMITED = (None, "none")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -141,13 +143,22 @@ def _one_of(hint: Any, key: Key) -> Any:
         return several.popitem()[1] | None
     if "<list>" in several and "none" in get_args(several.get("<word>")):
         entry = {"<word>": Literal["none"], "<number>": several["<number>"]}
-        several["<list>"] = list[_shaped(entry, "a number or 'none'") | None]  # type: ignore[misc]
-    return _shaped(several, key.wanted)
+        several["<list>"] = list[_shaped(entry, ["a number", "'none'"]) | None]  # type: ignore[misc]
+    return _shaped(several, [name for kind in kinds for name in _names(kind)])
 
 
-def _shaped(forms: Mapping[str, Any], wanted: str) -> Any:
+def _names(kind: Any) -> list[str]:
+    """What a message calls what has a type."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return [repr(word) for word in inner]
+    is_range = bool(inner) and get_origin(inner[-1]) is Sequence
+    return [NAMES[origin or kind].format(" of [low, high]" if is_range else "")]
+
+
+def _shaped(forms: Mapping[str, Any], names: Sequence[str]) -> Any:
     tagged = [Annotated[forms[tag], Tag(tag)] for tag in (*SHAPES.values(), "<number>") if tag in forms]
-    return Annotated[Union[tuple(tagged)], any_of(wanted)]  # noqa: UP007
+    return Annotated[Union[tuple(tagged)], any_of(either(names))]  # noqa: UP007
 
 
 def _value(value: Any) -> Any:
@@ -250,8 +261,7 @@ def _any_obstacle() -> Any:
         Annotated[_table(known), Tag(f"<{kind}>")]  # type: ignore[arg-type]
         for kind, known in asked.OBSTACLE_KINDS.items()
     ]
-    *first, last = map(repr, asked.OBSTACLE_KINDS)
-    message = f"is not a table with kind = {', '.join(first)} or {last}"
+    message = f"is not a table with kind = {either(map(repr, asked.OBSTACLE_KINDS))}"
     told = Discriminator(_obstacle_kind, custom_error_type="wrong_kind", custom_error_message=message)
     return Annotated[Union[tuple(tagged)], told]  # noqa: UP007
 

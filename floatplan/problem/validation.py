@@ -12,6 +12,17 @@ from floatplan.errors import InputError, ProblemError
 
 AnyTable = TypeVar("AnyTable", bound=BaseModel)
 
+WANTED = {  # by pydantic's errors
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text",
+    "model_type": "a table",
+    "dict_type": "a table",
+    "list_type": "a list",
+    "tuple_type": "a list",
+}
+
 
 def validated(model: type[AnyTable], content: Mapping[str, Any]) -> AnyTable:
     """Check the content of a file.
@@ -36,23 +47,15 @@ def _input_error(model: type[BaseModel], details: Mapping[str, Any]) -> InputErr
         case "missing":
             return InputError("is missing", element=element)
         case "wrong_shape" | "wrong_kind":
-            return InputError(f"{_shown(details['input'])} {details['msg']}", element=element)
-        case "finite_number":
-            return InputError(f"{_shown(details['input'])} is not a finite number", element=element)
-        case "float_type":
-            return InputError(f"{_shown(details['input'])} is not a number", element=element)
-        case "int_type":
-            return InputError(f"{_shown(details['input'])} is not a whole number", element=element)
-        case "string_type":
-            return InputError(f"{_shown(details['input'])} is not a text", element=element)
-        case "model_type" | "dict_type":
-            return InputError(f"{_shown(details['input'])} is not a table", element=element)
-        case "list_type" | "tuple_type":
-            return InputError(f"{_shown(details['input'])} is not a list", element=element)
+            wrong = details["msg"]
         case "literal_error":
-            return InputError(f"{_shown(details['input'])} is not {details['ctx']['expected']}", element=element)
+            wrong = f"is not {details['ctx']['expected']}"
+        case kind if kind in WANTED:
+            wrong = f"is not {WANTED[kind]}"
         case _:
-            return InputError(_lower_first(details["msg"]), element=element)
+            return InputError(details["msg"][:1].lower() + details["msg"][1:], element=element)
+    value = repr(details["input"])
+    return InputError(f"{value if len(value) <= 60 else f'{value[:56]} ...'} {wrong}", element=element)
 
 
 def _dotted(location: Sequence[str | int]) -> str:
@@ -63,15 +66,6 @@ def _dotted(location: Sequence[str | int]) -> str:
 
 def _is_tag(part: str | int) -> bool:
     return isinstance(part, str) and part.startswith("<") and part.endswith(">")
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:56]} ..."
-
-
-def _lower_first(text: str) -> str:
-    return text[:1].lower() + text[1:]
 
 
 def _nearest_key(model: type[BaseModel], location: Sequence[str | int]) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import Outlined
 from floatplan.arrays import Array
 from floatplan.files import plain
-from floatplan.shown import Outlined
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.replay import Engine
 

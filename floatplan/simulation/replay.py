@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import SEED, made, one_of, optional, positive
+from floatplan.arguments import SEED, html_table, made, one_of, optional, outline, positive
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
@@ -24,7 +24,6 @@ from floatplan.plans.record import PlanRecord
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.shown import html_table, outline
 from floatplan.simulation.feedback import FASTEST, JointTorques, feedback_of
 from floatplan.simulation.forward import (
     LOOSE,

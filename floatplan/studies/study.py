@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import flag, function, optional, text, whole
+from floatplan.arguments import flag, function, optional, outline, text, whole
 from floatplan.arguments import path as as_path
 from floatplan.certificate.certify import certify
 from floatplan.errors import InputError
@@ -23,7 +23,6 @@ from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
-from floatplan.shown import outline
 from floatplan.studies.columns import arrow
 from floatplan.studies.driver import Progress, fill
 from floatplan.studies.engines import started

@@ -22,7 +22,7 @@ class Wing(Keyed):
     """A part that no problem has."""
 
     span: Annotated[float, Key("From tip to tip", "m", "radius")]
-    sweep: Annotated[float | Literal["none"], Key("Backwards", ANGLE, "orientation", "a number or 'none'")] = "none"
+    sweep: Annotated[float | Literal["none"], Key("Backwards", ANGLE, "orientation")] = "none"
     tip: Annotated[parts.Takeoff | None, Key("What is at its end")] = None
 
 

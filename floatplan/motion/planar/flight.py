@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import Distances, Grid, MomentumSet, Partials
+from floatplan.motion.dynamics import Distances, FlightGrid, MomentumSet, Partials
 from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import (
@@ -104,14 +104,14 @@ class PlanarFlight:
         """Return the Gauss-Legendre nodes of a level."""
         return gauss_grid(NODE_COUNTS[level])
 
-    def fly(self, grid: Grid, joints: JointMotion, angular_momentum: Array) -> PlanarFlown:
+    def fly(self, grid: FlightGrid, joints: JointMotion, angular_momentum: Array) -> PlanarBaseMotion:
         """Turn the base as joints and angular momenta (S, 1), kg m^2/s, make it."""
         assert isinstance(grid, GaussGrid), "the grids of a flight are its own"
-        return PlanarFlown(self, grid, joints, angular_momentum)
+        return PlanarBaseMotion(self, grid, joints, angular_momentum)
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
-class PlanarFlown:
+class PlanarBaseMotion:
     """The base's motion in the plane."""
 
     flight: PlanarFlight
@@ -285,7 +285,7 @@ class PlanarFlown:
         """Of quantities with derivatives ``by_body`` (K, r, m) by the bodies' absolute angles."""
         return Partials(by_position=by_body @ self.flight.tree.turns, by_attitude=by_body.sum(axis=2)[..., None])
 
-    def at_goal(self) -> PlanarFlown:
+    def at_goal(self) -> PlanarBaseMotion:
         """Return the same motion with the orientations asked for at takeoff and landing."""
         s, flight = self.grid.s, self.flight
         orientation = np.where(

@@ -29,9 +29,11 @@ def impossibilities(problem: Problem) -> list[str]:
     """Return sentences, each a reason why no motion whatever meets the problem; none where none is known."""
     sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
     if problem.obstacles:
-        point, path = central_point(problem), _ComPath.of(problem)
+        point, times = central_point(problem), np.linspace(0, problem.flight.duration, PATH_INSTANTS)
+        com = ballistics(problem).positions(times) @ [1, 1j]
         for index, obstacle in enumerate(problem.obstacles):
-            sentences += [*_impassable(index, obstacle, path, point), *_barred(index, obstacle, path, point)]
+            path = com - complex(*obstacle.velocity) * times  # as seen from it
+            sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
     return sentences
 
 
@@ -46,24 +48,6 @@ def difficulties(problem: Problem) -> list[str]:
         f" [{low:.6g}, {high:.6g}]: that takes a joint, or the base, that turns back on its way;"
         f" the interval's midpoint is {(low + high) / 2:.6g}."
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class _ComPath:
-    """Path of the centre of mass: ``times`` (K,) s, ``com`` (K,) complex m."""
-
-    times: Array
-    com: ComplexArray
-
-    @classmethod
-    def of(cls, problem: Problem) -> _ComPath:
-        times = np.linspace(0, problem.flight.duration, PATH_INSTANTS)
-        places = ballistics(problem).positions(times)
-        return cls(times, np.asarray(places[:, 0] + 1j * places[:, 1], dtype=np.complex128))
-
-    def seen_from(self, obstacle: Obstacle) -> ComplexArray:
-        """Path of the centre of mass relative to an obstacle that moves."""
-        return np.asarray(self.com - complex(*obstacle.velocity) * self.times, dtype=np.complex128)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,21 +149,21 @@ def _given_momentum(problem: Problem) -> float:
     return sum(angular_momentum_interval(problem)) / 2 if isinstance(given, str) else float(given)
 
 
-def _impassable(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPoint) -> Iterator[str]:
+def _impassable(index: int, obstacle: Obstacle, times: Array, path: ComplexArray, point: CentralPoint) -> Iterator[str]:
     """Deep inside an obstacle the centre of mass takes its central point with it."""
     low, high = obstacle.window or (-np.inf, np.inf)
-    exists = (path.times >= low) & (path.times <= high)
-    depth = np.where(exists, obstacle.margin - point_distances(obstacle, path.seen_from(obstacle)), -np.inf)
+    exists = (times >= low) & (times <= high)
+    depth = np.where(exists, obstacle.margin - point_distances(obstacle, path), -np.inf)
     deepest = int(np.argmax(depth))
     if depth[deepest] > point.reach:
         yield (
             f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture:"
-            f" at t = {path.times[deepest]:.3f} s the centre of mass is {depth[deepest]:.3g} m inside it and its"
+            f" at t = {times[deepest]:.3f} s the centre of mass is {depth[deepest]:.3g} m inside it and its"
             f" margin, and some point of the robot is never further than {point.reach:.3g} m from the centre of mass."
         )
 
 
-def _barred(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPoint) -> Iterator[str]:
+def _barred(index: int, obstacle: Obstacle, path: ComplexArray, point: CentralPoint) -> Iterator[str]:
     """A long bar: the central point must cross its line, and wherever it can, the bar is in the way."""
     if not isinstance(obstacle, Bar) or obstacle.window is not None or obstacle.start == obstacle.end:
         return
@@ -187,7 +171,7 @@ def _barred(index: int, obstacle: Obstacle, path: _ComPath, point: CentralPoint)
         return
     along = complex(*obstacle.end) - complex(*obstacle.start)
     upright = along.conjugate() / abs(along)  # turns the bar's line into the real axis, its start into 0
-    place = (path.seen_from(obstacle) - complex(*obstacle.start)) * upright
+    place = (path - complex(*obstacle.start)) * upright
     sides = (place[0] + point.start * upright).imag, (place[-1] + point.goal * upright).imag
     step = float(np.abs(np.diff(place)).max(initial=0))  # the path between two instants is nearer than that to one
     crossing = place[np.abs(place.imag) <= point.reach + step]

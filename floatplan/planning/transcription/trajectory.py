@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.motion.dynamics import Distances, FlightDynamics, Flown, Grid, Partials
+from floatplan.motion.dynamics import BaseMotion, Distances, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
@@ -29,7 +29,7 @@ ENTRY = 0.5  # [instants of one body] of a Jacobian
 class Sampling:
     """The instants at which a motion is looked at, and the ``values`` of the polynomial basis of a form there."""
 
-    grid: Grid
+    grid: FlightGrid
     form: Form
     values: tuple[Array, Array, Array]
 
@@ -55,7 +55,7 @@ class Sampling:
 
 
 @lru_cache(maxsize=64)
-def sample_nodes(grid: Grid, form: Form) -> Sampling:
+def sample_nodes(grid: FlightGrid, form: Form) -> Sampling:
     """Sample at the instants of a grid."""
     return Sampling(grid, form, basis(form).values(grid.s))
 
@@ -108,7 +108,7 @@ class Trajectory:
     boundary_by_axes: Array | None = None
 
     @cached_property
-    def flown(self) -> Flown:
+    def flown(self) -> BaseMotion:
         """How the base turns."""
         return self.model.flight.fly(self.sampling.grid, self.motion, self.angular_momentum)
 
