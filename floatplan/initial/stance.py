@@ -11,9 +11,8 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.initial.robots import upright
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.motion.planar.closed_form import Dynamics, TurningBodies, tree_dynamics
+from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
 from floatplan.motion.planar.end_rates import STILL
-from floatplan.robot.planar.tree import rotations_of
 from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.tables import CLEARANCE
 
@@ -114,14 +113,10 @@ class Stance:
     @cached_property
     def sluggishness(self) -> Array:
         """Torque (n,) that each joint alone takes for an acceleration of 1 rad/s^2 at rest, over its limit: s^2/rad."""
-        robot = self.robot
-        bodies = TurningBodies.of(robot.tree)
-        rotations = rotations_of(bodies.turns @ robot.resting, robot.tree.turn)
-        coupling = (rotations.conj()[:, None] * bodies.coupling * rotations).real
-        matrix = bodies.rates.T @ coupling @ bodies.rates
-        inertia = matrix.diagonal()[1:] - matrix[0, 1:] ** 2 / matrix[0, 0]
-        limits = np.minimum(robot.motor_torque_limits, STRONGEST)
-        return np.asarray(inertia / (limits @ np.abs(robot.motor_ratios)))
+        robot, alone = self.robot, np.eye(len(self.robot.joints))
+        moments = self.dynamics.moments(robot.resting + 0 * alone, 0 * alone, alone, np.zeros(len(alone)))
+        limits = np.minimum(robot.motor_torque_limits, STRONGEST) @ np.abs(robot.motor_ratios)
+        return np.asarray((moments @ robot.tree.turns).diagonal() / limits)
 
     @cached_property
     def dynamics(self) -> Dynamics:

@@ -91,13 +91,11 @@ def follow_together(problem: Problem, search: Search) -> Followed | None:
     return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
 
 
-def follow_compiled(
-    problem: Problem, model: FlightModel, start: Start, degrees: tuple[int, ...], longest_step: float
-) -> Followed | None:
+def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_step: float) -> Followed | None:
     """Follow one start as :func:`~floatplan.planning.transcription.exchange.solve` does; None as above."""
     if not (is_planar(model.flight) and is_plain(problem)):
         return None
-    compiled, variables = solver(problem, degrees), start.variables
+    compiled, variables = solver(problem, start.variables.degrees), start.variables
     rows = Rows(
         duration=np.array([variables.polynomials.duration]),
         momentum=variables.angular_momentum(start.x),
@@ -121,8 +119,6 @@ class Outcome:
     solution: Solution[Trajectory]
     violation: float
     worst: Worst
-    number: int
-    degrees: tuple[int, ...]
     objective: ObjectiveName
     work: float = 0.0
     starts: int = 1
@@ -188,7 +184,7 @@ class Attempts:
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
         lower, x = outcome.variables, outcome.solution.x
-        rise = zip(lower.polynomials.free, degrees, outcome.degrees, strict=True)
+        rise = zip(lower.polynomials.free, degrees, lower.degrees, strict=True)
         polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))
         variables = scaled_variables(self.problem, polynomials, self.momentum, lower.following)
         z = lower.free_coefficients(x)
@@ -208,51 +204,43 @@ class Attempts:
         enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
         return min(enough, default=WATCHED_AT_MOST)
 
-    def attempt(
-        self,
-        start: Start,
-        number: int,
-        degrees: tuple[int, ...],
-        stop: Callable[[], bool] = lambda: False,
-        most_work: float = np.inf,
-    ) -> Outcome:
+    def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
         before = self.model.work - start.work
-        outcome = self._follow(start, number, degrees, lambda: self.model.work - before > most_work or stop())
+        outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
         outcome.work = self.model.work - before
         return outcome
 
     def outcome_of(self, followed: Followed) -> Outcome:
         """Return the best of the starts that the kernel has followed together."""
         before = self.model.work
-        outcome = self._judge_compiled(followed, self.plain_start.variables, 0, self.problem.degrees)
+        outcome = self._judge_compiled(followed, self.plain_start.variables)
         outcome.work = self.model.work - before
         return outcome
 
-    def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
+    def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
         model, variables, blocks = self.model, start.variables, self.constraints
-        is_first = number == 0 or start.is_plain
-        settings = FINE if is_first and not blocks else CAUTIOUS
-        level = self._level if is_first or not blocks else min(self._level + CLOSER, WATCHED_AT_MOST)
+        settings = FINE if start.at_once and not blocks else CAUTIOUS
+        level = self._level if start.at_once or not blocks else min(self._level + CLOSER, WATCHED_AT_MOST)
 
         def make_objective(nodes: Sampling) -> Objective:
             return objective(self.problem, model, variables, nodes)
 
         def follow(x: Array) -> Outcome:
             solution = solve(model, variables, make_objective, blocks, x, settings, stop, level)
-            return self._judge(variables, solution, number, degrees)
+            return self._judge(variables, solution)
 
         def begins() -> Iterator[Array]:
-            """The start; for the plain one the best motion without limits as well."""
+            """The start; of those followed at once the best motion without limits as well."""
             yield start.x
-            if is_first:
+            if start.at_once:
                 yield solve(model, variables, make_objective, (), start.x, FINE, stop).x
 
         if not blocks:
-            compiled = follow_compiled(self.problem, model, start, degrees, settings.longest_step)
-            return self._judge_compiled(compiled, variables, number, degrees) if compiled else follow(start.x)
-        outcome = follow(start.x) if is_first else None
+            compiled = follow_compiled(self.problem, model, start, settings.longest_step)
+            return self._judge_compiled(compiled, variables) if compiled else follow(start.x)
+        outcome = follow(start.x) if start.at_once else None
         if outcome and (outcome.holds or stop()):
             return outcome
         nodes = model.nodes(level, variables.polynomials.form)
@@ -264,16 +252,14 @@ class Attempts:
                 other = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-                other = self._judge(variables, unsolved, number, degrees)
+                other = self._judge(variables, unsolved)
             outcome = best([outcome, other]) if outcome else other
             if outcome.holds or stop():
                 break
         assert outcome is not None, "every start gives a point to follow"
         return outcome
 
-    def _judge_compiled(
-        self, followed: Followed, variables: DecisionVariables, number: int, degrees: tuple[int, ...]
-    ) -> Outcome:
+    def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> Outcome:
         """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
 
         Its b counts where that holds: far from a solution, b may be of another x.
@@ -282,21 +268,19 @@ class Attempts:
         model.work += followed.work
         if answers.branch[0].any():
             branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
-            variables = decision_variables(self.problem, degrees, branches, variables.momentum)
+            variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
         x = variables.variables(answers.z[0], followed.momentum)
         nodes = model.nodes(COMPILED_LEVEL, variables.polynomials.form)
         aim = objective(self.problem, model, variables, nodes)
         evaluation = FlightProgram(model, variables, nodes, aim).evaluate(x)
         solution = Solution(x, evaluation, followed.status, counts["iterations"], counts["evaluations"])
-        outcome = self._judge(variables, solution, number, degrees)
+        outcome = self._judge(variables, solution)
         outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
         if outcome.holds:
             outcome.coefficients = answers.coefficients[0]
         return outcome
 
-    def _judge(
-        self, variables: DecisionVariables, solution: Solution[Trajectory], number: int, degrees: tuple[int, ...]
-    ) -> Outcome:
+    def _judge(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
         motion, counts = solution.evaluation.detail, self.model.flight.node_counts
         level = max(motion.flown.level_needed(QUADRATURE_ERROR), self._level)
@@ -320,4 +304,4 @@ class Attempts:
             violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
         if violation <= 0 and solution.status == "infeasible":
             solution = replace(solution, status="feasible")  # kept, though not as well inside as the search aims
-        return Outcome(variables, solution, violation, worst, number, degrees, self.problem.motion.objective)
+        return Outcome(variables, solution, violation, worst, self.problem.motion.objective)

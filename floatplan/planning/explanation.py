@@ -121,4 +121,4 @@ def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
         )
     if not best.variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
-    return [*sentences, f"{found.counts['starts']} starts were tried, up to degree {max(best.degrees)}."]
+    return [*sentences, f"{found.counts['starts']} starts were tried, up to degree {max(best.variables.degrees)}."]

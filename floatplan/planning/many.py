@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +22,7 @@ from floatplan.planning.planned import planned
 from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.search import DEFAULT_WORK, SearchOptions
 from floatplan.plans.plans import SOLVED, Answer, Plans
-from floatplan.pool import processes
+from floatplan.pool import in_order, processes
 from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
@@ -84,13 +86,13 @@ def plan_many(
     batches, alone = _sorted_out(problems)
     for batch in batches:
         alone += _plan_batch(plans, batch, options)
-    _finish(plans, [_Task(index) for index in alone], whole if search else replace(whole, patience=PATIENCE), jobs)
+    _finish(plans, [(index, None) for index in alone], whole if search else replace(whole, patience=PATIENCE), jobs)
     if search:
         missed = set(np.flatnonzero(plans.status == "not_found").tolist()) - set(alone)
-        _finish(plans, [_Task(index) for index in sorted(missed)], whole, jobs)
+        _finish(plans, [(index, None) for index in sorted(missed)], whole, jobs)
     if prove:
         solved = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
-        _finish(plans, [_Task(index, plans.answer(index)) for index in solved], whole, jobs)
+        _finish(plans, [(index, plans.answer(index)) for index in solved], whole, jobs)
     return plans
 
 
@@ -168,45 +170,31 @@ def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, answers: Answ
         plans.messages[index] = f"No plan was found from {starts} starts; {LONGER}."
 
 
-@dataclass(frozen=True)
-class _Task:
-    """A problem by its index, and the plan to prove; without one, it is searched for."""
-
-    index: int
-    answer: Answer | None = None
-
-
-def _finish(plans: Plans, tasks: Sequence[_Task], options: SearchOptions, jobs: int) -> None:
-    """Answer problems one by one, in this process or several."""
-    for task, answer in _answers(plans.problems, tasks, options, jobs):
-        plans.keep(task.index, answer)
+def _finish(plans: Plans, tasks: Sequence[tuple[int, Answer | None]], options: SearchOptions, jobs: int) -> None:
+    """Answer problems one by one, in this process or several; see :func:`_answered`."""
+    groups = [(tasks[first : first + AT_ONCE],) for first in range(0, len(tasks), AT_ONCE)]
+    several = jobs > 1 and len(tasks) > 1
+    ready = (plans.problems, options)
+    with processes(jobs, (__name__,), _receive, *ready) if several else nullcontext() as pool:
+        answers = in_order(pool, _answer, groups, lambda group: _answered(group, *ready))
+        for (index, _), answer in zip(tasks, chain.from_iterable(answers), strict=True):
+            plans.keep(index, answer)
 
 
-def _answers(
-    problems: Sequence[Problem], tasks: Sequence[_Task], options: SearchOptions, jobs: int
-) -> Iterator[tuple[_Task, Answer]]:
-    if jobs == 1 or len(tasks) < 2:
-        yield from ((task, _answered(problems, task, options)) for task in tasks)
-        return
-    groups = [tasks[first : first + AT_ONCE] for first in range(0, len(tasks), AT_ONCE)]
-    with processes(jobs, (__name__,), _receive, problems, options) as pool:
-        futures = [pool.submit(_answer, group) for group in groups]
-        for group, future in zip(groups, futures, strict=True):
-            try:
-                yield from zip(group, future.result(), strict=True)
-            except BrokenExecutor:  # the system has killed a process of it: this one goes on alone
-                yield from ((task, _answered(problems, task, options)) for task in group)
+def _answered(
+    tasks: Sequence[tuple[int, Answer | None]], problems: Sequence[Problem], options: SearchOptions
+) -> Iterator[Answer]:
+    """Answer problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
+    for index, known in tasks:
+        try:
+            problem = problems[index]
+            yield _proved(problem, known, options) if known else _searched(problem, options)
+        except InputError as error:
+            yield Answer("error", message=str(error))
 
 
-def _answered(problems: Sequence[Problem], task: _Task, options: SearchOptions) -> Answer:
-    """Answer one problem; one that is wrong has an answer too."""
-    try:
-        problem = problems[task.index]
-        if task.answer:
-            return _proved(problem, task.answer, options)
-        searched = planned(problem, options)
-    except InputError as error:
-        return Answer("error", message=str(error))
+def _searched(problem: Problem, options: SearchOptions) -> Answer:
+    searched = planned(problem, options)
     plan = searched.plan
     answer = Answer.of_plan(plan, plan.status if plan.ok else "impossible" if searched.is_impossible else "not_found")
     if not searched.gave_up or answer.status != "not_found":
@@ -236,6 +224,5 @@ def _receive(problems: Sequence[Problem], options: SearchOptions) -> None:
 
 
 @one_thread
-def _answer(tasks: Sequence[_Task]) -> list[Answer]:
-    problems, options = _given
-    return [_answered(problems, task, options) for task in tasks]
+def _answer(tasks: Sequence[tuple[int, Answer | None]]) -> list[Answer]:
+    return list(_answered(tasks, *_given))

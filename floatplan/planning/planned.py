@@ -105,7 +105,7 @@ def _followed_from(
     if prepared.problem.raises_degree:
         degrees = (max(degree, *degrees),) * len(degrees)
     if degree <= max(degrees):
-        outcome = prepared.attempt(_start(prepared, near, degrees), 0, degrees, expiry(SHARE * budget))
+        outcome = prepared.attempt(_start(prepared, near, degrees), expiry(SHARE * budget))
         if outcome.holds:
             return SearchResult([outcome]), options
     if options.budget is not None:
@@ -123,7 +123,7 @@ def _start(prepared: Attempts, near: Plan, degrees: tuple[int, ...]) -> Start:
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
-    return Start(variables, variables.variables(z, near.angular_momentum))
+    return Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
 
 
 def _plan_of(prepared: Attempts, result: SearchResult, reasons: list[str], seconds: float) -> Plan:

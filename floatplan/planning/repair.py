@@ -43,33 +43,24 @@ Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
 def proved_plan(found: SearchedPlan) -> Plan:
     """Prove a plan that the search found, or the next best one, and return it with its certificate.
 
+    What is proved goes before what is undecided.
+
     Returns
     -------
     Plan
         Its ``certificate`` is None where no plan was found. ``ok`` is False where none was found, or the one found was
         refuted; a plan that the certificate cannot decide stays ``ok``; ``explanation`` says what is not proved.
     """
-    return judged(*best_proved(found)) if found.plan.ok else found.plan
-
-
-def best_proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
-    """Prove the best plan, or the next best where that is not proved; what is proved goes before what is undecided.
-
-    The best plan proved may have lost by being corrected: then the next best ones may be better still.
-    """
+    if not found.plan.ok:
+        return found.plan
     plan, certificate = proved(found)
     LOG.info("proof: %s, %d intervals of time", certificate.verdict, certificate.subintervals)
-    for other in alternatives(found):
+    for other in alternatives(found):  # a plan proved may have lost by being corrected: then these may be better still
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
-        answer = proved(other)
-        plan, certificate = min((plan, certificate), answer, key=_rank)
-    return plan, certificate
-
-
-def _rank(answer: tuple[Plan, Certificate]) -> tuple[int, float]:
-    plan, certificate = answer
-    return VERDICTS.index(certificate.verdict), plan.objective_value
+        answers = (plan, certificate), proved(other)
+        plan, certificate = min(answers, key=lambda each: (VERDICTS.index(each[1].verdict), each[0].objective_value))
+    return judged(plan, certificate)
 
 
 def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
@@ -95,7 +86,8 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
 def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
     for outcome in found.others or _not_kept(found):
-        yield SearchedPlan(replace(_moving_as(found.plan, outcome), status=outcome.solution.status), outcome)
+        moved = found.plan.moving_as(*motion_of(outcome))
+        yield SearchedPlan(replace(moved, status=outcome.solution.status), outcome)
 
 
 def _not_kept(found: SearchedPlan) -> tuple[Outcome, ...]:
@@ -115,15 +107,11 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     """
     plan, best = found.plan, found.best
     prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
-    outcome = prepared.attempt(Start(best.variables, best.solution.x), 0, best.degrees)
+    outcome = prepared.attempt(Start(best.variables, best.solution.x, at_once=True))
     if not outcome.holds:
         return None
     more = {name: plan.solver[name] + getattr(outcome.solution, name) for name in ("iterations", "evaluations")}
-    return SearchedPlan(replace(_moving_as(plan, outcome), solver={**plan.solver, **more}), outcome)
-
-
-def _moving_as(plan: Plan, outcome: Outcome) -> Plan:
-    return plan.moving_as(*motion_of(outcome))
+    return SearchedPlan(replace(plan.moving_as(*motion_of(outcome)), solver={**plan.solver, **more}), outcome)
 
 
 def judged(plan: Plan, certificate: Certificate) -> Plan:

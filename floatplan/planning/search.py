@@ -10,11 +10,11 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice, zip_longest
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from itertools import islice
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,14 +24,10 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
 from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
+from floatplan.pool import in_order, processes
 from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
-
-if TYPE_CHECKING:
-    from concurrent.futures import Future
-
-Run: TypeAlias = Callable[[tuple[int, ...], list[Start], range], Iterator[Outcome]]
 
 LOG = logging.getLogger(__name__)
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
@@ -142,13 +138,13 @@ def search(
             if options.progress and time.monotonic() - announced > 1:
                 announced, counts = time.monotonic(), SearchResult(outcomes).counts
                 tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
-                options.progress(f"{tried}, degree {max(outcome.degrees)}")
+                options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
     except KeyboardInterrupt:
         interrupted = True
         if not outcomes:
-            outcomes.append(prepared.attempt(prepared.plain_start, 0, prepared.problem.degrees, lambda: True))
+            outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
     out_of_patience = allowance.is_used_up and allowance.held_back > 0
     return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
@@ -156,7 +152,7 @@ def search(
 def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
     """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
     outcome = outcomes[-1]
-    degrees = " to ".join(map(str, sorted(set(outcome.degrees))))
+    degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
     start = sum(each.starts for each in outcomes)
     steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
     least = f"best violation {min(each.violation for each in outcomes):.3g}"
@@ -233,11 +229,20 @@ def _outcomes(
     if together:
         allowance.grants(together, True)
         yield together
-    with runner(prepared, options.jobs, options.budget, expired, lambda: allowance.left) as run:
+
+    def here(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
+        return _follow(prepared, given, number, degrees, expired, allowance.left)
+
+    ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
+    several = options.jobs > 1
+    with processes(options.jobs, (__name__,), _prepare, *ready) if several else nullcontext() as pool:
         for degrees, attempts in _stages(prepared.problem):
-            raised = [prepared.raised(outcome, degrees) for outcome in nearest]
-            tried = []
-            for outcome in run(degrees, raised, range(together.starts if together else 0, attempts)):
+            raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
+            numbers = range(together.starts if together else 0, attempts)
+            tried: list[Outcome] = []
+            for outcome in in_order(pool, _attempt, [(degrees, raised, number) for number in numbers], here):
+                if outcome is None:  # there are not so many starts
+                    break
                 if not allowance.grants(outcome, is_first):
                     return
                 is_first = False
@@ -264,39 +269,6 @@ def expiry(budget: float | None) -> Callable[[], bool]:
     return lambda: time.monotonic() > end
 
 
-@contextmanager
-def runner(
-    prepared: Attempts, jobs: int, budget: float | None, expired: Callable[[], bool], work_left: Callable[[], float]
-) -> Iterator[Run]:
-    """What follows starts at some degrees by their numbers, in this process or several: given ones, then random ones.
-
-    Outcomes come in the order of the numbers all the same.
-    """
-    from concurrent.futures import BrokenExecutor  # here, because most plans do without
-
-    from floatplan.pool import processes
-
-    ready = (prepared.problem, prepared.seed, prepared.momentum, budget, work_left())
-    with processes(jobs, (__name__,), _prepare, *ready) if jobs > 1 else nullcontext() as pool:
-
-        def run(degrees: tuple[int, ...], given: list[Start], numbers: range) -> Iterator[Outcome]:
-            futures: list[Future[Outcome | None]] = []
-            with suppress(BrokenExecutor):  # the system has killed a process of it: this one goes on alone
-                futures += [pool.submit(_attempt, degrees, given, number) for number in numbers] if pool else []
-            for number, future in zip_longest(numbers, futures):
-                try:
-                    outcome = future.result() if future else None
-                except BrokenExecutor:
-                    future = None
-                if future is None:
-                    outcome = _follow(prepared, given, number, degrees, expired, work_left())
-                if outcome is None:  # there are not so many starts
-                    return
-                yield outcome
-
-        yield run
-
-
 def _follow(
     prepared: Attempts,
     given: list[Start],
@@ -307,7 +279,7 @@ def _follow(
 ) -> Outcome | None:
     """Follow a start by its number: the given ones come first; None where there are not so many."""
     known = [*given, *prepared.first_starts(degrees, max(number + 1 - len(given), 0))]
-    return prepared.attempt(known[number], number, degrees, expired, most_work) if number < len(known) else None
+    return prepared.attempt(known[number], expired, most_work) if number < len(known) else None
 
 
 _prepared: Attempts

@@ -35,12 +35,13 @@ APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 class Start:
     """A class of motions (with its arcsine branches) and a point x in it.
 
-    ``is_plain`` says that it is the plain motion, at some h; ``work`` is what it took to draw it.
+    ``at_once`` says that it is followed to the objective at once, and only where that fails made feasible before, as
+    promises most of plain motions and of ones that were solved already; ``work`` is what it took to draw it.
     """
 
     variables: DecisionVariables
     x: Array
-    is_plain: bool = False
+    at_once: bool = False
     work: float = 0.0
 
 
@@ -61,7 +62,7 @@ def starts(
         return decision_variables(problem, degrees, np.stack((0 * at_landing, at_landing)), momentum)
 
     plain = on_branches(np.zeros(len(problem.robot.joints), dtype=np.int64))
-    start = Start(plain, plain.plain_motion(), is_plain=True)
+    start = Start(plain, plain.plain_motion(), at_once=True)
     yield start
     if plain.size and is_planar(model.flight) and is_plain(problem):
         rows = replace(Numbers.of_problems([problem]).rows(), momentum=momentum.centre)

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.arrays import Array, IntArray
 from floatplan.kernel.course import Look, minima
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.kernel.stages import (
@@ -174,22 +174,22 @@ def solve(
     for level in range(max(first_level, _cheap_level(counts, model.flight.bodies)), len(counts)):
         program = program_at(level, extra, x)
         start = program.evaluate(x)
-        if _is_resolved(start):
+        if start.detail.flown.unresolved < COARSELY_RESOLVED:
             break
     guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=step_by_active_rows)
     stages = _stages(settings, start, level, bool(constraints))
-    stage = next(stages)
+    stage, error = next(stages)
     iterations = evaluations = 0
     for _ in range(MOST_ROUNDS):
-        solution = minimise(program, x, guess, stage.settings, stop, start)
+        solution = minimise(program, x, guess, stage, stop, start)
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
             solution = _made_feasible(program, solution, stop)
         x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
-        was_last, stage = stage.settings == settings, next(stages, stage)
-        needed = max(level, motion.flown.level_needed(stage.quadrature_error))
+        was_last, (stage, error) = stage == settings, next(stages, (stage, error))
+        needed = max(level, motion.flown.level_needed(error))
         finished = was_last and needed == level
         if iterations > MOST_ITERATIONS:
             break
@@ -200,9 +200,10 @@ def solve(
         if constraints:
             worst = local_minima(model, variables, constraints, needed, x, motion)
             inside = steerable(worst.s)
-            if finished and not (inside & (worst.value < _kept(constraints, back_off)[worst.block])).any():
+            kept = np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
+            if finished and not (inside & (worst.value < kept[worst.block])).any():
                 break
-            extra = _still_near(worst, extra, inside)
+            extra = _still_near(np.unique(worst.s[inside & (worst.value < WATCHED)]), extra)
         elif finished:
             break
         if needed > level or constraints:
@@ -211,28 +212,22 @@ def solve(
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """A part of the way: when it ends, and the error of the attitude at landing, rad, that its nodes may leave."""
-
-    settings: Settings
-    quadrature_error: float
-
-
-def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, constrained: bool) -> Iterator[_Stage]:
+def _stages(
+    settings: Settings, start: Evaluation[Trajectory], level: int, constrained: bool
+) -> Iterator[tuple[Settings, float]]:
     """The way to a solution, from nodes at ``level``: the fewer nodes, the cheaper the iterations.
 
-    Where the nodes are enough from the beginning, there is but the last stage.
+    Each part of it is when it ends, and the error of the attitude at landing, rad, that its nodes may leave. Where the
+    nodes are enough from the beginning, there is but the last stage.
     """
-    motion = start.detail
+    flown = start.detail.flown
     if constrained:
-        yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
-    elif motion.flown.level_needed(NEARLY_RESOLVED) > level:
-        same = ROUGH.longest_step == settings.longest_step
-        yield _Stage(ROUGH if same else replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
-    if not constrained and motion.flown.level_needed(QUADRATURE_ERROR) > level:
-        yield _Stage(nearly_resolved(settings), NEARLY_RESOLVED)
-    yield _Stage(settings, QUADRATURE_ERROR)
+        yield replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR
+    elif flown.level_needed(NEARLY_RESOLVED) > level:
+        yield replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED
+    if not constrained and flown.level_needed(QUADRATURE_ERROR) > level:
+        yield nearly_resolved(settings), NEARLY_RESOLVED
+    yield settings, QUADRATURE_ERROR
 
 
 def _made_feasible(
@@ -253,32 +248,14 @@ def _made_feasible(
     )
 
 
-def _kept(constraints: tuple[Constraint, ...], back_off: float) -> Array:
-    """Least value, by block, of a motion that keeps the constraints between the nodes: inside, if that is aimed at."""
-    return np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
-
-
-def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
-    """Instants to watch next: the local minima that matter, and of the old instants those beside one of them."""
-    new = np.unique(worst.s[inside & (worst.value < WATCHED)])
-    if not extra.size or not new.size:
-        return _thinned(new)
-    beside = np.abs(extra[:, None] - new).min(axis=1) < BESIDE
-    return _thinned(np.unique(np.concatenate((extra[beside], new))))
-
-
-def _thinned(instants: Array) -> Array:
-    """Of rising instants (K,) those that are ``SAME_INSTANT`` apart: rows at one instant twice say nothing more."""
-    return instants[np.diff(instants, prepend=-np.inf) > SAME_INSTANT]
+def _still_near(new: Array, extra: Array) -> Array:
+    """Instants to watch next: new ones, rising, and of the old ones those beside one of them."""
+    if extra.size and new.size:
+        new = np.unique(np.concatenate((extra[np.abs(extra[:, None] - new).min(axis=1) < BESIDE], new)))
+    return new[np.diff(new, prepend=-np.inf) > SAME_INSTANT]  # rows at one instant twice say nothing more
 
 
 @lru_cache(maxsize=32)
 def _cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
     """Level of grids up to which fewer nodes would hardly be faster."""
     return max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
-
-
-def _is_resolved(start: Evaluation[Trajectory]) -> bool:
-    """Whether the nodes resolve the motion well enough to start from."""
-    motion = start.detail
-    return motion.flown.unresolved < COARSELY_RESOLVED

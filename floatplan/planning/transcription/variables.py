@@ -124,6 +124,12 @@ class DecisionVariables:
         """Number of variables."""
         return self.coefficients + self.momentum.free
 
+    @property
+    def degrees(self) -> tuple[int, ...]:
+        """Degree of p of each joint."""
+        given = CONDITIONS - len(self.polynomials.free_ends)
+        return tuple(free + given - 1 for free in self.polynomials.free)
+
     @cached_property
     def metric(self) -> Array:
         """Matrix (size, size): ``|metric @ step|`` is 1 where p moves by 1 rad root mean square, or h by an axis."""
