@@ -47,6 +47,7 @@ CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
 SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
+COUNTS = ("evaluations", "iterations", "starts", "solved")
 ATTEMPTS = 300  # [-] most starts tried at each degree
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
@@ -73,8 +74,7 @@ class Followed:
     @property
     def counts(self) -> dict[str, Any]:
         """Of all of them together."""
-        names = ("evaluations", "iterations", "starts", "solved")
-        return {name: int(getattr(self.answers, name)[0]) for name in names}
+        return {name: int(getattr(self.answers, name)[0]) for name in COUNTS}
 
     @property
     def answer(self) -> Answer:

@@ -20,18 +20,19 @@ INTERRUPTED = "The search was interrupted before it found a plan; there may be o
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
-def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
+def proven_impossible(prepared: Attempts) -> list[str]:
     """Reasons, one sentence each, why no motion whatever can be a plan; empty where none is known."""
-    return [*_impossible_ends(prepared), *impossibilities(problem)]
+    return [*_impossible_ends(prepared), *impossibilities(prepared.problem)]
 
 
-def explain(problem: Problem, prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
+def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     """Say, in sentences for a person, what the search found and why it is no plan where it is none.
 
     ``reasons`` are those of :func:`proven_impossible`.
     """
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
+    problem = prepared.problem
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
     sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]
     momentum = found.best.variables.angular_momentum(found.best.solution.x)

@@ -24,6 +24,7 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
+COUNTS = ("starts", "solved", "iterations")
 SHARE = 0.5  # [-] of the budget that the motion at hand may take before another is searched, and that this has at least
 
 
@@ -67,8 +68,7 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     followed = follow_together(problem, Search(options.starts, most, options.seed))
     if followed and followed.status != "infeasible":
         plan = followed.answer.plan(problem, options.seed, time.perf_counter() - began)
-        told = "starts %(starts)d, solved %(solved)d, steps %(iterations)d: %(status)s"
-        LOG.info(told, {**plan.solver, "status": plan.status})
+        LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, COUNTS), plan.status)
         return SearchedPlan(plan, followed, work=followed.work)
     return _searched(problem, options, near, followed, began)
 
@@ -82,62 +82,48 @@ def _searched(
     if not prepared.momentum.free:
         refuse(motion_into_ground(problem, prepared.momentum.centre))
     reasons: list[str] = []
-    result = None
-    if near and prepared.constraints:
-        result, options = _followed_from(near, prepared, options, began)
+    result = _followed_from(near, prepared, options.budget) if near and prepared.constraints else None
     if result is None:
-        reasons = proven_impossible(problem, prepared) if prepared.constraints else []
+        if near and options.budget is not None:
+            left = options.budget - (time.perf_counter() - began)
+            options = replace(options, budget=max(left, SHARE * options.budget))
+        reasons = proven_impossible(prepared) if prepared.constraints else []
         for reason in reasons:
             LOG.info("impossible: %s", reason)
         result = search(prepared, options, ATTEMPTS_FOR_THE_IMPOSSIBLE if reasons else None, followed)
-    plan = _plan_of(prepared, result, reasons, time.perf_counter() - began)
+    best = result.best
+    unsolved = "interrupted" if result.interrupted and not reasons else "infeasible"
+    plan = Plan.of_motion(
+        problem,
+        *motion_of(best),
+        status=best.solution.status if best.holds else unsolved,
+        ok=best.holds,
+        explanation=explain(prepared, result, reasons),
+        solver={**result.counts, "seconds": time.perf_counter() - began, "seed": prepared.seed},
+    )
     work = sum(outcome.work for outcome in result.outcomes)
-    return SearchedPlan(plan, result.best, result.holding[1:], bool(reasons), result.ran_out_of_patience, work)
+    return SearchedPlan(plan, best, result.holding[1:], bool(reasons), result.ran_out_of_patience, work)
 
 
-def _followed_from(
-    near: Plan, prepared: Attempts, options: SearchOptions, began: float
-) -> tuple[SearchResult | None, SearchOptions]:
-    """Where the motion of a plan leads, None where that is no plan; and how to search for another then."""
-    budget = np.inf if options.budget is None else options.budget
-    degrees = prepared.problem.degrees
-    degree = near.coefficients.shape[1] - 1
+def _followed_from(near: Plan, prepared: Attempts, budget: float | None) -> SearchResult | None:
+    """Where the motion of a plan leads, between the ends of the problem: None where that is no plan.
+
+    It begins on the same branches of the arcsine, with the same free coefficients.
+    """
+    degrees, powers = prepared.problem.degrees, np.arange(near.coefficients.shape[1])
     if prepared.problem.raises_degree:
-        degrees = (max(degree, *degrees),) * len(degrees)
-    if degree <= max(degrees):
-        outcome = prepared.attempt(_start(prepared, near, degrees), expiry(SHARE * budget))
-        if outcome.holds:
-            return SearchResult([outcome]), options
-    if options.budget is not None:
-        left = budget - (time.perf_counter() - began)
-        options = replace(options, budget=max(left, SHARE * budget))
-    return None, options
-
-
-def _start(prepared: Attempts, near: Plan, degrees: tuple[int, ...]) -> Start:
-    """The motion of a plan, between the ends of the problem: on the same branches, with the same free coefficients."""
-    powers = np.arange(near.coefficients.shape[1])
+        degrees = (max(powers[-1].item(), *degrees),) * len(degrees)
+    if powers[-1] > max(degrees):
+        return None
     of_share = near.coefficients * near.duration**powers  # of p, by powers of t / T
     branches = np.floor(np.array([of_share[:, 0], of_share.sum(axis=1)]) / np.pi + 0.5).astype(np.int64)
     variables = decision_variables(prepared.problem, degrees, branches, prepared.momentum)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
     z: Array = np.linalg.solve(columns, padded.T).T[:, len(variables.polynomials.form.given) :]
-    return Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
-
-
-def _plan_of(prepared: Attempts, result: SearchResult, reasons: list[str], seconds: float) -> Plan:
-    """Return the plan that a search ended at; ``reasons`` say why there can be none."""
-    best = result.best
-    unsolved = "interrupted" if result.interrupted and not reasons else "infeasible"
-    return Plan.of_motion(
-        prepared.problem,
-        *motion_of(best),
-        status=best.solution.status if best.holds else unsolved,
-        ok=best.holds,
-        explanation=explain(prepared.problem, prepared, result, reasons),
-        solver={**result.counts, "seconds": seconds, "seed": prepared.seed},
-    )
+    start = Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
+    outcome = prepared.attempt(start, expiry(None if budget is None else SHARE * budget))
+    return SearchResult([outcome]) if outcome.holds else None
 
 
 def motion_of(outcome: Outcome) -> tuple[SinePolynomials, Array, Array, Array | None]:

@@ -134,7 +134,8 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
     for finding in certificate.unproved:
         if finding.kind in CONSEQUENCES:
             continue
-        if finding.bound is None or finding.limit is None or not _is_correctable(finding):
+        correctable = finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
+        if finding.bound is None or finding.limit is None or not correctable:
             return None
         shortfall = abs(finding.bound - finding.limit)
         scale = finding.limit if finding.kind in RELATIVE else 1.0
@@ -142,10 +143,6 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
             return None
         missing[finding.kind, finding.subject] = shortfall
     return missing or None
-
-
-def _is_correctable(finding: Finding) -> bool:
-    return finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
 
 
 def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
