@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from straight_axes import axes_turned_in_file
 
 import floatplan as fp
-from floatplan.certificate.certify import shapes_of
+from floatplan.certificate.certificate import shapes_of
 
 POSE, TWIST = 7, 6  # coordinates and velocities of a free-flyer
 UPPER = np.triu(np.ones((TWIST, TWIST), dtype=bool))  # what Pinocchio fills of an inertia

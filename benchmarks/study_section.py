@@ -17,7 +17,7 @@ import numpy as np
 from measuring import PROBLEMS, Counts, heading, stopwatch, table
 
 import floatplan as fp
-from floatplan.studies import page, rows
+from floatplan.studies import maps, rows
 from floatplan.studies.file import load_study_file
 from floatplan.studies.folder import StudyFolder
 
@@ -77,14 +77,14 @@ def _turn(asked: Path, folder: Path, family: fp.Family) -> _Turn:
     They take turns of about a second, so that a machine which changes its speed changes it for both.
     """
     clock = time.process_time
-    timed = ((rows, ["plan_many"]), (rows, ["many_peaks"]), (page, ["write_maps"]))
+    timed = ((rows, ["plan_many"]), (rows, ["many_peaks"]), (maps, ["write_maps"]))
     with ExitStack() as stack:
-        inside, peaks, maps = (stack.enter_context(stopwatch(*each, clock)) for each in timed)
+        inside, peaks, drawn = (stack.enter_context(stopwatch(*each, clock)) for each in timed)
         alone = stack.enter_context(_alone(family))
         began = clock()
         fp.study(asked, folder=folder, restart=True, jobs=1)
         whole = clock() - began - alone["seconds"]
-    return _Turn(alone["seconds"], inside["seconds"], peaks["seconds"], maps["seconds"], whole)
+    return _Turn(alone["seconds"], inside["seconds"], peaks["seconds"], drawn["seconds"], whole)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from unittest import mock
 from PIL import Image
 
 import floatplan as fp
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.files import write_atomically
 from floatplan.studio.page import opened
 from floatplan.view.report.report import write_report

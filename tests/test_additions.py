@@ -105,9 +105,9 @@ BEND: Edits = {
     "floatplan/certificate/planar/obstacles.py": (
         (
             "SEPARATIONS: dict[",
-            "def _bend(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:\n"
+            "def _bend(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PointSegments:\n"
             '    ends = {"end": obstacle["corner"]}, {"start": obstacle["corner"]}\n'
-            "    return together([_bar(surroundings, {**obstacle, **end}, velocity) for end in ends])\n\n\n"
+            "    return PointSegments.joined([_bar(surroundings, {**obstacle, **end}, velocity) for end in ends])\n\n\n"
             "SEPARATIONS: dict[",
         ),
         ('    "capsule": _bar,\n', '    "capsule": _bar,\n    "bend": _bend,\n'),
@@ -130,7 +130,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import floatplan as fp
 from floatplan.problem.schema import problem_schema
-from floatplan.studies.numbers import quantity
+from floatplan.studies.schema import varied_number
 from floatplan.studio import edits
 from floatplan.studio.session import View
 from floatplan.view.figures.figures import figures
@@ -169,7 +169,7 @@ assert "refuted" in {each.verdict for each in fp.certify("tampered.json").findin
 assert "Powers" in report(plan) and "powers" in figures(plan)
 assert LIMIT_TABLE["power"] in told_limits(plan.utilisation)
 assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
-assert quantity("limits.power", False).unit == "W"
+assert varied_number("limits.power", False).unit == "W"
 by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)
 assert edits.limit_of(by_hand, "power", problem.robot.joints[0]) == edits.AMPLE * 10
 inputs = MagicMock()
@@ -246,7 +246,7 @@ slab, *slabs = (obstacle_slab(plan, each, 0j, 1 + 1j) for each in (bend, *bend.p
 assert np.array_equal(slab[0], np.concatenate([corners for corners, _ in slabs]))
 assert "bend" in report(plan) and figures(plan)
 assert "BendTable" in problem_schema()["$defs"]
-assert quantity("obstacles.0.corner.1", False).unit == "m"
+assert varied_number("obstacles.0.corner.1", False).unit == "m"
 
 assert [dial.label for dial in obstacle_dials(0, bend)] == [
     "start →, m", "start ↑, m", "corner →, m", "corner ↑, m", "end →, m", "end ↑, m", "radius, m", "margin, m"

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.certificate.certificate import certify_record
-from floatplan.certificate.certify import shapes_of
+from floatplan.certificate.certificate import certify_record, shapes_of
 from floatplan.motion.planar.contact_rates import has_contact
 from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder

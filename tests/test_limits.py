@@ -15,7 +15,7 @@ from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, read
 from floatplan.simulation import closed_loop, feedback, forward, replay
 from floatplan.studies import file as study_file
-from floatplan.studies import page as study_page
+from floatplan.studies import maps as study_maps
 
 SIZES = {
     "planned joints": checks.MOST_JOINTS,
@@ -29,7 +29,7 @@ SIZES = {
     "rows of a study": study_file.MOST_ROWS,
     "keys that a study varies": study_file.MOST_VARIED,
     "solved starts of a search, and of a study's row": search.MOST_SOLVED,
-    "rows on a study's page": study_page.MOST_PAGE_ROWS,
+    "rows on a study's page": study_maps.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
     "steps of a replay in MuJoCo": replay.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.bernstein import split
-from floatplan.certificate.cells import Cells
+from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.enclosure import Balls, Taylor
 
 DEEPEST = 30  # halvings of a cell
@@ -91,7 +91,7 @@ AtPoint: TypeAlias = Callable[[Balls, IntArray], Array]
 
 
 def smallest(
-    items: Items, groups: IntArray, below: Below, at_point: AtPoint, goal: Goal, cells: Cells
+    items: Items, groups: IntArray, below: Below, at_point: AtPoint, goal: Goal, cells: TimeCells
 ) -> tuple[Minimum, ...]:
     """Enclose the smallest value of each group over all of its items.
 

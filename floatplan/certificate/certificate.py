@@ -1,38 +1,98 @@
-"""The certificate: is the plan true, for every instant?
+"""The certificate: is a plan true, for every instant? The plan may be alive, a record, or a file.
 
-:func:`certify_record` reads a plan record and its URDF, nothing else. See ``docs/certificate.md`` for the statement.
+What is proved depends on the record, the URDF and its meshes alone. A loaded robot is needed only for the capsules
+around collision geometry, which the certificate takes as given. See ``docs/certificate.md`` for the statement.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import optional, whole
+from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
 from floatplan.certificate.enclosure import Balls
 from floatplan.certificate.findings import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.planar.boundary import at_ends, boundary_findings, flight_findings, orientation_findings
-from floatplan.certificate.planar.inertia import PlanarRobot
-from floatplan.certificate.planar.limits import limit_findings, quantities, range_findings, recorded_peaks
+from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
+from floatplan.certificate.planar.flight import fly
+from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
+from floatplan.certificate.planar.limits import limit_findings
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
-from floatplan.certificate.planar.refine import fly
-from floatplan.certificate.planar.robots import recorded_robot
-from floatplan.certificate.planar.shapes import LinkShape, ShapeWeights, given_shapes, place_shapes, urdf_shapes
-from floatplan.errors import InputError
-from floatplan.plans.reading import checked
+from floatplan.errors import InputError, naming
+from floatplan.plans.reading import Recorded, check_meshes, checked, find_urdf, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Certificate, Finding, Verdict, worst
+from floatplan.pool.threads import one_thread
+from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.robot.urdf.example_robots import urdf_path
+from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time
+MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
+
+
+@one_thread
+def certify(
+    plan: Recorded | PlanRecord | str | Path, *, urdf: str | Path | None = None, budget: int = BUDGET
+) -> Certificate:
+    """Prove or refute a plan for every instant of its flight.
+
+    Parameters
+    ----------
+    plan : Plan, PlanRecord, or path of a plan file
+    urdf : path, optional
+        The robot's file, where it is no longer where the plan says. Its SHA-256 has to be the recorded one.
+    budget : int
+        Most cells of time; with fewer than it needs, the proof may end undecided.
+
+    Returns
+    -------
+    Certificate
+        Its ``verdict`` is "proved", "refuted" or "undecided"; see ``docs/certificate.md`` for the statement.
+
+    Raises
+    ------
+    InputError
+        The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
+    """
+    urdf, budget = optional(as_path)(urdf, "urdf"), MOST_CELLS(budget, "budget")
+    record, file, robot = recorded(plan)
+    with naming(file):
+        path = urdf_path(find_urdf(record.robot.urdf, file) if urdf is None else urdf)
+        record = checked(record)
+        shapes: list[Sequence[LinkShape] | None] = [None, None]
+        unknown: list[str] = []
+        if record.asks_clearance:
+            robot = robot or recorded_robot(record.robot, file, path)
+            check_meshes(robot, record.robot, file)
+            unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
+            if "<collision" in robot.xml:
+                flight = record.problem["flight"]
+                standing = [str(flight[end]["frame"]) for end in ("takeoff", "landing")]
+                shapes = [shapes_of(robot), shapes_of(robot, robot.hulls(standing, robot.limb_ends))]
+        return _prove(record, path, shapes, unknown, budget)
+
+
+def shapes_of(robot: Robot, capsules: Sequence[LinkCapsule] | None = None) -> list[LinkShape]:
+    """Shapes of a loaded robot, left out the capsules around its collision geometry, as ``certify`` takes them."""
+    shapes: list[LinkShape] = []
+    for shape in robot.shapes if capsules is None else capsules:
+        origin = robot.frames[shape.link].local
+        turn = cmath.exp(1j * robot.tree.turn * float(robot.tree.offsets[shape.body]))
+        start, end = ((place - origin) * turn for place in (shape.start, shape.end))
+        shapes.append((shape.link, (start.real, start.imag), (end.real, end.imag), shape.radius))
+    return shapes
 
 
 def certify_record(
@@ -64,92 +124,81 @@ def certify_record(
     InputError
         The URDF is missing, another, or does not fit the record; or the record's problem lacks something.
     """
-    return prove(checked(record), urdf, shapes=shapes, hulls=hulls, budget=budget)
+    path = urdf_path(record.robot.urdf if urdf is None else urdf)
+    return _prove(checked(record), path, (shapes, hulls), (), budget)
 
 
-def prove(
+def _prove(
     record: PlanRecord,
-    urdf: str | Path | None = None,
-    *,
-    shapes: Sequence[LinkShape] | None = None,
-    hulls: Sequence[LinkShape] | None = None,
-    unknown_meshes: Sequence[str] = (),
-    budget: int = BUDGET,
+    path: Path,
+    shapes: Sequence[Sequence[LinkShape] | None],
+    unknown_meshes: Sequence[str],
+    budget: int,
 ) -> Certificate:
-    """Do what :func:`certify_record` does with a record that is ``checked``; the same parameters and errors.
+    """Prove a record that is ``checked`` for the URDF at ``path``; ``shapes`` are those of links and their hulls.
 
     ``unknown_meshes`` are files that the shapes are around and whose hashes the record lacks: they leave clearances
     undecided.
     """
     with _ONE_AT_A_TIME:
         began = time.perf_counter()
-        path = urdf_path(record.robot.urdf if urdf is None else urdf)
-        robot = recorded_robot(path, record.robot)
+        robot = kept_robot(path, record.robot)
         try:
             with np.errstate(all="ignore"):
-                return _prove(robot, record, (shapes, hulls), unknown_meshes, budget, began)
+                certificate = _proved(robot, record, shapes, unknown_meshes, budget)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(
-                f"cannot be read as a problem: {type(error).__name__} {error}", element="problem"
-            ) from error
+            reason = f"cannot be read as a problem: {type(error).__name__} {error}"
+            raise InputError(reason, element="problem") from error
+        return replace(certificate, seconds=time.perf_counter() - began)
 
 
-def _prove(
+def _proved(
     robot: PlanarRobot,
     record: PlanRecord,
-    shapes: tuple[Sequence[LinkShape] | None, Sequence[LinkShape] | None],
+    shapes: Sequence[Sequence[LinkShape] | None],
     unknown_meshes: Sequence[str],
     budget: int,
-    began: float,
 ) -> Certificate:
-    problem = record.problem
-    obstacles, pairs = problem.get("obstacles") or [], problem.get("self_clearance") or []
-    flight = fly(robot, record, _windows(obstacles, record.duration), budget)
+    obstacles = record.problem.get("obstacles") or []
+    windows = [obstacle["window"] for obstacle in obstacles if obstacle.get("window")]
+    within = [(max(float(first), 0.0), min(float(last), record.duration)) for first, last in windows]
+    flight = fly(robot, record, [(first, last) for first, last in within if first <= last], budget)
     orientation, last = orientation_findings(record, flight)
-    ranges, beyond = range_findings(record)
-    limited = quantities(robot, record, flight, beyond)
-    limits, peaks = limit_findings(limited.found, flight)
-    velocity, torque, motor = (
-        [peaks[i] for i in chosen] for chosen in (limited.velocities, limited.torques, limited.motors)
-    )
+    limits, peaks = limit_findings(robot, record, flight)
     states = at_ends(record)
     ends = [*boundary_findings(record, states), *flight_findings(robot, record, flight, states)]
-    found = [*orientation, *ends, *ranges, *limits]
-    found.append(recorded_peaks("velocity_peak", record.velocity_peak, velocity))
-    found.append(recorded_peaks("torque_peak", record.torque_peak, torque))
-    if record.motor_torque_peak is not None:
-        claimed = [_claimed(record.motor_torque_peak, name) for name in robot.motors]
-        found.append(recorded_peaks("motor_torque_peak", np.array(claimed), motor))
+    clear: list[Finding] = []
     clearance = None
     if not obstacles and record.clearance_min is not None:
-        found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
+        clear.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
     if record.asks_clearance:
-        capsules, hulls = shapes
-        chosen = _shapes(robot, capsules)
-        surroundings = Surroundings(record, flight, place_shapes(flight, chosen), robot.sigma)
-        clear = [self_finding(surroundings, pair) for pair in pairs]
-        if problem.get("ground"):
-            standing = surroundings.shapes if hulls is None else place_shapes(flight, _shapes(robot, hulls))
-            clear.append(ground_finding(surroundings, robot, standing))
+        of_links, of_hulls = shapes
+        surroundings = Surroundings(robot, record, flight, _weights(robot, of_links))
+        asked: list[Finding] = []
         if obstacles:
-            to_obstacles, clearance = _clearances(surroundings, obstacles)
-            clear = to_obstacles + clear
-        if unknown_meshes:
-            clear, clearance = _undecided(clear, unknown_meshes), None
-        found += clear
-    findings = tuple(found)
+            asked, clearance = _clearances(surroundings, obstacles)
+        asked += [self_finding(surroundings, pair) for pair in record.problem.get("self_clearance") or []]
+        if record.problem.get("ground"):
+            standing = None if of_hulls is None else _weights(robot, of_hulls)
+            asked.append(ground_finding(surroundings, robot, standing))
+        if unknown_meshes:  # the shapes may not be those that were planned with: nothing is known of clearances
+            unknown = [Finding("mesh", (name,), "undecided", None) for name in unknown_meshes]
+            asked, clearance = unknown + [replace(finding, verdict="undecided") for finding in asked], None
+        clear += asked
+    findings = (*orientation, *ends, *limits, *clear)
+    bounds = {name: [-peak.bound for peak in each] for name, each in peaks.items()}
     return Certificate(
         verdict=worst(findings),
         orientation_end=_enclosure(last),
         clearance_min=clearance,
-        torque_peak=read_only([-peak.bound for peak in torque]),
-        velocity_peak=read_only([-peak.bound for peak in velocity]),
-        motor_torque_peak={name: -peak.bound for name, peak in zip(robot.motors, motor, strict=True)},
+        torque_peak=read_only(bounds["torque_peak"]),
+        velocity_peak=read_only(bounds["velocity_peak"]),
+        motor_torque_peak=dict(zip(robot.motors, bounds["motor_torque_peak"], strict=True)),
         findings=findings,
         subintervals=len(flight.cells),
-        seconds=time.perf_counter() - began,
+        seconds=0.0,
     )
 
 
@@ -161,21 +210,13 @@ def _enclosure(ball: Balls) -> tuple[float, float]:
     return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
 
-def _claimed(peaks: Mapping[str, float], motor: str) -> float:
-    if motor not in peaks:
-        raise InputError("is missing", element=f"motor_torque_peak.{motor}")
-    return float(peaks[motor])
-
-
-def _shapes(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> ShapeWeights:
-    if shapes is not None:
-        return given_shapes(
-            robot, tuple((link, tuple(start), tuple(end), radius) for link, start, end, radius in shapes)
-        )
-    if robot.with_collision:
-        reason = f'link "{min(robot.with_collision)}" has a <collision> element, so its shape has to be given'
-        raise InputError(reason, element="shapes")
-    return urdf_shapes(robot)
+def _weights(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> ShapeWeights:
+    if shapes is None:
+        if robot.with_collision:
+            reason = f'link "{min(robot.with_collision)}" has a <collision> element, so its shape has to be given'
+            raise InputError(reason, element="shapes")
+        return shape_weights(robot, None)
+    return shape_weights(robot, tuple((link, tuple(start), tuple(end), radius) for link, start, end, radius in shapes))
 
 
 def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[list[Finding], float]:
@@ -186,32 +227,10 @@ def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[l
     bound = min(item.bound for item in least)
     attained = min(item.attained for item in least)
     recorded = surroundings.record.clearance_min
-    tolerance = RECORDED_CLEARANCE
+    kind, subject = "recorded", ("clearance_min",)
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
-        claim = Finding("recorded", ("clearance_min",), verdict, bound, None, None)
-    else:
-        off = max(0.0, recorded - attained, bound - recorded)
-        claim = at_most(
-            "recorded",
-            ("clearance_min",),
-            max(abs(recorded - bound), abs(recorded - attained)),
-            off,
-            0.0,
-            tolerance,
-            None,
-        )
-    return [*found, claim], bound
-
-
-def _undecided(clear: Sequence[Finding], unknown_meshes: Sequence[str]) -> list[Finding]:
-    """What is known of clearances where the shapes may not be those that were planned with: nothing."""
-    unknown = [Finding("mesh", (name,), "undecided", None) for name in unknown_meshes]
-    return unknown + [replace(finding, verdict="undecided") for finding in clear]
-
-
-def _windows(obstacles: Sequence[Any], duration: float) -> list[tuple[float, float]]:
-    """When obstacles exist that do not always exist, as far as the flight lasts."""
-    asked = [obstacle["window"] for obstacle in obstacles if obstacle.get("window")]
-    within = [(max(float(first), 0.0), min(float(last), duration)) for first, last in asked]
-    return [(first, last) for first, last in within if first <= last]
+        return [*found, Finding(kind, subject, verdict, bound, None, None)], bound
+    farthest = max(abs(recorded - bound), abs(recorded - attained))
+    nearest = max(0.0, recorded - attained, bound - recorded)
+    return [*found, at_most(kind, subject, farthest, nearest, 0.0, RECORDED_CLEARANCE, None)], bound

@@ -59,17 +59,26 @@ class Balls:
         mid = np.asarray(values, dtype=np.float64)
         return cls(mid, np.zeros_like(mid))
 
+    def broadcast(self, shape: tuple[int, ...]) -> Balls:
+        """The same balls for every entry of a shape."""
+        return Balls(np.broadcast_to(self.mid, shape), np.broadcast_to(self.rad, shape))
+
     @property
     def transposed(self) -> Balls:
         """The matrix transposed."""
         return Balls(self.mid.T, self.rad.T)
 
-    def joined(self, other: Balls) -> Balls:
-        """The rows of both."""
-        return Balls(np.concatenate([self.mid, other.mid]), np.concatenate([self.rad, other.rad]))
+    @classmethod
+    def joined(cls, balls: Sequence[Balls]) -> Balls:
+        """The rows of all."""
+        return cls(np.concatenate([each.mid for each in balls]), np.concatenate([each.rad for each in balls]))
 
     def __neg__(self) -> Balls:
         return Balls(-self.mid, self.rad)
+
+    def __add__(self, other: Balls) -> Balls:
+        total = self.mid + other.mid
+        return Balls(total, up(self.rad + other.rad + ROUND * np.abs(total)))
 
     def __getitem__(self, index: Any) -> Balls:
         return Balls(self.mid[index], self.rad[index])
@@ -176,10 +185,9 @@ def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
     return [Taylor(c[..., index, :], e[..., index, :]) for index in range(len(pairs))]
 
 
-def join_cells(models: Sequence[Taylor], order: Any) -> Taylor:
-    """Join models along the axis of cells, and sort the cells."""
-    c = np.concatenate([m.c for m in models], axis=1)[:, order]
-    return Taylor(c, np.concatenate([m.e for m in models], axis=0)[order])
+def join_cells(models: Sequence[Taylor]) -> Taylor:
+    """Join models along the axis of cells."""
+    return Taylor(np.concatenate([m.c for m in models], axis=1), np.concatenate([m.e for m in models], axis=0))
 
 
 def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:

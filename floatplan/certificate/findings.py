@@ -6,6 +6,7 @@ A limit or a tolerance that is not finite proves nothing, and a bound that is no
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,12 +36,9 @@ def at_least(
     kind: Kind, subject: Subject, lower: float, attained: float, limit: float, tolerance: float, instant: float | None
 ) -> Finding:
     """Finding on a quantity that is at least ``lower`` and somewhere at most ``attained``."""
-    lower, allowed = -math.inf if math.isnan(lower) else lower, limit - tolerance
-    if lower >= allowed and math.isfinite(allowed):
-        return Finding(kind, subject, "proved", lower, instant, limit)
-    if attained < allowed:
-        return Finding(kind, subject, "refuted", attained, instant, limit)
-    return Finding(kind, subject, "undecided", lower, instant, limit, allowed - lower)
+    mirrored = at_most(kind, subject, -lower, -attained, -limit, tolerance, instant)
+    bound = attained if mirrored.verdict == "refuted" else -math.inf if math.isnan(lower) else lower
+    return replace(mirrored, bound=bound, limit=limit)
 
 
 def near(
@@ -55,7 +53,4 @@ def deviations(values: Balls, wanted: Any) -> tuple[Array, Array]:
     """What the largest deviation in each row is at most, and at least."""
     deviation = np.abs(values.mid - wanted)
     radius = values.rad + 2.0**-51 * (np.abs(values.mid) + deviation)
-    upper, attained = (
-        np.maximum.reduce(each, axis=-1, initial=0.0) for each in (deviation + radius, deviation - radius)
-    )
-    return upper, attained
+    return (deviation + radius).max(axis=-1, initial=0.0), (deviation - radius).max(axis=-1, initial=0.0)

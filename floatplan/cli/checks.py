@@ -24,7 +24,7 @@ def certify(
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     from floatplan.certificate.certificate import BUDGET
-    from floatplan.certificate.certify import certify as prove
+    from floatplan.certificate.certificate import certify as prove
     from floatplan.plans.reading import load_record
 
     with progress("proving"):

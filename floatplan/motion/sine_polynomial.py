@@ -170,7 +170,10 @@ def _one_after_the_other(values: Array, coefficients: Array) -> Array:
 def joint_motion(
     centre: Array, amplitude: Array, duration: float, coefficients: Array, values: tuple[Array, Array, Array]
 ) -> JointMotion:
-    """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values."""
+    """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values.
+
+    Of several motions (S, 6+width, n) one after the other.
+    """
     value, first, second = values
     p, p_rate = _one_after_the_other(value, coefficients), _one_after_the_other(first, coefficients)
     sine, cosine = amplitude * np.sin(p), amplitude * np.cos(p)
@@ -235,7 +238,7 @@ class SinePolynomials:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
         coefficients = self._plain_coefficients.copy()
         coefficients[:, coefficients.shape[1] - self.width :] = z
-        return self.motion_of_coefficients(coefficients.T, values)
+        return joint_motion(self.centre, self.amplitude, self.duration, coefficients.T, values)
 
     @cached_property
     def _plain_coefficients(self) -> Array:
@@ -246,13 +249,6 @@ class SinePolynomials:
     def given_boundary(self) -> Array:
         """The conditions (13) that are given (n, g)."""
         return self.boundary[:, self.form.given] if self.free_ends else self.boundary
-
-    def motion_of_coefficients(self, coefficients: Array, values: tuple[Array, Array, Array]) -> JointMotion:
-        """Joint motion (12), with its derivatives, from all coefficients (6+width, n) at the instants of basis values.
-
-        Of several motions (S, 6+width, n) one after the other.
-        """
-        return joint_motion(self.centre, self.amplitude, self.duration, coefficients, values)
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.kernel import rows as plain
 from floatplan.kernel.batch import INFEASIBLE, MOST_STARTS, Answers, Search

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.planning.attempt import Attempts, Outcome
 from floatplan.planning.planned import SearchedPlan, motion_of
 from floatplan.planning.search import SAME, SearchOptions, search

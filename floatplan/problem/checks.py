@@ -6,7 +6,7 @@ The ground is a horizontal line through the lowest point of the link that takes 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,16 +60,6 @@ def _is_word(values: object, word: str, element: str) -> bool:
     if values != word:
         raise InputError(f"must be numbers or {word!r}, not {values!r}", element=element)
     return True
-
-
-def check_contact(flight: Flight, state: JointState, element: str) -> None:
-    """Refuse rates of a frame at rest where no frame is named that stands on the ground."""
-    if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
-        raise InputError(
-            f"{REST[element]!r} needs a frame that stands on the ground",
-            element=f"{element}.velocities",
-            advice=f"name it as flight.{REST[element]}, or give the rates",
-        )
 
 
 def _joint_values(robot: Robot, values: Any, element: str, default: float | None) -> Array:
@@ -128,39 +118,6 @@ def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, grou
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
         return Landing(landing.frame, height)
     return Landing(landing.frame, 0.0 if landing.height is None else landing.height)
-
-
-def check_counts(robot: Robot, obstacles: Sequence[Obstacle], pairs: Sequence[SelfClearance]) -> None:
-    """Refuse more of them than a search can look at in its time, on their own or with the robot's shapes."""
-    for count, element in ((len(obstacles), "obstacles"), (len(pairs), "self_clearance")):
-        if count > MOST_OBSTACLES:
-            raise InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
-    shapes = len(robot.shapes) if obstacles else 0
-    if shapes * len(obstacles) > MOST_DISTANCES:
-        raise InputError(
-            f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances",
-            element="obstacles",
-            advice="leave some out, or simplify the robot's collision geometry",
-        )
-
-
-def check_window(obstacle: Obstacle, element: str, duration: float) -> None:
-    """Refuse an obstacle that never meets the flight."""
-    if obstacle.window is not None and (obstacle.window[1] < 0 or obstacle.window[0] > duration):
-        start, end = obstacle.window
-        raise InputError(
-            f"the window [{start}, {end}] s lies outside the flight of {duration} s", element=f"{element}.window"
-        )
-
-
-def check_pair(robot: Robot, pair: SelfClearance, element: str) -> None:
-    """Refuse links that the robot does not have."""
-    known = {shape.link for shape in robot.shapes}
-    for link in pair.links:
-        if link not in known:
-            raise InputError(
-                f"no link {link!r} with a shape", element=f"{element}.links", advice=f"links: {sorted(known)}"
-            )
 
 
 def check_joint_names(robot: Robot, values: Mapping[str, object], element: str) -> None:
@@ -315,33 +272,78 @@ def _of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: An
     return [given.get(motor, given.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
 
 
-def check_inside(robot: Robot, limits: Array, state: JointState, element: str, index: int) -> None:
-    """Refuse a joint outside its range, and one on its edge that does not stand still or accelerates outwards."""
-    joint, (low, high) = robot.joints[index], limits[index]
-    position, velocity, acceleration = (
-        float(values[index]) for values in (state.positions, state.velocities, state.accelerations)
-    )
-    if not low <= position <= high:
-        degrees, lowest, highest = map(math.degrees, (position, low, high))
-        raise InputError(
-            f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
-            f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})",
-            element=f"{element}.positions.{joint}",
-            advice="move it inside, or widen the range with limits.position",
+def end_errors(robot: Robot, limits: Array, flight: Flight, state: JointState, element: str) -> Iterator[InputError]:
+    """What is wrong at an end of the flight, within the joints' ranges (n, 2), rad.
+
+    A joint outside its range, one on its edge that does not stand still or accelerates outwards; rates of a frame at
+    rest where no frame is named that stands on the ground.
+    """
+    if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
+        yield InputError(
+            f"{REST[element]!r} needs a frame that stands on the ground",
+            element=f"{element}.velocities",
+            advice=f"name it as flight.{REST[element]}, or give the rates",
         )
-    if min(position - low, high - position) > EDGE * (high - low):
-        return
-    edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
-    if not (velocity == 0 or np.isnan(velocity)):
-        raise InputError(
-            f"{velocity:.6g} rad/s {edge}",
-            element=f"{element}.velocities.{joint}",
-            advice="a joint can only be on the edge of its range at rest",
+    values = (state.positions.tolist(), state.velocities.tolist(), state.accelerations.tolist())
+    for joint, (low, high), position, velocity, acceleration in zip(
+        robot.joints, limits.tolist(), *values, strict=True
+    ):
+        inside = min(position - low, high - position)
+        if inside > EDGE * (high - low):
+            continue
+        edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
+        if not inside >= 0:
+            degrees, lowest, highest = map(math.degrees, (position, low, high))
+            yield InputError(
+                f"{position:.6g} rad is outside the joint's range [{low:.6g}, {high:.6g}]"
+                f" ({degrees:.4g} degrees, outside {lowest:.4g} to {highest:.4g})",
+                element=f"{element}.positions.{joint}",
+                advice="move it inside, or widen the range with limits.position",
+            )
+        elif not (velocity == 0 or math.isnan(velocity)):
+            yield InputError(
+                f"{velocity:.6g} rad/s {edge}",
+                element=f"{element}.velocities.{joint}",
+                advice="a joint can only be on the edge of its range at rest",
+            )
+        elif acceleration * (2 * position - low - high) > 0:
+            yield InputError(
+                f"{acceleration:.6g} rad/s^2 {edge} points out of it", element=f"{element}.accelerations.{joint}"
+            )
+
+
+def surroundings_errors(
+    robot: Robot, obstacles: Sequence[Obstacle], pairs: Sequence[SelfClearance], duration: float
+) -> Iterator[InputError]:
+    """What is wrong with what the robot keeps clear of.
+
+    More of it than a search can look at in its time, obstacles that never meet the flight, links that do not exist.
+    """
+    for count, element in ((len(obstacles), "obstacles"), (len(pairs), "self_clearance")):
+        if count > MOST_OBSTACLES:
+            yield InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
+    shapes = len(robot.shapes) if obstacles else 0
+    if len(obstacles) <= MOST_OBSTACLES and shapes * len(obstacles) > MOST_DISTANCES:
+        yield InputError(
+            f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances",
+            element="obstacles",
+            advice="leave some out, or simplify the robot's collision geometry",
         )
-    if acceleration * (2 * position - low - high) > 0:
-        raise InputError(
-            f"{acceleration:.6g} rad/s^2 {edge} points out of it", element=f"{element}.accelerations.{joint}"
-        )
+    for index, obstacle in enumerate(obstacles):
+        start, end = obstacle.window or (0.0, duration)
+        if end < 0 or start > duration:
+            yield InputError(
+                f"the window [{start}, {end}] s lies outside the flight of {duration} s",
+                element=f"obstacles[{index}].window",
+            )
+    known = {shape.link for shape in robot.shapes} if pairs else set()
+    for index, pair in enumerate(pairs):
+        for link in (link for link in pair.links if link not in known):
+            yield InputError(
+                f"no link {link!r} with a shape",
+                element=f"self_clearance[{index}].links",
+                advice=f"links: {sorted(known)}",
+            )
 
 
 def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:

@@ -15,11 +15,11 @@ import tomli_w
 from floatplan.arguments import made
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable
+from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable, RobotTable
 from floatplan.problem.validation import validated
 from floatplan.robot.robot import Robot, robot_as_asked
 from floatplan.tables import REST
@@ -50,12 +50,9 @@ def load_problem(path: str | Path) -> Problem:
     path = as_path(path, "path")
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
     content = parsed_toml(text, path)
-    try:
+    with naming(path):
         tables = validated(ProblemFileTable, content)
-        robot = robot_as_asked(_urdf_source(tables.robot.urdf, path), tables.robot.choices(), path, "robot.")
-        return _problem(tables, robot, path.stem, text)
-    except InputError as error:
-        raise error if error.source else error.within(source=path) from None
+        return _problem(tables, _robot(tables.robot, path), path.stem, text)
 
 
 def given_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:
@@ -73,11 +70,8 @@ def load_robot(path: str | Path) -> Robot:
     content = read_toml(path)
     if not set(content) <= set(RobotFileTable.model_fields):
         return load_problem(path).robot
-    try:
-        table = validated(RobotFileTable, content).robot
-        return robot_as_asked(_urdf_source(table.urdf, path), table.choices(), path, "robot.")
-    except InputError as error:
-        raise error if error.source else error.within(source=path) from None
+    with naming(path):
+        return _robot(validated(RobotFileTable, content).robot, path)
 
 
 def problem_from_dict(
@@ -206,8 +200,9 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
     return parsed_toml(read_text(path, LARGEST_PROBLEM, kind), path)
 
 
-def _urdf_source(urdf: str, path: Path) -> str | Path:
-    return urdf if urdf.startswith(DATA_PREFIX) else path.parent / urdf
+def _robot(table: RobotTable, path: Path) -> Robot:
+    source = table.urdf if table.urdf.startswith(DATA_PREFIX) else path.parent / table.urdf
+    return robot_as_asked(source, table.choices(), path, "robot.")
 
 
 def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str | None) -> Problem:

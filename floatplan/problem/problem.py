@@ -18,12 +18,8 @@ from floatplan.errors import check_name, faults, refuse
 from floatplan.pool.threads import one_thread
 from floatplan.problem.checks import (
     TOUCHING,
-    check_contact,
-    check_counts,
-    check_inside,
-    check_pair,
-    check_window,
     degrees_of,
+    end_errors,
     frame_height,
     ground_height,
     joint_limits,
@@ -33,6 +29,7 @@ from floatplan.problem.checks import (
     motor_torque_limits,
     motor_values,
     position_limits,
+    surroundings_errors,
     takeoff_of,
     torque_limits,
 )
@@ -124,12 +121,17 @@ class Problem(Checked):
         errors = self.faults()
         try:
             errors += faults(self._resolutions())
-            errors += faults(self._checks())
+            errors += faults((partial(refuse_leak, self.robot), partial(check_name, self.name, "name")))
+            errors += surroundings_errors(self.robot, self.obstacles, self.self_clearances, self.flight.duration)
+            if self.obstacles or self.self_clearances or self.ground:
+                errors += faults((self.robot.check_shapes,))
         except (AttributeError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
         if not errors:
-            errors = faults(self._edge_checks())
+            ranges, flight = self.position_limits, self.flight
+            for element, state in (("start", self.initial), ("goal", self.final)):
+                errors += end_errors(self.robot, ranges, flight, state, element)
         refuse(errors)
 
     def __repr__(self) -> str:
@@ -143,12 +145,12 @@ class Problem(Checked):
 
     def _repr_html_(self) -> str:
         """A table, as notebooks show it."""
-        robot, flight, unit = self.robot, self.flight, "rad"
+        robot, flight = self.robot, self.flight
         momentum = flight.angular_momentum
         rows = [
             ("robot", f"{robot.name}: {', '.join(robot.joints)}"),
             *(
-                (end, f"{state.orientation:.4g}; {shortened(state.positions)} {unit}")
+                (end, f"{state.orientation:.4g}; {shortened(state.positions)} rad")
                 for end, state in (("start", self.initial), ("goal", self.final))
             ),
             ("flight", f"{flight.duration:g} s, {self.takeoff.frame} to {self.landing.frame}"),
@@ -175,24 +177,6 @@ class Problem(Checked):
         }
         for name, resolve in resolvers.items():
             yield lambda name=name, resolve=resolve: object.__setattr__(self, name, resolve())  # type: ignore[misc]
-
-    def _checks(self) -> Iterator[Callable[[], None]]:
-        yield partial(refuse_leak, self.robot)
-        yield partial(check_name, self.name, "name")
-        yield lambda: check_counts(self.robot, self.obstacles, self.self_clearances)
-        if self.obstacles or self.self_clearances or self.ground:
-            yield self.robot.check_shapes
-        for index, obstacle in enumerate(self.obstacles):
-            yield partial(check_window, obstacle, f"obstacles[{index}]", self.flight.duration)
-        for index, pair in enumerate(self.self_clearances):
-            yield partial(check_pair, self.robot, pair, f"self_clearance[{index}]")
-
-    def _edge_checks(self) -> Iterator[Callable[[], None]]:
-        """Start and goal lie inside the joint ranges, and stand still on their edges."""
-        for element, state in (("start", self.initial), ("goal", self.final)):
-            yield partial(check_contact, self.flight, state, element)
-            for index in range(len(self.robot.joints)):
-                yield partial(check_inside, self.robot, self.position_limits, state, element, index)
 
     @property
     def velocity_limits(self) -> Array:

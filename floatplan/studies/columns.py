@@ -1,9 +1,9 @@
-"""Columns of a study's table as pyarrow has them, and its file."""
+"""A study's table: its columns as pyarrow has them, and its file."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -54,24 +54,23 @@ def read_table(content: bytes) -> Any:
         return file.read(use_threads=False)
 
 
-def chosen(words: Sequence[str], each: npt.NDArray[np.str_]) -> Any:
-    """Words (N,), each among a few."""
-    return taken(words, np.select([each == word for word in words], range(len(words)), default=len(words)))
-
-
-def taken(words: Sequence[str], which: IntArray) -> Any:
-    """Words (N,) by their places; pyarrow's own ``take`` is slow to load."""
+def table_of(columns: Mapping[str, Any], units: Mapping[str, str]) -> Any:
+    """A table of columns, with their units as metadata where they have one; NaN as null."""
     pa, _ = arrow()
-    return pa.array(np.array(words, dtype=object)[which], type=pa.string())
+    arrays = [_column(pa, name, values) for name, values in columns.items()]
+    fields = [
+        pa.field(name, array.type, metadata={"unit": units[name]} if units.get(name) else None)
+        for name, array in zip(columns, arrays, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
-def as_column(pa: Any, values: Any, kind: Any) -> Any:
-    """Return an array, or what is one already, as pyarrow has it; NaN as null."""
-    if isinstance(values, pa.Array):
-        return values
-    if not isinstance(values, np.ndarray):
-        return pa.array(values, type=kind)
-    return pa.array(values, type=kind, from_pandas=True) if values.ndim == 1 else lists(pa, values)
+def _column(pa: Any, name: str, values: Any) -> Any:
+    if name in WORDS:
+        return pa.array(values, type=pa.string())
+    if name != "coefficients":
+        return pa.array(values, from_pandas=True)
+    return lists(pa, values) if isinstance(values, np.ndarray) else pa.array(values, pa.list_(pa.list_(pa.float64())))
 
 
 def lists(pa: Any, values: Array) -> Any:
@@ -90,3 +89,9 @@ def lists(pa: Any, values: Array) -> Any:
 def _offsets(lengths: IntArray) -> npt.NDArray[np.int32]:
     """Where lists that follow each other begin, and where the last one ends."""
     return np.concatenate(([0], np.cumsum(lengths)), dtype=np.int32, casting="unsafe")
+
+
+def words(table: Any, column: str) -> tuple[list[str], IntArray]:
+    """Words of a column of a table, in the order in which they appear, and which (N,) each row has."""
+    encoded = table[column].combine_chunks().dictionary_encode()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()

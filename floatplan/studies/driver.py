@@ -1,25 +1,155 @@
-"""Hands out the rows of a study in chunks of about a second, and keeps each as soon as it is done."""
+"""Hands out the rows of a study in chunks of about a second, and keeps each as soon as it is done.
+
+Chunks are planned by this process, a pool of processes, or the machines of a dask cluster.
+"""
 
 from __future__ import annotations
 
+import logging
+import os
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from typing import Any
 
+from floatplan.errors import FloatplanError, InputError, import_optional
 from floatplan.kernel.rows import is_plain_family
-from floatplan.studies.engines import Engine
+from floatplan.planning.search import MOST_JOBS
+from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder
-from floatplan.studies.rows import Planned, Work, lost_row, planned_rows
+from floatplan.studies.rows import PlannedChunk, StudyTask, lost_row, planned_rows
 
 CHUNK_SECONDS = 1.0  # [s] of work
 FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and of whole searches
 MOST_IN_CHUNK = 32_768  # rows
 GROWTH = 8  # times that a chunk may be larger than the one that its speed was measured with
 SHORTEST = 1 / 16  # [-] of a chunk, at the end: what is handed out costs a little too
+AHEAD = 2  # chunks given to each process, so that none waits
+PATIENCE = 30  # [s] for a scheduler to answer
+ENGINES = ("processes", "dask")
+LOADED = ("floatplan.studies.study",)  # before a process begins
+BROKEN = "no process can be started: see above; in a script, plan below \"if __name__ == '__main__':\", or with jobs=1"
 DIED = "The system ended the process that planned this row: it crashed, or memory ran out."
+
+
+class Here(Executor):
+    """Plans in this process, when asked."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call at once."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Engine:
+    """Where chunks go.
+
+    Parameters
+    ----------
+    begin : callable
+        Begins an executor, as a context.
+    places : callable
+        Tells how many chunks it takes at a time.
+    alone : callable, optional
+        Begins an executor for one chunk that may end its process; left out, the one that there is survives that.
+    """
+
+    def __init__(
+        self,
+        begin: Callable[[], AbstractContextManager[Executor]],
+        places: Callable[[], int],
+        alone: Callable[[], AbstractContextManager[Executor]] | None = None,
+    ) -> None:
+        self._begin, self.places, self._open = begin, places, ExitStack()
+        self.alone = alone or (lambda: nullcontext(self.executor))
+        self.renew()
+
+    def renew(self) -> None:
+        """Put another executor in the place of one that a dead process has broken."""
+        self.close()
+        self.executor = self._open.enter_context(self._begin())
+
+    def close(self) -> None:
+        """End it."""
+        self._open.close()
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, MOST_JOBS)
+
+
+@contextmanager
+def started(name: str, jobs: int | None, scheduler: str | None) -> Iterator[Engine]:
+    """Start an engine, and end it.
+
+    Parameters
+    ----------
+    name : "processes" or "dask"
+    jobs : processes; None for as many as there are processors
+    scheduler : address of dask's; None for a cluster on this machine
+
+    Raises
+    ------
+    InputError
+        There is no such engine, or it cannot be started.
+    """
+    if name not in ENGINES:
+        raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {name!r}", element="engine")
+    if scheduler is not None and name != "dask":
+        raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
+    count = processors() if jobs is None else jobs
+    with ExitStack() as opened:
+        if name == "dask":
+            client = opened.enter_context(_client(count, scheduler))
+            engine = Engine(
+                lambda: nullcontext(client.get_executor(pure=False)),
+                lambda: AHEAD * max(int(sum(client.nthreads().values())), 1),
+            )
+        elif count > 1:
+            engine = Engine(lambda: _pool(count), lambda: AHEAD * count, lambda: processes(1, LOADED))
+        else:
+            engine = Engine(lambda: nullcontext(Here()), lambda: 1)
+        opened.callback(engine.close)
+        yield engine
+
+
+@contextmanager
+def _pool(count: int) -> Iterator[Executor]:
+    """Processes of this machine, which end with this one."""
+    with processes(count, LOADED) as executor:
+        try:
+            executor.submit(os.getpid).result()  # else those that cannot even begin would be begun for ever
+        except BrokenExecutor:
+            raise FloatplanError(BROKEN) from None
+        yield executor
+
+
+@contextmanager
+def _client(jobs: int, scheduler: str | None) -> Iterator[Any]:
+    """A client of a dask scheduler, which gives the chunks of a dead worker to others."""
+    distributed = import_optional("distributed", name="dask", element="engine", extra="study")
+    with ExitStack() as opened:
+        try:
+            cluster = scheduler
+            if scheduler is None:
+                opened.enter_context(same_modules())  # until the end, as workers that die are begun anew
+                local = distributed.LocalCluster(
+                    n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+                )
+                cluster = opened.enter_context(local)
+            client = opened.enter_context(distributed.Client(cluster, timeout=PATIENCE))
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"no scheduler answers: {error}", element="scheduler") from None
+        yield client
 
 
 @dataclass(frozen=True)
@@ -44,39 +174,22 @@ def _duration(seconds: float) -> str:
     return f"{whole // 60} min {whole % 60} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-def fill(
-    study: StudyFile,
-    folder: StudyFolder,
-    gaps: list[Range],
-    engine: Engine,
-    progress: Callable[[Progress], None] | None,
-) -> None:
-    """Plan the rows that are missing."""
-    missing = sum(stop - first for first, stop in gaps)
-    _Run(study, folder, engine, missing, progress).run(gaps)
-
-
-class _Run:
-    """One run over the missing rows."""
+class StudyRun:
+    """Plans the rows that are missing."""
 
     def __init__(
-        self,
-        study: StudyFile,
-        folder: StudyFolder,
-        engine: Engine,
-        missing: int,
-        progress: Callable[[Progress], None] | None,
+        self, study: StudyFile, folder: StudyFolder, engine: Engine, progress: Callable[[Progress], None] | None
     ) -> None:
         self._study, self._folder, self._engine, self._progress = study, folder, engine, progress
-        self._work = pickle.dumps(Work.of(study))
-        together = is_plain_family(study.family(0, 1))
-        self._size = self._least = FIRST_TOGETHER if together else FIRST_ALONE
-        self._missing, self._done, self._began = missing, 0, time.monotonic()
+        self._task = pickle.dumps(StudyTask.of(study))
+        self._size = self._least = FIRST_TOGETHER if is_plain_family(study.family(0, 1)) else FIRST_ALONE
 
-    def run(self, gaps: list[Range]) -> None:
+    def fill(self, gaps: list[Range]) -> None:
         """Keep every process busy until nothing is left."""
+        self._missing = sum(stop - first for first, stop in gaps)
+        self._done, self._began = 0, time.monotonic()
         waiting = list(reversed(gaps))
-        running: dict[Future[Planned], Range] = {}
+        running: dict[Future[PlannedChunk], Range] = {}
         lost: list[Range] = []
         while waiting or running or lost:
             if lost and not running:
@@ -110,10 +223,10 @@ class _Run:
             stop = first + size
         return first, stop
 
-    def _submit(self, executor: Executor, chunk: Range) -> Future[Planned]:
-        return executor.submit(planned_rows, self._work, chunk[0], self._study.samples.values(*chunk))
+    def _submit(self, executor: Executor, chunk: Range) -> Future[PlannedChunk]:
+        return executor.submit(planned_rows, self._task, chunk[0], self._study.samples.values(*chunk))
 
-    def _keep(self, chunk: Range, planned: Planned) -> None:
+    def _keep(self, chunk: Range, planned: PlannedChunk) -> None:
         first, stop = chunk
         self._folder.keep(first, stop, planned.content)
         rows = stop - first
@@ -121,10 +234,8 @@ class _Run:
         wanted = int(CHUNK_SECONDS * rows / max(planned.seconds, 1e-6))
         self._size = max(min(wanted, GROWTH * rows, MOST_IN_CHUNK), self._least)
         if self._progress:
-            seconds = time.monotonic() - self._began
-            rate = self._done / max(seconds, 1e-9)
-            done = len(self._study) - self._missing + self._done
-            self._progress(Progress(done, len(self._study), rate, (self._missing - self._done) / rate))
+            rate, left = self._done / max(time.monotonic() - self._began, 1e-9), self._missing - self._done
+            self._progress(Progress(len(self._study) - left, len(self._study), rate, left / rate))
 
     def _alone(self, chunk: Range) -> None:
         """Plan a chunk whose process died, halved until the row is found that ends it."""
@@ -139,11 +250,10 @@ class _Run:
             self._alone((first, middle))
             self._alone((middle, stop))
         else:
-            values = self._study.samples.values(first, stop)
-            self._keep(chunk, lost_row(self._work, first, values, DIED))
+            self._keep(chunk, lost_row(self._task, first, self._study.samples.values(first, stop), DIED))
 
 
-def _is_lost(future: Future[Planned]) -> bool:
+def _is_lost(future: Future[PlannedChunk]) -> bool:
     """Whether a chunk's process died; any other error is no row's, and is raised."""
     error = future.exception()
     if error is None:

@@ -6,16 +6,18 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from floatplan.arguments import LARGEST_SEED
+from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
 from floatplan.files import plain, read_regular
 from floatplan.kernel.library import description
@@ -24,13 +26,62 @@ from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
 from floatplan.problem.validation import validated
-from floatplan.studies.numbers import quantity
-from floatplan.studies.sampling import Axis, Samples, Values
-from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable
+from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable, VariedNumber, varied_number
 
 PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
 MOST_VARIED = 32  # numbers of a problem that a study varies
+LARGER_IS_BETTER = ("clearance",)  # of the columns that a map can show
+
+Kind: TypeAlias = Literal["grid", "random", "sobol"]
+Values: TypeAlias = dict[str, npt.NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """A number that varies: the values of a grid, or the ends of its range, in the file's unit."""
+
+    path: str
+    number: VariedNumber
+    values: Array
+
+    def column(self, values: Array) -> npt.NDArray[Any]:
+        """Values as the table has them, and the problem takes them."""
+        return values.astype(np.int64) if self.number.whole else values
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The rows: those of a grid in the order of its keys, the last one fastest.
+
+    A row drawn is the same whatever their number is.
+    """
+
+    axes: Sequence[Axis]
+    kind: Kind
+    count: int
+    seed: int
+
+    def values(self, first: int, stop: int) -> Values:
+        """Values (stop - first,) of the rows from ``first`` on, by path, in the file's units."""
+        if self.kind == "grid":
+            places = np.unravel_index(np.arange(first, stop), [len(axis.values) for axis in self.axes])
+            return {axis.path: axis.column(axis.values[at]) for axis, at in zip(self.axes, places, strict=True)}
+        values = {}
+        for axis, shares in zip(self.axes, self._drawn[first:stop].T, strict=True):
+            low, high = axis.values[0], axis.values[-1]
+            values[axis.path] = axis.column(low + (high - low) * shares)
+        return values
+
+    @cached_property
+    def _drawn(self) -> Array:
+        """Shares (count, axes) of the ranges, from 0 to 1."""
+        if self.kind == "random":
+            return np.random.default_rng(self.seed).random((self.count, len(self.axes)))
+        from scipy.stats import qmc  # slow to load
+
+        sequence = qmc.Sobol(len(self.axes), scramble=True, rng=np.random.default_rng(self.seed))
+        return np.asarray(sequence.random_base2(math.ceil(math.log2(self.count)))[: self.count])
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +118,12 @@ class StudyFile:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each key in the table, as the file has it."""
-        return {axis.path: axis.quantity.unit for axis in self.samples.axes}
+        return {axis.path: axis.number.unit for axis in self.samples.axes}
 
     @property
     def factors(self) -> dict[str, float]:
         """From the table's units to the problem's, by key."""
-        return {axis.path: axis.quantity.factor for axis in self.samples.axes}
+        return {axis.path: axis.number.factor for axis in self.samples.axes}
 
     def family(self, first: int, stop: int) -> Family:
         """Problems of some rows."""
@@ -175,7 +226,7 @@ def _count(tables: StudyFileTable) -> int:
 
 
 def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
-    number, element = quantity(path, degrees), f"vary.{path}"
+    number, element = varied_number(path, degrees), f"vary.{path}"
     if isinstance(varied, RangeTable):
         if varied.low > varied.high:
             raise InputError(f"from {varied.low:g} is above to {varied.high:g}", element=element)
@@ -211,14 +262,5 @@ def _map(tables: StudyFileTable, base: Problem) -> tuple[str, str, str] | None:
 
 def coloured(base: Problem) -> list[str]:
     """Columns of numbers that a map can show."""
-    torques = [f"torque_peak.{motor}" for motor in base.robot.motors]
-    return [
-        "objective",
-        "angular_momentum",
-        "torque_peak",
-        *torques,
-        "utilisation",
-        "clearance",
-        "starts",
-        "milliseconds",
-    ]
+    torques = ("torque_peak", *(f"torque_peak.{motor}" for motor in base.robot.motors))
+    return ["objective", "angular_momentum", *torques, "utilisation", "clearance", "starts", "milliseconds"]

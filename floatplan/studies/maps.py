@@ -1,31 +1,33 @@
-"""Maps of a study: its rows put into cells, for the figure and for the page."""
+"""What a study shows: its rows put into the cells of a map, as a picture and as a page."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
+from floatplan.files import write_atomically
 from floatplan.plans.plans import SOLVED
-from floatplan.studies.file import StudyFile, coloured
+from floatplan.studies.columns import words
+from floatplan.studies.file import LARGER_IS_BETTER, Axis, StudyFile, coloured, versions
 from floatplan.studies.rows import STATUSES
+from floatplan.view.map import HeatMap, MapAxis, PackedNumbers, colours, flight_data, heatmap, map_page
+from floatplan.view.style import rendered, styled
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from floatplan.view.map import HeatMap
-
+DPI_OF_MAPS = 200  # [1/in]
+MOST_PAGE_ROWS = 200_000  # of a page
 MOST_BINS = 160  # along an axis of a study that is not a grid
 ROWS_IN_A_BIN = 2.5
-LARGER_IS_BETTER = ("clearance",)
 RANK = {"not_found": 0, "impossible": 1, "error": 2}  # which a cell without a plan shows: impossible only where all are
 
 
-def edges_of(asked: StudyFile, path: str) -> Array:
+def _edges(asked: StudyFile, axis: Axis) -> Array:
     """Edges of a key's cells: around the values of a grid, even ones elsewhere."""
-    axis = next(axis for axis in asked.samples.axes if axis.path == path)
     if asked.samples.kind != "grid":
         bins = int(np.clip(np.sqrt(len(asked) / ROWS_IN_A_BIN), 1, MOST_BINS))
         low, high = float(axis.values[0]), float(axis.values[-1])
@@ -37,15 +39,14 @@ def edges_of(asked: StudyFile, path: str) -> Array:
     return np.concatenate(([2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]))
 
 
-def cells_of(edges: Array, values: Array) -> IntArray:
-    """Cell (N,) of each value."""
-    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+def _statuses(table: Any) -> IntArray:
+    """Place (N,) in :data:`STATUSES` of each row's status."""
+    names, status = words(table, "status")
+    return np.array([STATUSES.index(name) for name in names])[status]
 
 
 def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     """Return the map of column z over keys x and y: each cell shows its best row."""
-    from floatplan.view.map import HeatMap, MapAxis
-
     for key in (x, y):
         if key not in asked.paths:
             raise InputError(f"{key!r} does not vary", element="map", advice=f"known: {', '.join(asked.paths)}")
@@ -54,11 +55,14 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     known = [*asked.paths, *coloured(asked.base), "status"]
     if z not in known:
         raise InputError(f"{z!r} is no column of numbers", element="map", advice=f"known: {', '.join(known)}")
-    edges = [edges_of(asked, key) for key in (x, y)]
-    columns, rows = (cells_of(each, table[key].to_numpy()) for each, key in zip(edges, (x, y), strict=True))
-    shape = (len(edges[1]) - 1, len(edges[0]) - 1)
-    names, status = words(table, "status")
-    status = np.array([STATUSES.index(name) for name in names])[status]
+    axes = {axis.path: axis for axis in asked.samples.axes}
+    edges = {key: _edges(asked, axes[key]) for key in (x, y)}
+    columns, rows = (
+        np.clip(np.searchsorted(each, table[key].to_numpy(), side="right") - 1, 0, len(each) - 2)
+        for key, each in edges.items()
+    )
+    shape = (len(edges[y]) - 1, len(edges[x]) - 1)
+    status = _statuses(table)
     values = np.zeros(len(table)) if z == "status" else table[z].to_numpy().astype(np.float64)
     solved = status < len(SOLVED)
     colour = np.full(shape, np.nan)
@@ -71,24 +75,14 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     units = units_of(table)
     others = [path for path in asked.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
-    axes = [MapAxis(_label(key, units), each) for key, each in zip((x, y), edges, strict=True)]
-    return HeatMap(axes[0], axes[1], colour, shown, _label(z, units), title)
-
-
-def words(table: Any, column: str) -> tuple[list[str], IntArray]:
-    """Words of a column of a table, in the order in which they appear, and which (N,) each row has."""
-    encoded = table[column].combine_chunks().dictionary_encode()
-    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
+    across, up = (MapAxis(_label(key, units), each) for key, each in edges.items())
+    return HeatMap(across, up, colour, shown, _label(z, units), title)
 
 
 def units_of(table: Any) -> dict[str, str]:
-    """Unit of each column as it is shown; empty where it has none."""
-    return {field.name: shown_unit((field.metadata or {}).get(b"unit", b"").decode()) for field in table.schema}
-
-
-def shown_unit(unit: str) -> str:
-    """A unit with its exponents raised; a sum of unlike quantities has none."""
-    return "" if unit == "mixed" else unit.replace("^2", "²").replace("^3", "³")
+    """Unit of each column as it is shown, exponents raised; empty where it has none, as a sum of unlike quantities."""
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
+    return {name: "" if unit == "mixed" else unit.replace("^2", "²").replace("^3", "³") for name, unit in units.items()}
 
 
 def _label(key: str, units: dict[str, str]) -> str:
@@ -96,8 +90,75 @@ def _label(key: str, units: dict[str, str]) -> str:
     return f"{key} ({unit})" if unit else key
 
 
-def draw(shown: HeatMap) -> Figure:
-    """Draw a map as a figure."""
-    from floatplan.view.map import heatmap
+def write_maps(asked: StudyFile, table: Any, folder: Path) -> list[Path]:
+    """Write the map that the study asks for, PNG and SVG, and the page."""
+    assert asked.map is not None, "asked for"
+    with styled():
+        figure = heatmap(drawn_map(asked, table, *asked.map))
+        forms = {folder / f"map.{form}": rendered(figure, form, DPI_OF_MAPS) for form in ("png", "svg")}
+    written = [write_atomically(path, content) for path, content in forms.items()]
+    if len(asked) <= MOST_PAGE_ROWS:
+        numbers = PackedNumbers()
+        data = page_data(asked, table, numbers)
+        written.append(write_atomically(folder / "map.html", map_page(f"{asked.name}: map", data, numbers)))
+    return written
 
-    return heatmap(shown)
+
+def page_data(asked: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str, Any]:
+    """Return all that the page shows; what it shows of each row goes into ``numbers``."""
+    assert asked.map is not None, "asked for"
+    units = units_of(table)
+    measured = [name for name in coloured(asked.base) if name == asked.map[2] or table[name].null_count < len(table)]
+    explanations, explanation = words(table, "explanation")
+    coefficients = _in_fractions(asked, table)
+    return {
+        "name": asked.name,
+        "question": f"{asked.base.name}, {asked.base.robot.name}: {len(table)} rows",
+        "version": versions()["floatplan"],
+        "count": len(table),
+        "map": asked.map,
+        "axes": [_axis(asked, axis) for axis in asked.samples.axes],
+        "columns": {
+            name: {"unit": units.get(name, ""), "values": numbers.add(table[name].to_numpy(), "<f4")}
+            for name in (*asked.paths, *measured)
+        },
+        "status": numbers.add(_statuses(table), "<u1"),
+        "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
+        "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
+        "colours": colours(),
+        "flight": flight_data(asked.base),
+    }
+
+
+def _axis(asked: StudyFile, axis: Axis) -> dict[str, Any]:
+    edges = _edges(asked, axis)
+    middles = np.unique(axis.values) if asked.samples.kind == "grid" else (edges[:-1] + edges[1:]) / 2
+    return {"key": axis.path, "factor": axis.number.factor, "edges": edges.tolist(), "values": middles.tolist()}
+
+
+def _in_fractions(asked: StudyFile, table: Any) -> npt.NDArray[np.float32]:
+    """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
+    sizes, joints = _unfolded(table["coefficients"].combine_chunks())
+    there, n = sizes > 0, len(asked.base.robot.joints)
+    sizes, values = _unfolded(joints)
+    sizes = sizes.reshape(-1, n)
+    size = int(sizes.max(initial=0))
+    shape = len(table), n, size
+    found = values.to_numpy()
+    if found.size < math.prod(shape):
+        inside = np.zeros(shape, dtype=np.bool_)
+        inside[there] = np.arange(size) < sizes[..., None]
+        found = np.full(shape, np.nan)
+        found[inside] = values.to_numpy()
+    varied = "flight.duration" in asked.paths
+    duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), asked.base.flight.duration)
+    powers = np.vander(duration, size, increasing=True)
+    fractions = np.empty(shape, dtype="<f4")
+    np.multiply(found.reshape(shape), powers[:, None], out=fractions, casting="same_kind")
+    return fractions.reshape(len(table), n * size)
+
+
+def _unfolded(lists: Any) -> tuple[IntArray, Any]:
+    """Lengths of the lists in an array, none where there is no list, and what they hold, one after the other."""
+    offsets = lists.offsets.to_numpy()
+    return np.diff(offsets), lists.values[offsets[0] : offsets[-1]]

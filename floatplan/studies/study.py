@@ -16,20 +16,18 @@ import numpy as np
 
 from floatplan.arguments import flag, function, optional, outline, text, whole
 from floatplan.arguments import path as as_path
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.planning.search import JOBS
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
-from floatplan.studies.columns import arrow
-from floatplan.studies.driver import Progress, fill
-from floatplan.studies.engines import started
-from floatplan.studies.file import StudyFile, load_study_file, versions
+from floatplan.studies.columns import arrow, words
+from floatplan.studies.driver import Progress, StudyRun, started
+from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
 from floatplan.studies.folder import StudyFolder, naming_the_folder
-from floatplan.studies.maps import LARGER_IS_BETTER, draw, drawn_map, words
-from floatplan.studies.rows import Rows, row_seed
+from floatplan.studies.rows import RowCheck, row_seed
 from floatplan.tables import Range
 
 if TYPE_CHECKING:
@@ -95,7 +93,10 @@ class Study:
             There is no such key or column.
         """
         x, y, z = (text(key, name) for key, name in ((x, "x"), (y, "y"), (z, "z")))
-        return draw(drawn_map(self._asked, self.table, x, y, z))
+        from floatplan.studies.maps import drawn_map
+        from floatplan.view.map import heatmap
+
+        return heatmap(drawn_map(self._asked, self.table, x, y, z))
 
     def best(self, k: int = 1, by: str = "objective") -> Any:
         """Return the k best rows that hold a plan, as a table: least ``by`` first, of clearance the largest.
@@ -107,7 +108,8 @@ class Study:
         """
         pa, _ = arrow()
         k, by = whole(Range(0, 2**63 - 1, ""))(k, "k"), text(by, "by")
-        if by not in self.table.column_names or not _is_number(pa, self.table.schema.field(by).type):
+        kind = self.table.schema.field(by).type if by in self.table.column_names else pa.null()
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise InputError("is no column of numbers", element=f"by {by!r}")
         values = self.table[by].to_numpy().astype(np.float64)
         solved = np.isin(self.table["status"].to_numpy(), SOLVED) & ~np.isnan(values)
@@ -147,10 +149,6 @@ class Study:
 def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
     longest = max(map(len, rows))
     return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
-
-
-def _is_number(pa: Any, kind: Any) -> bool:
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
 
 
 def study(
@@ -199,18 +197,18 @@ def study(
     place = StudyFolder(given or asked.folder, len(asked))
     with place.locked():
         place.open(asked.digest(), facts(asked), restart)
-        gaps = place.missing(Rows(asked).are_in)
+        gaps = place.missing(RowCheck(asked).are_in)
         if asked.map:  # while others plan
-            threading.Thread(target=import_module, args=("floatplan.studies.page",), daemon=True).start()
+            threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:
             with started(engine, jobs, scheduler) as chosen:
-                fill(asked, place, gaps, chosen, progress)
+                StudyRun(asked, place, chosen, progress).fill(gaps)
         done = Study(asked, place, place.merge())
         if asked.map:
-            from floatplan.studies import page
+            from floatplan.studies import maps
 
             with naming_the_folder(place.path):
-                done.files += page.write_maps(asked, done.table, place.path)
+                done.files += maps.write_maps(asked, done.table, place.path)
     return done
 
 

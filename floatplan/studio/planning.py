@@ -28,7 +28,7 @@ LAST = 10  # [-] niceness of proofs and maps: the page is drawn first
 LOST = "the planner ended unexpectedly; change something to try again"
 ROBOT = "robot"
 LOADED = (  # before a process begins
-    *("floatplan.certificate.certify", "floatplan.kernel.library", "floatplan.planning.many"),
+    *("floatplan.certificate.certificate", "floatplan.kernel.library", "floatplan.planning.many"),
     *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
 )
 

@@ -11,8 +11,7 @@ import pytest
 from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan, unlimited
 
 from floatplan.arrays import read_only
-from floatplan.certificate.certificate import certify_record
-from floatplan.certificate.certify import shapes_of
+from floatplan.certificate.certificate import certify_record, shapes_of
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import urdf_path

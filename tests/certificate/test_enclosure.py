@@ -7,7 +7,7 @@ from flint import arb
 
 from floatplan.certificate.bernstein import bernstein, lower, magnitude, split, upper
 from floatplan.certificate.branch_and_bound import Goal, Items, smallest
-from floatplan.certificate.cells import ORDER, Cells, recentred
+from floatplan.certificate.cells import ORDER, TimeCells, recentred
 from floatplan.certificate.enclosure import Balls, Taylor, cos_sin, integral, products, reciprocal
 
 POINTS = [-1.0, -0.77, -0.125, 0.0, 0.3, 0.99, 1.0]
@@ -99,7 +99,7 @@ def test_radii_are_sharp():
 
 def test_recentred_polynomials_are_the_polynomials():
     coefficients = [0.3, -2.0, 11.0, -140.0, 900.0, -1300.0, 77.0, 3.0]
-    cells = Cells.between(np.array([0.0, 0.4]), np.array([0.1, 1.0 / 3.0 + 0.2]))
+    cells = TimeCells.between(np.array([0.0, 0.4]), np.array([0.1, 1.0 / 3.0 + 0.2]))
     balls = recentred([flint.arb_poly(coefficients)], cells, 8)
     model = Taylor.polynomial(balls.mid, balls.rad, ORDER)
 
@@ -162,7 +162,7 @@ def test_a_monotone_end_is_bounded_by_its_value():
 def test_search_finds_the_smallest_value_of_each_group():
     rng = np.random.default_rng(11)
     a = draw(rng, 1.0, 0.8, items=4)
-    cells = Cells.between(np.array([0.0, 1.0]), np.array([1.0, 2.0]))
+    cells = TimeCells.between(np.array([0.0, 1.0]), np.array([1.0, 2.0]))
     groups = np.array([0, 0, 1, 1])
     found = smallest(
         Items.whole_cells([bernstein(a)], np.arange(2)),
@@ -185,7 +185,7 @@ def test_search_finds_the_smallest_value_of_each_group():
 def test_search_gives_up_on_what_is_unknown():
     a = draw(np.random.default_rng(1))
     a.c[3, 0, 0] = np.nan
-    cells = Cells.between(np.array([0.0, 1.0]), np.array([1.0, 2.0]))
+    cells = TimeCells.between(np.array([0.0, 1.0]), np.array([1.0, 2.0]))
     items = Items.whole_cells([bernstein(a)], np.arange(2))
     found = smallest(
         items,

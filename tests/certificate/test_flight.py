@@ -11,16 +11,14 @@ import pytest
 from flint import acb, arb, arb_series
 from proof_plans import URDF, draw_coefficients, make_plan
 
-from floatplan.certificate.cells import Cells
-from floatplan.certificate.planar.flight import assemble, joint_models
-from floatplan.certificate.planar.inertia import planar_robot
-from floatplan.certificate.planar.refine import fly
-from floatplan.certificate.planar.urdf import recorded_urdf
+from floatplan.certificate.cells import TimeCells
+from floatplan.certificate.planar.flight import assemble, fly, joint_models
+from floatplan.certificate.planar.inertia import kept_robot
 from floatplan.robot.robot import Coupling, Robot
 
 
 def proof_robot(record):
-    return planar_robot(recorded_urdf(Path(record.robot.urdf), record.robot.sha256), record.robot)
+    return kept_robot(Path(record.robot.urdf), record.robot)
 
 
 def branched_urdf(rng, links, axis, tilt):
@@ -81,7 +79,7 @@ def pinocchio_flight(robot, record, t):
 
 def assert_agrees(robot, record, instants):
     for t in instants:
-        cells = Cells.between(np.array([t]), np.array([t + 1e-7]))
+        cells = TimeCells.between(np.array([t]), np.array([t + 1e-7]))
         joints = joint_models(proof_robot(record), record, cells)
         torques, rate = pinocchio_flight(robot, record, t)
         start = joints.motor_torques.at_end(-1.0)
@@ -223,7 +221,7 @@ def test_wide_enclosures_contain_the_motion(seed):
     coefficients = draw_coefficients(rng, len(robot.joints), 1.1, 0.1)
     record = make_plan(robot, coefficients, instants=1001)
     ends = np.linspace(0.0, 1.1, 9 + 2 * seed)
-    cells = Cells.between(ends[:-1], ends[1:])
+    cells = TimeCells.between(ends[:-1], ends[1:])
     with np.errstate(all="ignore"):
         flight = assemble(record, cells, joint_models(proof_robot(record), record, cells))
     u = np.linspace(-1.0, 1.0, 41)

@@ -10,10 +10,9 @@ import pytest
 from proof_plans import URDF, example_a
 
 from floatplan.certificate.certificate import certify_record
-from floatplan.certificate.planar import robots
-from floatplan.certificate.planar.inertia import planar_robot
-from floatplan.certificate.planar.robots import recorded_robot
-from floatplan.certificate.planar.urdf import recorded_urdf
+from floatplan.certificate.planar import inertia
+from floatplan.certificate.planar.inertia import kept_robot, planar_robot
+from floatplan.certificate.planar.urdf import read_urdf, recorded_content
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 
@@ -37,29 +36,30 @@ def heavier(record: RobotRecord, file) -> RobotRecord:
 def test_the_same_content_and_roles_are_read_once(record, tmp_path):
     file = tmp_path / "robot.urdf"
     (tmp_path / "again.urdf").write_bytes(file.read_bytes())
-    assert recorded_robot(file, record) is recorded_robot(tmp_path / "again.urdf", record)
+    assert kept_robot(file, record) is kept_robot(tmp_path / "again.urdf", record)
 
 
 def test_another_content_under_the_same_name_is_another_robot(record, tmp_path):
     file = tmp_path / "robot.urdf"
-    before = recorded_robot(file, record)
+    before = kept_robot(file, record)
     changed = heavier(record, file)
-    after = recorded_robot(file, changed)
-    assert (after.inertia.re.mid == planar_robot(recorded_urdf(file, changed.sha256), changed).inertia.re.mid).all()
+    after = kept_robot(file, changed)
+    anew = planar_robot(read_urdf(recorded_content(file, changed.sha256), file), changed)
+    assert (after.inertia.re.mid == anew.inertia.re.mid).all()
     assert (after.inertia.re.mid != before.inertia.re.mid).any()
     with pytest.raises(InputError, match="SHA-256 differs"):
-        recorded_robot(file, record)
+        kept_robot(file, record)
 
 
 def test_other_roles_are_another_robot(record, tmp_path):
     file, first, last = tmp_path / "robot.urdf", record.joints[0], record.joints[-1]
-    whole = recorded_robot(file, record)
+    whole = kept_robot(file, record)
     locked = [replace(record, joints=record.joints[:-1], locked={last: angle}) for angle in (0.0, 0.5, -0.5)]
     coupling = {"leader": first, "ratio": 0.5, "offset": 0.0}
     coupled = replace(record, joints=record.joints[:-1], coupled={last: coupling})
-    others = [recorded_robot(file, each) for each in (*locked, coupled, replace(record, joints=record.joints[::-1]))]
+    others = [kept_robot(file, each) for each in (*locked, coupled, replace(record, joints=record.joints[::-1]))]
     assert len({id(robot) for robot in (whole, *others)}) == 6
-    assert recorded_robot(file, replace(locked[1])) is others[1]
+    assert kept_robot(file, replace(locked[1])) is others[1]
 
 
 def test_the_file_is_looked_at_every_time(record, tmp_path):
@@ -75,6 +75,6 @@ def test_the_file_is_looked_at_every_time(record, tmp_path):
 
 def test_no_more_than_a_few_are_kept(record, tmp_path):
     last = record.joints[-1]
-    for step in range(2 * robots.MOST):
-        recorded_robot(tmp_path / "robot.urdf", replace(record, joints=record.joints[:-1], locked={last: 0.1 * step}))
-        assert len(robots._kept) <= robots.MOST
+    for step in range(2 * inertia.MOST):
+        kept_robot(tmp_path / "robot.urdf", replace(record, joints=record.joints[:-1], locked={last: 0.1 * step}))
+        assert len(inertia._kept) <= inertia.MOST

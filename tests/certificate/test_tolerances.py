@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.certificate.certify import certify
+from floatplan.certificate.certificate import certify
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.search import SearchOptions

@@ -29,7 +29,7 @@ USED = (
     "floatplan.cli.study",
     "floatplan.export.formats",
     "floatplan.planning.planner",
-    "floatplan.certificate.certify",
+    "floatplan.certificate.certificate",
     "floatplan.view.figures.figures",
     "floatplan.view.report.report",
     "matplotlib.backends.backend_agg",

@@ -13,8 +13,9 @@ from scipy.optimize import linprog
 
 import floatplan as fp
 from floatplan.motion.planar.contact_rates import (
-    contact_equations,
+    at_end,
     contact_rates,
+    equations_at,
     has_contact,
     least_rates,
     rate_limits,
@@ -68,7 +69,7 @@ class TestOptimum:
             problem = random_problem(any_robot, rng)
             momentum = float(rng.normal() * any_robot.mass)
             found = contact_rates(problem, end, momentum)
-            best = brute_force(contact_equations(problem, end), momentum, rate_limits(problem))
+            best = brute_force(equations_at(problem.robot, *at_end(problem, end)), momentum, rate_limits(problem))
             assert found.ratio == pytest.approx(best, rel=1e-9)
             if not found.exist:
                 assert len(any_robot.joints) == 1
@@ -201,7 +202,7 @@ class TestMotion:
         for _ in range(40):
             problem = random_problem(robot, rng)
             found = contact_rates(problem, "takeoff", 2.0)
-            best = brute_force(contact_equations(problem, "takeoff"), 2.0, rate_limits(problem))
+            best = brute_force(equations_at(problem.robot, *at_end(problem, "takeoff")), 2.0, rate_limits(problem))
             assert found.ratio == pytest.approx(best, rel=1e-9)
             velocity = com_velocity(problem, "takeoff")
             speed, h = moved(robot, problem.initial, found, problem.takeoff.frame, velocity)
@@ -275,7 +276,7 @@ class TestSpecialCases:
         flight = fp.Flight(1.0, takeoff=fp.Takeoff("foot"))
         problem = fp.Problem(gymnast, fp.Posture(1.2, [0.5, -0.8]), fp.Posture(-1.0, [0.1, 0.2]), flight)
         found = contact_rates(problem, "takeoff", 2.0)
-        equations = contact_equations(problem, "takeoff")
+        equations = equations_at(problem.robot, *at_end(problem, "takeoff"))
         only = np.linalg.solve(equations.matrix, equations.constant + 2.0 * equations.by_momentum)
         assert found.ratio is None
         assert [found.orientation_rate, *found.rates] == pytest.approx(only, rel=1e-9)

@@ -8,9 +8,8 @@ from proof_plans import draw_coefficients, make_plan
 from robot_samples import joint, robot_text
 
 from floatplan.certificate.certificate import certify_record
-from floatplan.certificate.planar.inertia import planar_robot
-from floatplan.certificate.planar.shapes import urdf_shapes
-from floatplan.certificate.planar.urdf import recorded_urdf
+from floatplan.certificate.planar.clearance import shape_weights
+from floatplan.certificate.planar.inertia import kept_robot
 from floatplan.plans.plan import rebuild
 from floatplan.robot.robot import Robot
 
@@ -45,10 +44,10 @@ def test_a_link_ends_where_the_urdf_puts_its_childrens_joints(tmp_path, position
     planned = [(s.link, s.start + anchors[s.body], s.end + anchors[s.body]) for s in robot.shapes]
     assert places(planned) == places(wanted)
     record = make_plan(robot, draw_coefficients(np.random.default_rng(2), 1, 0.7), duration=0.7)
-    proved = planar_robot(recorded_urdf(robot.path, robot.sha256), record.robot)
+    proved = kept_robot(robot.path, record.robot)
     seen = [
         (shape.link, *(complex(proved.origins[end.body] + end.local) for end in (shape.start, shape.end)))
-        for shape in urdf_shapes(proved).shapes
+        for shape in shape_weights(proved, None).shapes
     ]
     seen = [(link, *(complex(end.real, proved.sigma * end.imag) for end in ends)) for link, *ends in seen]
     assert places(seen) == places(wanted)

@@ -10,7 +10,7 @@ import pytest
 from fuzz_mutations import spoiled
 from fuzz_runs import judge
 
-from floatplan.studies import file, page
+from floatplan.studies import file, maps
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES, BATCH = 40, 20
@@ -32,7 +32,7 @@ map = ["flight.angular_momentum", "goal.positions.q1", "torque_peak"]
 @pytest.mark.parametrize("first", range(0, CASES, BATCH))
 def test_every_promise_is_kept(first, floatplan, tmp_path, monkeypatch):
     monkeypatch.setattr(file, "MOST_ROWS", 60)
-    monkeypatch.setattr(page, "DPI_OF_MAPS", 20)
+    monkeypatch.setattr(maps, "DPI_OF_MAPS", 20)
     path = tmp_path / "asked.toml"
     broken = []
     for seed in range(first, first + BATCH):

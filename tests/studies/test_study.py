@@ -22,7 +22,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan import InputError, files
-from floatplan.studies import columns, driver, engines, page, rows
+from floatplan.studies import columns, driver, maps, rows
 from floatplan.studies.file import load_study_file
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
@@ -44,7 +44,7 @@ def without_maps(request, monkeypatch):
     """Their files are what test_maps.py is about, and half of the time of a small study."""
     if "done" in request.fixturenames:
         request.getfixturevalue("done")
-    monkeypatch.setattr("floatplan.studies.page.write_maps", lambda *_: [])
+    monkeypatch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
 
 
 def timeless(table):
@@ -105,7 +105,7 @@ def test_rows_without_a_motion_have_no_coefficients(study_file, tmp_path):
     assert study.table["coefficients"].to_pylist()[2:] == [None, None]
     asked, plan = load_study_file(path), study.plan(1)
     np.testing.assert_array_equal(plan.coefficients, fp.plan_many(asked.family(0, 4))[1].coefficients)
-    in_page = page._in_fractions(asked, study.table).reshape(4, 2, -1)
+    in_page = maps._in_fractions(asked, study.table).reshape(4, 2, -1)
     np.testing.assert_allclose(in_page[1], plan.coefficients * 1.1 ** np.arange(in_page.shape[2]), rtol=1e-6)
     assert np.isnan(in_page[2:]).all()
 
@@ -263,7 +263,7 @@ def test_a_disk_that_is_full_when_maps_are_drawn_is_told_too(done, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("floatplan.studies.page.write_maps", full)
+    monkeypatch.setattr("floatplan.studies.maps.write_maps", full)
     with pytest.raises(InputError, match="No space left") as told:
         fp.study(path, folder=study.folder, jobs=1)
     assert str(study.folder) in str(told.value)
@@ -416,7 +416,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
 
 
 def test_processes_end_at_once_where_they_are_let_go():
-    with engines.started("processes", 2, None) as engine:
+    with driver.started("processes", 2, None) as engine:
         assert engine.executor.submit(os.getpid).result() != os.getpid()
         asleep = engine.executor.submit(time.sleep, 600)
     assert isinstance(asleep.exception(timeout=60), BrokenProcessPool)

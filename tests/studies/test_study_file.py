@@ -16,9 +16,8 @@ from elsewhere import told
 
 from floatplan import FloatplanError, InputError
 from floatplan.studies.file import MOST_ROWS, load_study_file, versions
-from floatplan.studies.numbers import quantity
-from floatplan.studies.rows import Work, planned_rows
-from floatplan.studies.schema import study_schema
+from floatplan.studies.rows import StudyTask, planned_rows
+from floatplan.studies.schema import study_schema, varied_number
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = sorted((ROOT / "problems" / "studies").glob("*.toml"))
@@ -157,9 +156,9 @@ def test_the_hash_is_of_what_the_rows_follow_from(study_file, tmp_path):
 
 
 def test_the_unit_of_a_limit_is_of_what_it_limits():
-    assert quantity("limits.velocity.q1", degrees=True).unit == "deg/s"
-    assert quantity("limits.torque", degrees=True).unit == "N m"
-    assert quantity("limits.motor.q1.slope", degrees=True).factor == 1.0
+    assert varied_number("limits.velocity.q1", degrees=True).unit == "deg/s"
+    assert varied_number("limits.torque", degrees=True).unit == "N m"
+    assert varied_number("limits.motor.q1.slope", degrees=True).factor == 1.0
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +206,7 @@ def test_the_versions_are_of_the_code_itself(tmp_path):
 
 
 def test_a_worker_of_other_code_is_refused(study_file):
-    work = Work.of(load(study_file, '[vary]\n"flight.duration" = [1.0]'))
+    work = StudyTask.of(load(study_file, '[vary]\n"flight.duration" = [1.0]'))
     other = replace(work, versions={**work.versions, "code": "0123456789abcdef"})
     with pytest.raises(FloatplanError, match=r"0123456789abcdef .*: install the same everywhere"):
         planned_rows(pickle.dumps(other), 0, {"flight.duration": np.array([1.0])})

@@ -87,26 +87,25 @@ def flight_findings(
 
     ``states`` are those of :func:`at_ends`.
     """
-    asked, com, duration = record.problem["flight"], record.com, record.duration
-    takeoff, landing = asked["takeoff"], asked["landing"]
-    at_rest = [bool(record.problem[end].get("velocities_asked")) for end in ENDS]
-    left, landed = (
-        _frame_motion(robot, record, flight, states, frame, end, rest)
-        for end, (frame, rest) in enumerate(zip((takeoff["frame"], landing["frame"]), at_rest, strict=True))
+    asked, com, instants = record.problem["flight"], record.com, (0.0, record.duration)
+    kinds: tuple[Kind, Kind] = ("takeoff", "landing")
+    frames = [asked[kind]["frame"] for kind in kinds]
+    (left, left_at), (landed, landed_at) = (
+        _frame_motion(robot, record, flight, state, frame, end)
+        for end, (state, frame) in enumerate(zip(states, frames, strict=True))
     )
-    found = [
-        near("takeoff", ("position",), left[0], takeoff["position"], PLACE, 0.0),
-        near("landing", ("height",), landed[0][1:], [landing["height"]], PLACE, duration),
+    findings = [
+        near("takeoff", ("position",), left, asked["takeoff"]["position"], PLACE, 0.0),
+        near("landing", ("height",), landed[1:], [asked["landing"]["height"]], PLACE, record.duration),
         _same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
-    kinds: tuple[Kind, Kind] = ("takeoff", "landing")
-    for kind, (_, velocity), instant in zip(kinds, (left, landed), (0.0, duration), strict=True):
-        if velocity is not None:
-            found.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
+    for end, kind, velocity, instant in zip(ENDS, kinds, (left_at, landed_at), instants, strict=True):
+        if record.problem[end].get("velocities_asked"):
+            findings.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
     if not isinstance(asked["angular_momentum"], str):
-        found.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
-    return found
+        findings.append(_same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
+    return findings
 
 
 def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
@@ -117,53 +116,40 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
 
 
 def _frame_motion(
-    robot: PlanarRobot,
-    record: PlanRecord,
-    flight: FlightEnclosure,
-    states: Sequence[JointState],
-    frame: str,
-    end: int,
-    moving: bool,
-) -> tuple[Balls, Balls | None]:
-    """Place of a frame at the beginning (end 0) or the end (1), and its velocity where wanted: (2,) each, in Arb.
+    robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, state: JointState, frame: str, end: int
+) -> tuple[Balls, Balls]:
+    """Place and velocity of a frame at the beginning (end 0) or the end (1): (2,) each, in Arb.
 
     The place is ``c + sum_b w_b exp(i phi_b)``, with c of the centre of mass and horizontal parts first. Of all this
     only the orientation and its rate come from the models.
     """
-    positions, velocities, _ = states[end]
-    instant, u = (0.0, record.duration)[end], (-1.0, 1.0)[end]
+    if frame not in robot.frames:
+        raise ValueError(f'the robot has no frame "{frame}"')
+    at, u = flint.arb((0.0, record.duration)[end]), (-1.0, 1.0)[end]
     with flint.ctx.workprec(PRECISION):
         sine, cosine = _at_end(flight.orientation[-end], u).sin_cos()
-        turn = flint.acb(cosine, sine)
-        swung = []
-        for weight, turned_by in zip(robot.frame_weights(frame), robot.turned_by, strict=True):
-            sine, cosine = _combined(turned_by, positions).sin_cos()
-            swung.append(weight * flint.acb(cosine, sine))
+        turn, rate = flint.acb(cosine, sine), _at_end(flight.joints.rate[-end], u)
+        swung = moved = flint.acb(0)
+        for weight, turned_by in zip(robot.weights_of(robot.frames[frame]), robot.turned_by, strict=True):
+            angle, speed = (
+                sum((factor * values[joint] for joint, factor in turned_by), start=flint.arb(0)) for values in state[:2]
+            )
+            sine, cosine = angle.sin_cos()
+            swing = weight * flint.acb(cosine, sine)
+            swung += swing
+            moved += swing * (rate + speed)
         com = com_polynomials(record, robot.sigma)
-        place = _in_world(robot, com, instant, turn * sum(swung, start=flint.acb(0)))
-        if not moving:
-            return place, None
-        base = _at_end(flight.joints.rate[-end], u)
-        rates = [base + _combined(turned_by, velocities) for turned_by in robot.turned_by]
-        swing = sum((part * rate for part, rate in zip(swung, rates, strict=True)), start=flint.acb(0))
-        com_rate = [polynomial.derivative() for polynomial in com]
-        return place, _in_world(robot, com_rate, instant, turn * flint.acb(0, 1) * swing)
+        relative = ((com, turn * swung), ([each.derivative() for each in com], turn * flint.acb(0, 1) * moved))
+        place, velocity = (
+            Balls.from_arb([x(at) + part.real, robot.sigma * (y(at) + part.imag)], (2,)) for (x, y), part in relative
+        )
+    return place, velocity
 
 
 def _at_end(model: Taylor, u: float) -> Any:
     """The one value of a model (K, 1) at the beginning or end of its cell, in Arb."""
     balls = model.at_end(u)
     return flint.arb(float(balls.mid[0]), float(balls.rad[0]))
-
-
-def _combined(parts: Sequence[tuple[int, Any]], values: Sequence[Any]) -> Any:
-    return sum((factor * values[index] for index, factor in parts), start=flint.arb(0))
-
-
-def _in_world(robot: PlanarRobot, of_com: Sequence[Any], instant: float, relative: Any) -> Balls:
-    """What is the centre of mass's added: horizontal and vertical. ``of_com`` are two polynomials of t."""
-    x, y = (polynomial(flint.arb(instant)) for polynomial in of_com)
-    return Balls.from_arb([x + relative.real, robot.sigma * (y + relative.imag)], (2,))
 
 
 def _same(kind: Kind, subject: Subject, number: float, other: float, instant: float | None) -> Finding:

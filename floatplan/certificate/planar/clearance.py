@@ -1,4 +1,4 @@
-"""Distances between links and obstacles, (19) to (23), for all times.
+"""The links' shapes in flight, and distances between them and obstacles, (19) to (23), for all times.
 
 Everything is expressed in the frame that turns with the base about the centre of mass. A point seen from a segment
 has the components x along it and y across it; its distance from the segment of length L is ``|y|`` where
@@ -9,22 +9,104 @@ between segments.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TypeAlias
 
 import flint
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.bernstein import bernstein, lower, upper
 from floatplan.certificate.branch_and_bound import Items
-from floatplan.certificate.cells import ORDER
+from floatplan.certificate.cells import ORDER, ComplexBalls, Vectors, join_vectors
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
 from floatplan.certificate.planar.flight import FlightEnclosure
-from floatplan.certificate.planar.shapes import PlacedShapes
-from floatplan.certificate.vectors import Vectors, join_vectors
+from floatplan.certificate.planar.inertia import PlanarRobot, Point
 
+LinkShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
+MOST = 8  # sets of shapes kept
+SHORTEST = 1e-9  # [m] below this a segment has no direction: its ends count as two points
 ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
+
+
+@dataclass(frozen=True)
+class Shape:
+    """All points within ``radius`` (m) of the segment between two points of a link."""
+
+    link: str
+    start: Point
+    end: Point
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeWeights:
+    """Shapes as constants: ``points`` (3 shapes, m) are the weights of all starts, all ends and all directions."""
+
+    shapes: tuple[Shape, ...]
+    points: ComplexBalls
+    length: Balls
+
+
+@lru_cache(maxsize=MOST)
+def shape_weights(robot: PlanarRobot, given: tuple[LinkShape, ...] | None) -> ShapeWeights:
+    """Shapes from (link, start, end, radius); None stands for the paper's links.
+
+    These are the segments from each link's origin to its children's joints, with radius 0.
+    """
+    if given is None:
+        shapes = [Shape(link, start, end, 0.0) for link, pairs in robot.segments.items() for start, end in pairs]
+    else:
+        if any(not 0.0 <= float(radius) < float("inf") for *_, radius in given):
+            raise ValueError("the radius of a shape is negative")
+        shapes = [
+            Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
+            for link, start, end, radius in given
+        ]
+    count = len(robot.weights)
+    rows, lengths = [], []
+    with flint.ctx.workprec(PRECISION):
+        for end in ("start", "end"):
+            rows += [entry for shape in shapes for entry in robot.weights_of(getattr(shape, end))]
+        for shape in shapes:
+            along = shape.end.local - shape.start.local
+            lengths.append(abs(along))
+            row = [flint.acb(0)] * count
+            row[shape.start.body] = along / lengths[-1] if lengths[-1] > SHORTEST else flint.acb(1)
+            rows += row
+        points = ComplexBalls.from_acb(rows, (3 * len(shapes), count))
+        return ShapeWeights(tuple(shapes), points, Balls.from_arb(lengths, (len(shapes),)))
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """Segments with a radius, seen from the frame that turns with the base about the centre of mass.
+
+    ``start``, ``end`` and ``direction``, of unit length, are models (K, cells, bars) or (K, cells, 1) for all;
+    ``length`` and ``radius`` (bars,), m.
+    """
+
+    start: Vectors
+    end: Vectors
+    direction: Vectors
+    length: Balls
+    radius: Balls
+
+    def __getitem__(self, index: Sequence[int]) -> Bars:
+        """Some of the bars, maybe repeatedly."""
+        chosen = list(index)
+        start, end, direction = (each.items(chosen) for each in (self.start, self.end, self.direction))
+        return Bars(start, end, direction, self.length[chosen], self.radius[chosen])
+
+
+def place_shapes(flight: FlightEnclosure, weights: ShapeWeights) -> Bars:
+    """Where the shapes are at all times."""
+    count = len(weights.shapes)
+    placed = weights.points.times(flight.joints.cos, flight.joints.sin)
+    start, end, direction = (placed[..., first : first + count] for first in (0, count, 2 * count))
+    return Bars(start, end, direction, weights.length, Balls.exact([shape.radius for shape in weights.shapes]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +114,8 @@ class PointSegments:
     """Pairs of a point and a segment, in the base frame.
 
     ``point``, ``start`` and ``direction`` (K, cells, pairs, or 1 for all) are where the point and the segment are;
-    ``length`` and ``radius`` (pairs,) the segment's length and the sum of both radii, m.
+    ``length`` and ``radius`` (pairs,) the segment's length and the sum of both radii, m. Where pairs belong to couples
+    of bars, ``couples`` (c, 4) are the pairs of start and end of the one bar, and of those of the other.
     """
 
     point: Vectors
@@ -40,10 +123,38 @@ class PointSegments:
     direction: Vectors
     length: Balls
     radius: Balls
+    couples: IntArray = field(default_factory=lambda: np.empty((0, 4), dtype=np.int64))
+
+    @classmethod
+    def of_points(cls, points: Vectors, radius: Balls, bars: Bars) -> PointSegments:
+        """Pairs of points with a radius and bars; one of either stands for all."""
+        both = bars.radius + radius
+        return cls(points, bars.start, bars.direction, bars.length.broadcast(both.mid.shape), both)
+
+    @classmethod
+    def of_bars(cls, first: Bars, second: Bars) -> PointSegments:
+        """Pairs of the ends of each bar with the bar of the same number; one of either stands for all."""
+        couples = ((first, second), (second, first))
+        pairs = cls.joined(
+            [cls.of_points(end, one.radius, other) for one, other in couples for end in (one.start, one.end)]
+        )
+        return replace(pairs, couples=np.arange(len(pairs.radius.mid)).reshape(4, -1).T)
+
+    @classmethod
+    def joined(cls, parts: Sequence[PointSegments]) -> PointSegments:
+        """The pairs of several sets, as of an obstacle made of several pieces."""
+        counts = [len(part.radius.mid) for part in parts]
+        point, start, direction = (
+            join_vectors([getattr(part, name) for part in parts], counts) for name in ("point", "start", "direction")
+        )
+        length, radius = (Balls.joined([getattr(part, name) for part in parts]) for name in ("length", "radius"))
+        firsts = np.cumsum([0, *counts[:-1]])
+        couples = np.concatenate([part.couples + first for part, first in zip(parts, firsts, strict=True)])
+        return cls(point, start, direction, length, radius, couples)
 
     def place(self, cell: IntArray, pair: IntArray) -> Vectors:
         """The points' components (K, items) along and across their segments, from the segments' starts."""
-        point, start, direction = (part.picked(cell, pair) for part in (self.point, self.start, self.direction))
+        point, start, direction = (each.on(cell, pair) for each in (self.point, self.start, self.direction))
         return (point - start).turned_back(direction)
 
     def items(self, cells: IntArray) -> Items:
@@ -63,16 +174,17 @@ class PointSegments:
         its direction times the length do. What is then still farther than some pair's distance in a middle is left
         out.
         """
-        points, starts, directions = (part.on(cells) for part in (self.point, self.start, self.direction))
-        x, y = points.x - starts.x, points.y - starts.y
-        along, across = directions.x * x + directions.y * y, directions.x * y - directions.y * x
+        (point_x, point_y, point_known, point_spread), (start_x, start_y, start_known, start_spread) = (
+            _in_middle(each, cells) for each in (self.point, self.start)
+        )
+        cos, sin, turn_known, turn_spread = _in_middle(self.direction, cells)
+        x, y = point_x - start_x, point_y - start_y
+        along, across = cos * x + sin * y, cos * y - sin * x
         length = self.length.mid + self.length.rad
         distance = np.hypot(np.maximum(0.0, np.maximum(-along, along - length)), across) - self.radius.mid
         reach = np.hypot(x, y) + length
-        known = (
-            ROUGH * (1.0 + reach) + points.radius + starts.radius + 4.0 * reach * directions.radius + self.length.rad
-        )
-        change = points.spread + starts.spread + length * directions.spread
+        known = ROUGH * (1.0 + reach) + point_known + start_known + 4.0 * reach * turn_known + self.length.rad
+        change = point_spread + start_spread + length * turn_spread
         return _may_be_least(distance - known - change, distance + known, cells)
 
     def below(self, forms: Taylor, pair: IntArray) -> Array:
@@ -97,6 +209,23 @@ class PointSegments:
         rounding = 8.0 * ROUND * (distance + np.abs(x.mid) + length.mid + radius.mid)
         return np.asarray(distance - radius.mid + up(known + rounding))
 
+    def apart_at_start(self, cell: int) -> tuple[BoolArray, BoolArray]:
+        """Whether each bar of a couple lies apart from the other, and whether it is across its line: (couples, 2).
+
+        That is at the start of a cell. Apart is a bar whose ends are both strictly on one side of the other's segment,
+        or both beyond the same end of it; across is one whose ends are strictly on different sides. Two segments cross
+        where each is across the other's line, and neither apart.
+        """
+        pair = self.couples.ravel()
+        place, length = self.place(np.full(len(pair), cell), pair), self.length[pair]
+        x, y = place.x.at_end(-1.0), place.y.at_end(-1.0)
+        beyond = x.mid - x.rad > (length.mid + length.rad) * (1.0 + 2.0 * ROUND)
+        left, right, before, after = (
+            each.reshape(-1, 2, 2) for each in (y.mid > y.rad, y.mid < -y.rad, x.mid < -x.rad, beyond)
+        )
+        apart = left.all(axis=2) | right.all(axis=2) | before.all(axis=2) | after.all(axis=2)
+        return np.asarray(apart), np.asarray(left.any(axis=2) & right.any(axis=2))
+
 
 @dataclass(frozen=True, eq=False)
 class PlanePoints:
@@ -111,27 +240,34 @@ class PlanePoints:
     offset: Taylor
     radius: Balls
 
+    @classmethod
+    def of_bars(cls, bars: Bars, normal: Vectors, offset: Taylor) -> PlanePoints:
+        """Both ends of all bars."""
+        count = len(bars.radius.mid)
+        points = join_vectors([bars.start, bars.end], [count, count])
+        return cls(points, normal, offset, Balls.joined([bars.radius, bars.radius]))
+
     def items(self, cells: IntArray) -> Items:
         """Bernstein forms of the heights, where the smallest may be."""
         cell, index = self._possible(cells)
-        point, normal = self.point.picked(cell, index), self.normal.picked(cell, index)
+        point, normal = self.point.on(cell, index), self.normal.on(cell, index)
         offset = self.offset[cell, 0] - Taylor.constant(self.radius[index], ORDER)
         return Items.on_cells([bernstein(normal.x * point.x + normal.y * point.y + offset)], cell, index)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
-        points, normals = self.point.on(cells), self.normal.on(cells)
+        x, y, point_known, point_spread = _in_middle(self.point, cells)
+        cos, sin, turn_known, turn_spread = _in_middle(self.normal, cells)
         offset = self.offset[cells]
-        height = normals.x * points.x + normals.y * points.y + offset.c[0] - self.radius.mid
-        reach = np.hypot(points.x, points.y)
-        known = ROUGH * (1.0 + reach + np.abs(offset.c[0])) + 2.0 * points.radius + 2.0 * reach * normals.radius
-        change = (
-            np.abs(offset.c[1:]).sum(axis=0) + 2.0 * points.spread * (1.0 + normals.spread) + reach * normals.spread
-        )
+        height = cos * x + sin * y + offset.c[0] - self.radius.mid
+        reach = np.hypot(x, y)
+        known = ROUGH * (1.0 + reach + np.abs(offset.c[0])) + 2.0 * point_known + 2.0 * reach * turn_known
+        spread = np.abs(offset.c[1:]).sum(axis=0)
+        change = spread + 2.0 * point_spread * (1.0 + turn_spread) + reach * turn_spread
         return _may_be_least(height - known - offset.e - change, height + known + offset.e, cells)
 
     def least_at_start(self) -> float:
         """The smallest height at the beginning, to within rounding."""
-        point, normal = (Vectors(part.x[0], part.y[0]) for part in (self.point, self.normal))
+        point, normal = (each[0] for each in (self.point, self.normal))
         height = (normal.x * point.x + normal.y * point.y + self.offset[0]).at_end(-1.0)
         return float((height.mid - self.radius.mid).min())
 
@@ -145,83 +281,14 @@ class PlanePoints:
         return np.asarray(height.mid + up(height.rad + 2.0 * ROUND * np.abs(height.mid)))
 
 
-def to_base_frame(flight: FlightEnclosure, vectors: Vectors) -> Vectors:
-    """Turn vectors (K, cells, items) of the world back by the orientation."""
-    return vectors.turned_back(flight.direction)
-
-
-def points_to_shapes(points: Vectors, shapes: PlacedShapes, radius: float) -> PointSegments:
-    """Pairs of one point, given in the base frame with a radius, with every shape."""
-    return PointSegments(points, shapes.start, shapes.direction, shapes.length, _added(shapes.radius, radius))
-
-
-def shapes_to_segment(
-    shapes: PlacedShapes, start: Vectors, direction: Vectors, length: Any, radius: float
-) -> PointSegments:
-    """Pairs of both ends of every shape with one segment, given in the base frame: all starts, then all ends."""
-    count = 2 * len(shapes.shapes)
-    with flint.ctx.workprec(PRECISION):
-        lengths = Balls.from_arb([length] * count, (count,))
-    return PointSegments(_ends(shapes), start, direction, lengths, _added(_doubled(shapes.radius), radius))
-
-
-def heights(shapes: PlacedShapes, normal: Vectors, offset: Taylor) -> PlanePoints:
-    """Heights of both ends of every shape, in the base frame."""
-    return PlanePoints(_ends(shapes), normal, offset, _doubled(shapes.radius))
-
-
-def join_pairs(parts: list[PointSegments]) -> PointSegments:
-    """All pairs of several sets."""
-    counts = [len(part.length.mid) for part in parts]
-    point, start, direction = (
-        join_vectors([getattr(part, name).repeated(count) for part, count in zip(parts, counts, strict=True)])
-        for name in ("point", "start", "direction")
-    )
-    lengths, radii = (
-        Balls(np.concatenate([ball.mid for ball in balls]), np.concatenate([ball.rad for ball in balls]))
-        for balls in ([part.length for part in parts], [part.radius for part in parts])
-    )
-    return PointSegments(point, start, direction, lengths, radii)
-
-
-def only_pairs(pairs: PointSegments, index: list[int]) -> PointSegments:
-    """Some of the pairs."""
-    point, start, direction = (part.chosen(index) for part in (pairs.point, pairs.start, pairs.direction))
-    return PointSegments(point, start, direction, pairs.length[index], pairs.radius[index])
-
-
-def apart_at_start(of_ends: PointSegments, cell: int) -> bool | None:
-    """Whether a segment lies apart from another, whose ends are pairs 0 and 1, at the start of a cell.
-
-    True if both ends are strictly on one side of the segment's line, or both beyond the same end of it; False if they
-    are strictly on different sides; None otherwise. Two segments cross where both see the other's ends on different
-    sides.
-    """
-    place = of_ends.place(np.array([cell, cell]), np.array([0, 1]))
-    x, y, length = place.x.at_end(-1.0), place.y.at_end(-1.0), of_ends.length
-    same_side = (y.mid > y.rad).all() or (y.mid < -y.rad).all()
-    before = (x.mid < -x.rad).all()
-    after = (x.mid - x.rad > (length.mid + length.rad) * (1.0 + 2.0 * ROUND)).all()
-    if same_side or before or after:
-        return True
-    beside = (np.abs(y.mid) > y.rad).all() and np.sign(y.mid[0]) != np.sign(y.mid[1])
-    return False if beside else None
+def _in_middle(vectors: Vectors, cells: IntArray) -> tuple[Array, Array, Array, Array]:
+    """Vectors (cells, items) in the middle of cells, how well they are known there, and how far from there they get."""
+    x, y = vectors.x[cells], vectors.y[cells]
+    known = x.e + y.e
+    return x.c[0], y.c[0], known, np.abs(x.c[1:]).sum(axis=0) + np.abs(y.c[1:]).sum(axis=0) + known
 
 
 def _may_be_least(low: Array, high: Array, cells: IntArray) -> tuple[IntArray, IntArray]:
     """Cells and members, among (cells, members), that the smallest value of all may belong to; unknowns included."""
     row, member = np.nonzero(~(low > np.fmin.reduce(high, axis=None, initial=np.inf)))
     return cells[row], member
-
-
-def _ends(shapes: PlacedShapes) -> Vectors:
-    return join_vectors([shapes.start, shapes.end])
-
-
-def _doubled(balls: Balls) -> Balls:
-    return Balls(np.tile(balls.mid, 2), np.tile(balls.rad, 2))
-
-
-def _added(radii: Balls, radius: float) -> Balls:
-    total = radii.mid + radius
-    return Balls(total, up(radii.rad + ROUND * np.abs(total)))

@@ -12,14 +12,15 @@ Arb; what follows from them uses the constants of :class:`~floatplan.certificate
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import flint
 import numpy as np
 
-from floatplan.arrays import Array
-from floatplan.certificate.cells import ORDER, Cells, recentred
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.certificate.cells import ORDER, TimeCells, Vectors, recentred
 from floatplan.certificate.enclosure import (
     ROUND,
     Balls,
@@ -32,10 +33,12 @@ from floatplan.certificate.enclosure import (
     up,
 )
 from floatplan.certificate.planar.inertia import PlanarRobot
-from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 
 SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
+FIRST_CELLS = 24  # [-] before any is halved
+ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
+TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +57,21 @@ class Joints:
     cos: Taylor
     sin: Taylor
 
+    @classmethod
+    def joined(cls, parts: Sequence[Joints]) -> Joints:
+        """The models of several batches of cells."""
+        return cls(**{each.name: join_cells([getattr(part, each.name) for part in parts]) for each in fields(cls)})
+
+    def __getitem__(self, cells: IntArray) -> Joints:
+        """The models of some cells, or in another order."""
+        return Joints(**{each.name: getattr(self, each.name)[cells] for each in fields(self)})
+
 
 @dataclass(frozen=True, eq=False)
 class FlightEnclosure:
     """The flight on all cells in the order of time; ``orientation`` has one item."""
 
-    cells: Cells
+    cells: TimeCells
     joints: Joints
     orientation: Taylor
 
@@ -69,12 +81,12 @@ class FlightEnclosure:
         return Vectors(*cos_sin(self.orientation))
 
 
-def joint_models(robot: PlanarRobot, record: PlanRecord, cells: Cells) -> Joints:
+def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Joints:
     """Enclose joints, orientation rate and torques on cells."""
     p, dp, ddp = _polynomials(record, cells)
     amplitude = Balls.exact(record.amplitude)
     cosine, sine = cos_sin(p)
-    q = sine.times(amplitude) + Taylor.constant(Balls.exact(np.broadcast_to(record.centre, p.e.shape)), ORDER)
+    q = sine.times(amplitude) + Taylor.constant(Balls.exact(record.centre).broadcast(p.e.shape), ORDER)
     swing, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
     dq = swing.times(amplitude)
     ddq = (push - sine * speed).times(amplitude)
@@ -109,7 +121,7 @@ def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Ta
     return of_cos + of_sin
 
 
-def _polynomials(record: PlanRecord, cells: Cells) -> tuple[Taylor, Taylor, Taylor]:
+def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, Taylor]:
     """p, p' and p'' of (12) on the cells, recentred in Arb."""
     polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
     length = record.coefficients.shape[1]
@@ -135,7 +147,7 @@ def _derivative(c: Array, e: Array) -> tuple[Array, Array]:
     return c[1:] * degrees, up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
 
 
-def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosure:
+def assemble(record: PlanRecord, cells: TimeCells, joints: Joints) -> FlightEnclosure:
     """Integrate the orientation over the cells, which follow each other without gaps from t = 0."""
     increments = integral(joints.rate).times(cells.half[:, None])
     steps = increments.at_end(1.0)
@@ -146,10 +158,44 @@ def assemble(record: PlanRecord, cells: Cells, joints: Joints) -> FlightEnclosur
     return FlightEnclosure(cells, joints, increments + starts)
 
 
-def merge(parts: list[tuple[Cells, Joints]]) -> tuple[Cells, Joints]:
-    """Join the models of several batches of cells in the order of time."""
-    low = np.concatenate([cells.low for cells, _ in parts])
-    high = np.concatenate([cells.high for cells, _ in parts])
+def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, float]], budget: int) -> FlightEnclosure:
+    """Enclose the whole flight on cells that end where the windows, which lie within it, do.
+
+    Cells are halved until their share of the orientation's radius and their torques' radii are as small as sought, or
+    the ``budget`` of cells is spent.
+    """
+    duration = record.duration
+    grid = np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS)
+    grid[-1] = duration
+    edges = {*grid.tolist(), *(end for window in windows for end in window)}
+    ends = np.array(sorted([*edges, *{first for first, last in windows if first == last}]))  # an instant is a cell
+    low, high = ends[:-1], ends[1:]
+    done: list[tuple[Array, Array, Joints]] = []
+    count = 0
+    while True:
+        cells = TimeCells.between(low, high)
+        joints = joint_models(robot, record, cells)
+        middle = 0.5 * (low + high)
+        coarse = _coarse(joints, duration) & (low < middle) & (middle < high)
+        if count + len(low) + coarse.sum() > budget:
+            coarse[:] = False
+        if not done and not coarse.any():
+            return assemble(record, cells, joints)
+        fine = np.flatnonzero(~coarse)
+        done.append((low[fine], high[fine], joints[fine]))
+        count += len(fine)
+        if not coarse.any():
+            break
+        low, middle, high = low[coarse], middle[coarse], high[coarse]
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+    low, high = (np.concatenate([each[k] for each in done]) for k in (0, 1))
     order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
-    models = {f.name: join_cells([getattr(joints, f.name) for _, joints in parts], order) for f in fields(Joints)}
-    return Cells.between(low[order], high[order]), Joints(**models)
+    joints = Joints.joined([each[2] for each in done])[order]
+    return assemble(record, TimeCells.between(low[order], high[order]), joints)
+
+
+def _coarse(joints: Joints, duration: float) -> BoolArray:
+    torque = np.fmax.reduce(joints.motor_torques.size, axis=None, initial=1e-12)
+    rate_sharp = joints.rate.e[:, 0] * duration <= ORIENTATION_RADIUS
+    torque_sharp = (joints.motor_torques.e <= TORQUE_RADIUS * torque).all(axis=-1)
+    return np.asarray(~(rate_sharp & torque_sharp))

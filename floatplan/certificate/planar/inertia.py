@@ -13,23 +13,64 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import flint
+import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.roles import check_roles, motor_ratios, motors_of, position_at_zero
-from floatplan.certificate.planar.urdf import IDENTITY, Joint, Placement, Urdf, motion, rotate, unit_axis
-from floatplan.certificate.vectors import ComplexBalls
+from floatplan.certificate.planar.urdf import (
+    IDENTITY,
+    Link,
+    Placement,
+    Urdf,
+    Vector,
+    check_roles,
+    motion,
+    motors_of,
+    read_urdf,
+    recorded_content,
+    rotate,
+    unit_axis,
+)
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
+
+InPlane: TypeAlias = Callable[[Vector], Any]
 
 LETTERS = "xyz"
 SHORTEST = 1e-12  # [m] a shorter segment is its start
 LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal
+MOST = 8  # robots kept
+
+_kept: dict[str, PlanarRobot] = {}
+
+
+def kept_robot(path: Path, record: RobotRecord) -> PlanarRobot:
+    """Return the robot of a record; what follows from its URDF's content and the record's roles is kept.
+
+    The file is read, and its hash compared with the record's, every time. For one thread at a time, as proofs are.
+
+    Raises
+    ------
+    InputError
+        As :func:`~floatplan.certificate.planar.urdf.recorded_content`,
+        :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`planar_robot`.
+    """
+    content = recorded_content(path, record.sha256)
+    key = json.dumps([record.sha256, record.plane, record.joints, record.coupled, record.locked])
+    if key not in _kept:
+        robot = planar_robot(read_urdf(content, path), record)
+        if len(_kept) >= MOST:
+            del _kept[next(iter(_kept))]
+        _kept[key] = robot
+    return _kept[key]
 
 
 @dataclass(frozen=True)
@@ -63,8 +104,11 @@ class PlanarRobot:
     segments : link name -> pairs of Points
         From its origin to the origins of its children's joints, and of its own where a locked prismatic joint holds it
         away from there; only its origin where that is all there is of a link that has an inertia.
-    links : link name -> (body, Placement in the root link at planned positions zero)
-    horizontal, vertical : indices of the plane's axes among x, y, z
+    placed : link name -> Placement in the root link at planned positions zero
+    origins : (m) acb
+        Place of each body's origin in the root link's plane at planned positions zero, m.
+    in_plane : from a point (x, y, z) of the root link to acb in its plane
+    with_collision : links that have a ``<collision>`` element
     """
 
     joints: tuple[str, ...]
@@ -75,31 +119,20 @@ class PlanarRobot:
     turns: Balls
     turned_by: tuple[tuple[tuple[int, Any], ...], ...]
     inertia: ComplexBalls
-    weights: tuple[tuple[Any, ...], ...]
+    weights: list[list[Any]]
     frames: Mapping[str, Point]
     carriers: Mapping[str, tuple[str, ...]]
     segments: Mapping[str, tuple[tuple[Point, Point], ...]]
-    links: Mapping[str, tuple[int, Placement]]
+    placed: Mapping[str, Placement]
     origins: tuple[Any, ...]
-    horizontal: int
-    vertical: int
+    in_plane: InPlane
     with_collision: frozenset[str]
 
-    def point_weights(self, points: Sequence[Point]) -> ComplexBalls:
-        """Weights (points, m): a point's place relative to the centre of mass is ``sum_b w_b z_b``."""
-        values = []
-        with flint.ctx.workprec(PRECISION):
-            for point in points:
-                values += self._weights_of(point)
-        return ComplexBalls.from_acb(values, (len(points), len(self.weights)))
+    def weights_of(self, point: Point) -> list[Any]:
+        """Weights (m), acb: a point's place relative to the centre of mass is ``sum_b w_b z_b``.
 
-    def frame_weights(self, frame: str) -> list[Any]:
-        """Weights (m), acb, of a frame's origin; to be called with Arb's precision set."""
-        if frame not in self.frames:
-            raise ValueError(f'the robot has no frame "{frame}"')
-        return self._weights_of(self.frames[frame])
-
-    def _weights_of(self, point: Point) -> list[Any]:
+        To be called with Arb's precision set.
+        """
         row = list(self.weights[point.body])
         row[point.body] += point.local
         return row
@@ -109,31 +142,38 @@ class PlanarRobot:
 
         The plane's two axes are the root link's, in the posture with all planned positions zero.
         """
-        if link not in self.links:
+        if link not in self.placed:
             raise InputError(f'the robot has no link "{link}"', element="shapes")
-        body, placement = self.links[link]
+        origin = self.frames[link]
         with flint.ctx.workprec(PRECISION):
             values = [flint.arb(float(value)) for value in place]
             if len(values) == 2:
-                return Point(body, self.frames[link].local + flint.acb(values[0], self.sigma * values[1]))
+                return Point(origin.body, origin.local + flint.acb(values[0], self.sigma * values[1]))
             x, y, z = values
-            return Point(body, self._in_plane(placement.point((x, y, z))) - self.origins[body])
-
-    def _in_plane(self, point: Any) -> Any:
-        return flint.acb(flint.arb(point[self.horizontal]), self.sigma * flint.arb(point[self.vertical]))
+            return Point(origin.body, self.in_plane(self.placed[link].point((x, y, z))) - self.origins[origin.body])
 
 
 @dataclass
 class _Body:
-    """A body while it is gathered: its turns, origin in the plane, mass, first moment and parts."""
+    """A body while it is gathered: its turns, its origin in the plane, and what has mass in it.
 
+    ``masses`` are triples of mass, place from the origin and inertia about the normal.
+    """
+
+    parent: int
     turns: list[Any]
     motor_turns: list[Any]
-    parent: int
     origin: Any
-    mass: Any
-    moment: Any
-    parts: list[tuple[Any, Any, Any]]  # mass, place in the root link's plane, inertia about the normal
+    masses: list[tuple[Any, Any, Any]] = field(default_factory=list)
+
+    @property
+    def mass(self) -> Any:
+        return sum((mass for mass, _, _ in self.masses), start=flint.arb(0))
+
+    @property
+    def moment(self) -> Any:
+        """First moment about the origin."""
+        return sum((mass * place for mass, place, _ in self.masses), start=flint.acb(0))
 
 
 def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
@@ -147,67 +187,58 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
     """
     with flint.ctx.workprec(PRECISION):
         check_roles(urdf, record)
-        horizontal, vertical = _axes(record.plane)
+        if len(record.plane) != 2 or record.plane[0] == record.plane[1] or not set(record.plane) <= set(LETTERS):
+            raise InputError(f'"{record.plane}" is not two different letters of x, y and z', element="robot.plane")
+        horizontal, vertical = (LETTERS.index(letter) for letter in record.plane)
         normal_axis = 3 - horizontal - vertical
         placed, signs = _placed(urdf, record, normal_axis)
         normal = -1.0 if sum(signs[joint] for joint in record.joints) < 0 else 1.0
         sigma = normal * (1.0 if (vertical - horizontal) % 3 == 1 else -1.0)
 
-        def in_plane(point: Any) -> Any:
+        def in_plane(point: Vector) -> Any:
             return flint.acb(flint.arb(point[horizontal]), sigma * flint.arb(point[vertical]))
 
         motors = motors_of(urdf, record)
-        turning = {name: sign * normal for name, sign in signs.items()}
-        bodies, body_of = _gather(urdf, record, placed, turning, motors, in_plane)
-        for link in urdf.links.values():
-            _add_link(bodies[body_of[link.name]], link, placed[link.name], normal_axis, in_plane)
+        ratios = _ratios(record, motors)
+        bodies = [_Body(-1, [flint.arb(0)] * len(record.joints), [flint.arb(0)] * len(motors), flint.acb(0))]
+        body_of = {urdf.root: 0}
+        for joint in urdf.joints:
+            parent = body_of[joint.child] = body_of[joint.parent]
+            if joint.name in signs:
+                body_of[joint.child] = len(bodies)
+                above, sign = bodies[parent], signs[joint.name] * normal
+                turns, motor_turns = (
+                    [turn + sign * ratio for turn, ratio in zip(so_far, of_joint, strict=True)]
+                    for so_far, of_joint in zip((above.turns, above.motor_turns), ratios[joint.name], strict=True)
+                )
+                bodies.append(_Body(parent, turns, motor_turns, in_plane(placed[joint.child].translation)))
+        for name, link in urdf.links.items():
+            _add_link(bodies[body_of[name]], link, placed[name], normal_axis, in_plane)
         weights = _weights(bodies)
-        count = len(bodies)
-
-        def origin_of(link: str, carrier: str) -> Point:
-            body = body_of[carrier]
-            return Point(body, in_plane(placed[link].translation) - bodies[body].origin)
-
-        frames = {joint.name: origin_of(joint.child, joint.child) for joint in urdf.joints}
-        frames |= {link: origin_of(link, link) for link in urdf.links}
-
-        def joint_origin(joint: Joint, carrier: str) -> Point:
-            body = body_of[carrier]
-            return Point(body, in_plane((placed[joint.parent] * joint.origin).translation) - bodies[body].origin)
-
-        segments = {link: _segments(urdf, origin_of(link, link), link, joint_origin) for link in urdf.links}
+        points = {
+            link: Point(body, in_plane(placed[link].translation) - bodies[body].origin)
+            for link, body in body_of.items()
+        }
         return PlanarRobot(
             joints=record.joints,
             motors=motors,
-            motor_ratios=motor_ratios(record, motors),
-            motor_turns=Balls.from_arb(
-                [flint.arb(turn) for body in bodies for turn in body.motor_turns], (count, len(motors))
-            ),
+            motor_ratios=np.array([ratios[name][0] for name in motors]),
+            motor_turns=_matrix([body.motor_turns for body in bodies]),
             sigma=sigma,
-            turns=Balls.from_arb(
-                [flint.arb(turn) for body in bodies for turn in body.turns], (count, len(record.joints))
-            ),
+            turns=_matrix([body.turns for body in bodies]),
             turned_by=tuple(
-                tuple((joint, turn) for joint, turn in enumerate(map(flint.arb, body.turns)) if not turn.is_zero())
-                for body in bodies
+                tuple((joint, turn) for joint, turn in enumerate(body.turns) if not turn.is_zero()) for body in bodies
             ),
             inertia=_inertia(bodies, weights),
-            weights=tuple(tuple(row) for row in weights),
-            frames=frames,
+            weights=weights,
+            frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
             carriers=_carriers(urdf),
-            segments=segments,
-            links={link: (body_of[link], placed[link]) for link in urdf.links},
+            segments=_segments(urdf, points, placed, lambda body, place: in_plane(place) - bodies[body].origin),
+            placed=placed,
             origins=tuple(body.origin for body in bodies),
-            horizontal=horizontal,
-            vertical=vertical,
+            in_plane=in_plane,
             with_collision=frozenset(name for name, link in urdf.links.items() if link.has_collision),
         )
-
-
-def _axes(plane: str) -> tuple[int, int]:
-    if len(plane) != 2 or plane[0] == plane[1] or not set(plane) <= set(LETTERS):
-        raise InputError(f'"{plane}" is not two different letters of x, y and z', element="robot.plane")
-    return LETTERS.index(plane[0]), LETTERS.index(plane[1])
 
 
 def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str, Placement], dict[str, float]]:
@@ -228,70 +259,57 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
             x, y, z = (sign * flint.arb(value) for value in at.rotation[normal_axis])
             turned = replace(joint, axis=(x, y, z))
             signs[joint.name] = sign
-        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, position_at_zero(joint, record))
+        if joint.name in record.coupled:
+            position = float(record.coupled[joint.name].get("offset", 0.0))
+        else:
+            position = float(record.locked.get(joint.name, 0.0))
+        placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, position)
     return placed, signs
 
 
-def _segments(
-    urdf: Urdf, start: Point, link: str, joint_origin: Callable[[Joint, str], Point]
-) -> tuple[tuple[Point, Point], ...]:
-    ends = [joint_origin(joint, link) for joint in urdf.joints if link in (joint.parent, joint.child)]
-    apart = tuple((start, end) for end in ends if not abs(end.local - start.local) < SHORTEST)
-    return apart or (((start, start),) if urdf.links[link].has_inertial else ())
+def _ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
+    """Derivatives of the positions of the joints to be moved by those of the planned joints, and of the motors."""
+    ratios = {}
+    for name in (*record.joints, *record.coupled):
+        coupling = record.coupled.get(name, {"leader": name})
+        leader, ratio = coupling["leader"], float(coupling.get("ratio", 1.0))
+        motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
+        by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
+        ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]
+    return ratios
 
 
-def _carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
-    fixed_to = {joint.child: joint.parent for joint in urdf.joints if joint.kind == "fixed"}
-    carriers = {}
-    for link in urdf.links:
-        chain = [link]
-        while chain[-1] in fixed_to:
-            chain.append(fixed_to[chain[-1]])
-        carriers[link] = tuple(chain)
-    return {joint.name: carriers[joint.child] for joint in urdf.joints} | carriers
-
-
-def _gather(
-    urdf: Urdf,
-    record: RobotRecord,
-    placed: Mapping[str, Placement],
-    signs: Mapping[str, float],
-    motors: Sequence[str],
-    in_plane: Any,
-) -> tuple[list[_Body], dict[str, int]]:
-    """Bodies, parents first, and the body of each link."""
-    zero = flint.arb(0)
-    bodies = [_Body([zero] * len(record.joints), [zero] * len(motors), -1, flint.acb(0), zero, flint.acb(0), [])]
-    body_of = {urdf.root: 0}
-    for joint in urdf.joints:
-        parent = body_of[joint.parent]
-        body_of[joint.child] = parent
-        if joint.name not in signs:
-            continue
-        coupling = record.coupled.get(joint.name, {"leader": joint.name})
-        turns = list(bodies[parent].turns)
-        column = record.joints.index(coupling["leader"])
-        ratio = flint.arb(float(coupling.get("ratio", 1.0)))
-        turns[column] = turns[column] + signs[joint.name] * ratio
-        motor_turns = list(bodies[parent].motor_turns)
-        motor = motors.index(joint.name if joint.name in motors else coupling["leader"])
-        by_motor = flint.arb(1) if joint.name in motors else ratio
-        motor_turns[motor] = motor_turns[motor] + signs[joint.name] * by_motor
-        body_of[joint.child] = len(bodies)
-        origin = in_plane(placed[joint.child].translation)
-        bodies.append(_Body(turns, motor_turns, parent, origin, zero, flint.acb(0), []))
-    return bodies, body_of
-
-
-def _add_link(body: _Body, link: Any, placement: Placement, normal_axis: int, in_plane: Any) -> None:
-    """Add a link's mass, first moment and ``n' R I R' n`` to its body."""
+def _add_link(body: _Body, link: Link, placement: Placement, normal_axis: int, in_plane: InPlane) -> None:
+    """Add a link's mass, the place of its centre and ``n' R I R' n`` to its body."""
     center = placement * link.center
     row = center.rotation[normal_axis]
     about = sum((row[a] * link.inertia[a][b] * row[b] for a in range(3) for b in range(3)), start=flint.arb(0))
-    place = in_plane(center.translation)
-    body.mass += link.mass
-    body.moment += link.mass * (place - body.origin)
-    body.parts.append((link.mass, place - body.origin, about))
+    body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
+
+
+def _segments(
+    urdf: Urdf, points: Mapping[str, Point], placed: Mapping[str, Placement], local: Callable[[int, Vector], Any]
+) -> dict[str, tuple[tuple[Point, Point], ...]]:
+    joints = [(joint, (placed[joint.parent] * joint.origin).translation) for joint in urdf.joints]
+    segments = {}
+    for name, link in urdf.links.items():
+        start = points[name]
+        places = [local(start.body, origin) for joint, origin in joints if name in (joint.parent, joint.child)]
+        ends = [Point(start.body, place) for place in places if not abs(place - start.local) < SHORTEST]
+        segments[name] = tuple((start, end) for end in ends or ([start] if link.has_inertial else []))
+    return segments
+
+
+def _carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
+    carriers: dict[str, tuple[str, ...]] = {urdf.root: (urdf.root,)}
+    for joint in urdf.joints:
+        further = carriers[joint.parent] if joint.kind == "fixed" else ()
+        carriers[joint.child] = (joint.child, *further)
+    return {joint.name: carriers[joint.child] for joint in urdf.joints} | carriers
+
+
+def _matrix(rows: Sequence[Sequence[Any]]) -> Balls:
+    return Balls.from_arb([entry for row in rows for entry in row], (len(rows), len(rows[0])))
 
 
 def _weights(bodies: list[_Body]) -> list[list[Any]]:
@@ -325,8 +343,9 @@ def _inertia(bodies: list[_Body], weights: list[list[Any]]) -> ComplexBalls:
     scaled = flint.acb_mat([[body.mass * entry for entry in row] for body, row in zip(bodies, weights, strict=True)])
     matrix = (columns * scaled).tolist()
     for b, body in enumerate(bodies):
+        moment = body.moment
         for j in range(count):
-            matrix[b][j] += body.moment.conjugate() * weights[b][j]
-            matrix[j][b] += body.moment * weights[b][j].conjugate()
-        matrix[b][b] += sum((m * abs(p) * abs(p) + about for m, p, about in body.parts), start=flint.arb(0))
+            matrix[b][j] += moment.conjugate() * weights[b][j]
+            matrix[j][b] += moment * weights[b][j].conjugate()
+        matrix[b][b] += sum((m * abs(p) * abs(p) + about for m, p, about in body.masses), start=flint.arb(0))
     return ComplexBalls.from_acb([entry for row in matrix for entry in row], (count, count))

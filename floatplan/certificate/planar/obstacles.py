@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import flint
@@ -12,77 +11,79 @@ import numpy as np
 
 from floatplan.arrays import IntArray
 from floatplan.certificate.branch_and_bound import Goal, Minimum, smallest
-from floatplan.certificate.cells import ORDER, path
+from floatplan.certificate.cells import ORDER, Vectors, recentred
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
 from floatplan.certificate.findings import at_least
 from floatplan.certificate.planar.boundary import com_polynomials
-from floatplan.certificate.planar.clearance import (
-    PlanePoints,
-    PointSegments,
-    apart_at_start,
-    heights,
-    join_pairs,
-    only_pairs,
-    points_to_shapes,
-    shapes_to_segment,
-    to_base_frame,
-)
+from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, place_shapes
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
-from floatplan.certificate.planar.shapes import PlacedShapes
-from floatplan.certificate.vectors import Vectors
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
 from floatplan.tables import CLEARANCE
 
 CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
+STILL = (0.0, 0.0)  # [m/s]
 
 
-@dataclass(frozen=True, eq=False)
-class Separation:
-    """Distances whose smallest is one clearance.
+class Surroundings:
+    """The flight and the links' shapes in it: what every obstacle is compared with.
 
-    ``crossings`` are the sets of pairs that show, at one instant, that no two segments cross.
+    ``links`` are the names of the links that the bars ``shapes`` belong to.
     """
 
-    pairs: PointSegments | PlanePoints
-    crossings: tuple[tuple[PointSegments, PointSegments], ...] = ()
+    def __init__(self, robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, weights: ShapeWeights) -> None:
+        self.record = record
+        self.flight = flight
+        self.sigma = robot.sigma
+        self.links = [shape.link for shape in weights.shapes]
+        self.shapes = place_shapes(flight, weights)
 
-
-@dataclass(frozen=True)
-class Surroundings:
-    """The flight, the placed shapes and the mirror sign: what every obstacle is compared with."""
-
-    record: PlanRecord
-    flight: FlightEnclosure
-    shapes: PlacedShapes
-    sigma: float
+    @property
+    def cells(self) -> IntArray:
+        """All cells of time."""
+        return np.arange(len(self.flight.cells))
 
     def seen(self, place: Any, velocity: Any) -> Vectors:
         """A moving point, relative to the centre of mass, in the base frame: one item."""
         with flint.ctx.workprec(PRECISION):
-            com_x, com_y = com_polynomials(self.record, self.sigma)
-            x = flint.arb_poly([float(place[0]), float(velocity[0])]) - com_x
-            y = flint.arb_poly([self.sigma * float(place[1]), self.sigma * float(velocity[1])]) - com_y
-        both = path([x, y], self.flight.cells)
-        return to_base_frame(self.flight, Vectors(both[:, :1], both[:, 1:]))
+            x, y = (-polynomial for polynomial in self._com_from(place, velocity))
+        both = self._path([x, y])
+        return Vectors(both[:, :1], both[:, 1:]).turned_back(self.flight.direction)
 
     def direction(self, vector: Any) -> Vectors:
         """A constant vector (two arb) of the mirrored plane, in the base frame."""
-        balls = Balls.from_arb(vector, (2,))
         shape = (len(self.flight.cells), 1)
-        x, y = (
-            Taylor.constant(Balls(np.full(shape, balls.mid[k]), np.full(shape, balls.rad[k])), ORDER) for k in (0, 1)
-        )
-        return to_base_frame(self.flight, Vectors(x, y))
+        x, y = (Taylor.constant(Balls.from_arb([part], (1,)).broadcast(shape), ORDER) for part in vector)
+        return Vectors(x, y).turned_back(self.flight.direction)
 
     def height_offset(self, point: Any, velocity: Any, normal: Any) -> Taylor:
         """``normal . (centre of mass - point)``, with a normal of two arb in the mirrored plane."""
         with flint.ctx.workprec(PRECISION):
-            com_x, com_y = com_polynomials(self.record, self.sigma)
-            x = com_x - flint.arb_poly([float(point[0]), float(velocity[0])])
-            y = com_y - flint.arb_poly([self.sigma * float(point[1]), self.sigma * float(velocity[1])])
-            return path([x * normal[0] + y * normal[1]], self.flight.cells)
+            x, y = self._com_from(point, velocity)
+            return self._path([x * normal[0] + y * normal[1]])
+
+    def bar(self, start: Any, end: Any, radius: float, velocity: Any) -> Bars:
+        """A moving bar in the base frame: one item."""
+        with flint.ctx.workprec(PRECISION):
+            x, y = (flint.arb(float(last)) - float(first) for first, last in zip(start, end, strict=True))
+            y *= self.sigma
+            length = (x * x + y * y).sqrt()
+            along = (x / length, y / length) if length > 0 else (flint.arb(1), flint.arb(0))
+            extent = Balls.from_arb([length], (1,))
+        first_end, last_end = (self.seen(place, velocity) for place in (start, end))
+        return Bars(first_end, last_end, self.direction(along), extent, Balls.exact([radius]))
+
+    def _com_from(self, place: Any, velocity: Any) -> tuple[Any, Any]:
+        """The centre of mass relative to a moving point of the plane, in its mirror image: polynomials of t."""
+        com_x, com_y = com_polynomials(self.record, self.sigma)
+        x = com_x - flint.arb_poly([float(place[0]), float(velocity[0])])
+        return x, com_y - flint.arb_poly([self.sigma * float(place[1]), self.sigma * float(velocity[1])])
+
+    def _path(self, polynomials: Sequence[Any]) -> Taylor:
+        """Model (K, cells, polynomials) of polynomials in t of degree 2 at most."""
+        balls = recentred(polynomials, self.flight.cells, 3)
+        return Taylor.polynomial(balls.mid, balls.rad, ORDER)
 
 
 def obstacle_finding(surroundings: Surroundings, index: int, obstacle: Mapping[str, Any]) -> tuple[Finding, Minimum]:
@@ -90,152 +91,103 @@ def obstacle_finding(surroundings: Surroundings, index: int, obstacle: Mapping[s
     for key in ("radius", "margin"):
         if not 0.0 <= float(obstacle.get(key) or 0.0) < math.inf:
             raise ValueError(f"obstacles[{index}].{key} is negative")
-    separation = SEPARATIONS[obstacle["kind"]](surroundings, obstacle, obstacle.get("velocity") or (0.0, 0.0))
-    window = obstacle.get("window")
+    distances = SEPARATIONS[obstacle["kind"]](surroundings, obstacle, obstacle.get("velocity") or STILL)
+    cells, window = surroundings.flight.cells, obstacle.get("window")
+    first, last = window or (-math.inf, math.inf)
+    if not float(first) <= float(last):
+        raise ValueError(f"the window {window} ends before it begins")
+    # cells end where windows do, and a window of one instant is one
+    existing = np.flatnonzero((cells.low >= float(first)) & (cells.high <= float(last)))
     margin = float(obstacle.get("margin") or 0.0)
-    return _finding(
-        surroundings, "obstacle", (index, obstacle["kind"]), separation, _existing(surroundings, window), margin
-    )
+    return _finding(surroundings, "obstacle", (index, obstacle["kind"]), distances, existing, margin)
 
 
-def ground_finding(surroundings: Surroundings, robot: PlanarRobot, hulls: PlacedShapes) -> Finding:
-    """Height of all links over the horizontal line through the lowest point of the link that takes off, at t = 0."""
+def ground_finding(surroundings: Surroundings, robot: PlanarRobot, standing: ShapeWeights | None) -> Finding:
+    """Height of all links over the horizontal line through the lowest point of the link that takes off, at t = 0.
+
+    ``standing`` are the shapes by which links are as high as they are; None stands for those of the surroundings.
+    """
+    hulls, links = surroundings.shapes, surroundings.links
+    if standing is not None:
+        hulls, links = place_shapes(surroundings.flight, standing), [shape.link for shape in standing.shapes]
+    takeoff = surroundings.record.problem["flight"]["takeoff"]
+    level = takeoff["position"][1]
     with flint.ctx.workprec(PRECISION):
         up = (flint.arb(0), flint.arb(surroundings.sigma))
 
-    def above(level: float, shapes: PlacedShapes) -> PlanePoints:
-        return heights(shapes, surroundings.direction(up), surroundings.height_offset((0.0, level), (0.0, 0.0), up))
+    def above(level: float, bars: Bars) -> PlanePoints:
+        offset = surroundings.height_offset((0.0, level), STILL, up)
+        return PlanePoints.of_bars(bars, surroundings.direction(up), offset)
 
-    frame = surroundings.record.problem["flight"]["takeoff"]["frame"]
-    standing = _standing(hulls, robot.carriers[frame])
-    level = surroundings.record.problem["flight"]["takeoff"]["position"][1]
-    if standing:
-        level = above(0.0, hulls.only(standing)).least_at_start()
-    return _finding(
-        surroundings,
-        "ground",
-        (),
-        Separation(above(level, hulls)),
-        np.arange(len(surroundings.flight.cells)),
-        0.0,
-    )[0]
-
-
-def _standing(shapes: PlacedShapes, carriers: Sequence[str]) -> list[int]:
-    """The shapes of the first of some links that has any."""
-    found = ([i for i, shape in enumerate(shapes.shapes) if shape.link == link] for link in carriers)
-    return next((indices for indices in found if indices), [])
+    for carrier in robot.carriers[takeoff["frame"]]:
+        if carrier in links:
+            feet = [index for index, link in enumerate(links) if link == carrier]
+            level = above(0.0, hulls[feet]).least_at_start()
+            break
+    return _finding(surroundings, "ground", (), above(level, hulls), surroundings.cells, 0.0)[0]
 
 
 def self_finding(surroundings: Surroundings, pair: Mapping[str, Any]) -> Finding:
     """Clearance between two links."""
-    first, second = (
-        surroundings.shapes.only([i for i, shape in enumerate(surroundings.shapes.shapes) if shape.link == link])
-        for link in pair["links"]
-    )
-    if not first.shapes or not second.shapes:
+    first, second = ([i for i, link in enumerate(surroundings.links) if link == name] for name in pair["links"])
+    if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
-    sets: list[PointSegments] = []
-    crossings: list[tuple[PointSegments, PointSegments]] = []
-    for i in range(len(first.shapes)):
-        for j in range(len(second.shapes)):
-            ends = (_ends_to(first.only([i]), second.only([j])), _ends_to(second.only([j]), first.only([i])))
-            sets += ends
-            crossings.append(ends)
-    cells = np.arange(len(surroundings.flight.cells))
-    separation = Separation(join_pairs(sets), tuple(crossings))
-    return _finding(
-        surroundings, "self_clearance", tuple(pair["links"]), separation, cells, float(pair.get("margin") or 0.0)
-    )[0]
+    one, other = np.repeat(first, len(second)), np.tile(second, len(first))
+    distances = PointSegments.of_bars(surroundings.shapes[one.tolist()], surroundings.shapes[other.tolist()])
+    margin = float(pair.get("margin") or 0.0)
+    return _finding(surroundings, "self_clearance", tuple(pair["links"]), distances, surroundings.cells, margin)[0]
 
 
-def _ends_to(one: PlacedShapes, other: PlacedShapes) -> PointSegments:
-    """Both ends of one shape with the segment of another."""
-    radius = float(one.radius.mid[0])
-    return join_pairs([points_to_shapes(points, other, radius) for points in (one.start, one.end)])
-
-
-def _circle(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+def _circle(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PointSegments:
     center = surroundings.seen(obstacle["center"], velocity)
-    return Separation(points_to_shapes(center, surroundings.shapes, float(obstacle["radius"])))
+    return PointSegments.of_points(center, Balls.exact([float(obstacle["radius"])]), surroundings.shapes)
 
 
-def _half_plane(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
+def _half_plane(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PlanePoints:
     with flint.ctx.workprec(PRECISION):
         x, y = (flint.arb(float(part)) for part in obstacle["normal"])
         length = (x * x + y * y).sqrt()
         normal = (x / length, surroundings.sigma * y / length)
     offset = surroundings.height_offset(obstacle["point"], velocity, normal)
-    return Separation(heights(surroundings.shapes, surroundings.direction(normal), offset))
+    return PlanePoints.of_bars(surroundings.shapes, surroundings.direction(normal), offset)
 
 
-def _bar(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> Separation:
-    radius, count = float(obstacle["radius"]), len(surroundings.shapes.shapes)
-    with flint.ctx.workprec(PRECISION):
-        first, last = ([flint.arb(float(part)) for part in obstacle[end]] for end in ("start", "end"))
-        along = (last[0] - first[0], surroundings.sigma * (last[1] - first[1]))
-        length = (along[0] * along[0] + along[1] * along[1]).sqrt()
-        unit = (along[0] / length, along[1] / length) if length > 0 else (flint.arb(1), flint.arb(0))
-    start, end = (surroundings.seen(obstacle[name], velocity) for name in ("start", "end"))
-    of_start, of_end = (points_to_shapes(point, surroundings.shapes, radius) for point in (start, end))
-    of_shapes = shapes_to_segment(surroundings.shapes, start, surroundings.direction(unit), length, radius)
-    crossings = tuple(
-        (join_pairs([only_pairs(of_start, [i]), only_pairs(of_end, [i])]), only_pairs(of_shapes, [i, count + i]))
-        for i in range(count)
-    )
-    return Separation(join_pairs([of_start, of_end, of_shapes]), crossings)
+def _bar(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PointSegments:
+    bar = surroundings.bar(obstacle["start"], obstacle["end"], float(obstacle["radius"]), velocity)
+    return PointSegments.of_bars(bar, surroundings.shapes)
 
 
-def together(separations: Sequence[Separation]) -> Separation:
-    """Return what separates from an obstacle made of several pieces, none of which is a half-plane."""
-    pairs = [each.pairs for each in separations if isinstance(each.pairs, PointSegments)]
-    assert len(pairs) == len(separations), "half-planes have no ends"
-    return Separation(join_pairs(pairs), tuple(crossing for each in separations for crossing in each.crossings))
-
-
-SEPARATIONS: dict[str, Callable[[Surroundings, Mapping[str, Any], Any], Separation]] = {
+SEPARATIONS: dict[str, Callable[[Surroundings, Mapping[str, Any], Any], PointSegments | PlanePoints]] = {
     "circle": _circle,
     "half-plane": _half_plane,
     "capsule": _bar,
 }
 
 
-def _existing(surroundings: Surroundings, window: Any) -> IntArray:
-    """Cells in which an obstacle exists: cells end where windows do, and a window of one instant is one."""
-    cells = surroundings.flight.cells
-    if window is None:
-        return np.arange(len(cells))
-    first, last = float(window[0]), float(window[1])
-    if not first <= last:
-        raise ValueError(f"the window {window} ends before it begins")
-    return np.flatnonzero((cells.low >= first) & (cells.high <= last))
-
-
 def _finding(
-    surroundings: Surroundings, kind: Kind, subject: Subject, separation: Separation, cells: IntArray, margin: float
+    surroundings: Surroundings,
+    kind: Kind,
+    subject: Subject,
+    distances: PointSegments | PlanePoints,
+    cells: IntArray,
+    margin: float,
 ) -> tuple[Finding, Minimum]:
-    pairs = separation.pairs
-    members = len(pairs.radius.mid)
+    """The verdict on the least of some distances, and that distance.
+
+    Segments are apart where none cross at the first instant, and afterwards no end comes to lie on another.
+    """
     goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
-    groups = np.zeros(members, dtype=np.int64)
-    least = smallest(pairs.items(cells), groups, pairs.below, pairs.at_point, goal, surroundings.flight.cells)[0]
+    groups = np.zeros(len(distances.radius.mid), dtype=np.int64)
+    times = surroundings.flight.cells
+    least = smallest(distances.items(cells), groups, distances.below, distances.at_point, goal, times)[0]
     finding = at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
-    if finding.verdict != "proved" or len(cells) == 0:
+    if finding.verdict != "proved" or not len(cells) or isinstance(distances, PlanePoints):
         return finding, least
-    verdict = _uncrossed(separation, int(cells[0]), least)
-    if verdict == "proved":
+    apart, across = distances.apart_at_start(int(cells[0]))
+    crossed = (across & ~apart).all(axis=1).any()
+    clear = least.bound + float((distances.radius.mid - distances.radius.rad).min()) > 0.0
+    if not crossed and ((clear and apart.any(axis=1).all()) or not len(apart)):
         return finding, least
-    crossing = Minimum(-math.inf, 0.0, float(surroundings.flight.cells.low[cells[0]]), 0)
+    crossing = Minimum(-math.inf, 0.0, float(times.low[cells[0]]), 0)
+    verdict: Verdict = "refuted" if crossed else "undecided"
     return Finding(kind, subject, verdict, 0.0, crossing.instant, margin, margin), crossing
-
-
-def _uncrossed(separation: Separation, cell: int, least: Minimum) -> Verdict:
-    """Whether no two segments cross: none at the first instant, and afterwards no end comes to lie on the other."""
-    if not isinstance(separation.pairs, PointSegments) or not separation.crossings:
-        return "proved"
-    seen = [tuple(apart_at_start(ends, cell) for ends in both) for both in separation.crossings]
-    if any(both == (False, False) for both in seen):
-        return "refuted"
-    radius = separation.pairs.radius
-    touching = not least.bound + float((radius.mid - radius.rad).min()) > 0.0
-    return "undecided" if touching or not all(any(both) for both in seen) else "proved"

@@ -1,4 +1,4 @@
-"""The robot as the certificate reads it: links, inertias and joints straight from the URDF, in Arb.
+"""The robot as the certificate reads it: links, inertias and joints straight from the URDF, in Arb, and their roles.
 
 No code is shared with ``floatplan.robot``. The parameters are the doubles nearest to the file's decimals, as every URDF
 reader takes them; what is computed from them is enclosed.
@@ -19,10 +19,12 @@ import flint
 from floatplan.certificate.enclosure import PRECISION
 from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, read_regular
+from floatplan.plans.record import RobotRecord
 
 Vector: TypeAlias = tuple[Any, Any, Any]
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]
 IDENTITY: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+ORIGIN: Vector = (0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class Placement:
     def __mul__(self, other: Placement) -> Placement:
         """Do ``other`` first."""
         columns = [rotate(self.rotation, column) for column in zip(*other.rotation, strict=True)]
-        return Placement(_rows(columns), self.point(other.translation))
+        first, second, third = zip(*columns, strict=True)
+        return Placement((first, second, third), self.point(other.translation))
 
     def point(self, point: Vector) -> Vector:
         """Return the displaced point."""
@@ -101,12 +104,8 @@ def recorded_content(path: Path, sha256: str) -> bytes:
     """
     content = read_regular(path, LARGEST_URDF, "a URDF file")
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise InputError(
-            "is not the file that was planned with: its SHA-256 differs",
-            source=path,
-            element="robot.sha256",
-            advice="plan again, or restore the file",
-        )
+        reason, advice = "is not the file that was planned with: its SHA-256 differs", "plan again, or restore the file"
+        raise InputError(reason, source=path, element="robot.sha256", advice=advice)
     return content
 
 
@@ -129,11 +128,6 @@ def read_urdf(content: bytes, path: Path) -> Urdf:
         raise InputError(f"is no URDF: {error}", source=path) from None
 
 
-def recorded_urdf(path: Path, sha256: str) -> Urdf:
-    """Read the URDF file of this hash; errors as :func:`recorded_content` and :func:`read_urdf`."""
-    return read_urdf(recorded_content(path, sha256), path)
-
-
 def rotate(rotation: Matrix, vector: Vector) -> Vector:
     """Matrix times vector."""
     x, y, z = vector
@@ -144,11 +138,9 @@ def rotate(rotation: Matrix, vector: Vector) -> Vector:
 def motion(joint: Joint, position: float) -> Placement:
     """Displacement of a joint at a position (rad or m)."""
     if joint.kind == "prismatic":
-        a = unit_axis(joint)
-        return Placement(IDENTITY, (a[0] * position, a[1] * position, a[2] * position))
-    if position == 0.0:
-        return Placement(IDENTITY, (0, 0, 0))
-    return Placement(_turn(unit_axis(joint), flint.arb(position)), (0, 0, 0))
+        x, y, z = unit_axis(joint)
+        return Placement(IDENTITY, (x * position, y * position, z * position))
+    return Placement(_turn(unit_axis(joint), flint.arb(position)) if position else IDENTITY, ORIGIN)
 
 
 def _tree(root: ElementTree.Element) -> Urdf:
@@ -172,14 +164,13 @@ def _tree(root: ElementTree.Element) -> Urdf:
 
 def _parents_first(joints: list[Joint], root: str) -> tuple[Joint, ...]:
     below: dict[str, list[Joint]] = {}
-    for joint in joints:
+    for joint in reversed(joints):
         below.setdefault(joint.parent, []).append(joint)
     ordered: list[Joint] = []
-    waiting = list(reversed(below.get(root, [])))
+    waiting = list(below.get(root, []))
     while waiting:
-        joint = waiting.pop()
-        ordered.append(joint)
-        waiting += reversed(below.get(joint.child, []))
+        ordered.append(waiting.pop())
+        waiting += below.get(ordered[-1].child, [])
     if len(ordered) != len(joints):
         raise InputError("is not one tree: some joints form a loop")
     return tuple(ordered)
@@ -190,9 +181,7 @@ def _link(element: ElementTree.Element) -> Link:
     inertial = element.find("inertial")
     collides = element.find("collision") is not None
     if inertial is None:
-        return Link(
-            name, flint.arb(0), Placement(IDENTITY, (0, 0, 0)), ((0, 0, 0), (0, 0, 0), (0, 0, 0)), False, collides
-        )
+        return Link(name, flint.arb(0), Placement(IDENTITY, ORIGIN), (ORIGIN, ORIGIN, ORIGIN), False, collides)
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     if mass is None or inertia is None:
         raise InputError("its <inertial> lacks a mass or an inertia", element=f'link "{name}"')
@@ -211,28 +200,22 @@ def _joint(element: ElementTree.Element) -> Joint:
     if parent is None or child is None:
         raise InputError("lacks a parent or a child", element=f'joint "{name}"')
     direction = _vector(None if axis is None else axis.get("xyz"), "1 0 0")
-    ends = (_text(parent, "link"), _text(child, "link"))
-    return Joint(name, kind, *ends, _origin(element), direction, _mimic(element))
-
-
-def _mimic(element: ElementTree.Element) -> Follower | None:
-    mimic = element.find("mimic")
-    if mimic is None:
-        return None
-    multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
-    return Follower(_text(mimic, "joint"), multiplier, offset)
+    ends, mimic, follower = (_text(parent, "link"), _text(child, "link")), element.find("mimic"), None
+    if mimic is not None:
+        multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
+        follower = Follower(_text(mimic, "joint"), multiplier, offset)
+    return Joint(name, kind, *ends, _origin(element), direction, follower)
 
 
 def _origin(element: ElementTree.Element) -> Placement:
     origin = element.find("origin")
     if origin is None:
-        return Placement(IDENTITY, (0, 0, 0))
-    roll, pitch, yaw = _vector(origin.get("rpy"), "0 0 0")
-    rotation = IDENTITY
-    for axis, angle in (((1, 0, 0), roll), ((0, 1, 0), pitch), ((0, 0, 1), yaw)):
+        return Placement(IDENTITY, ORIGIN)
+    turned = Placement(IDENTITY, ORIGIN)
+    for axis, angle in zip(IDENTITY, _vector(origin.get("rpy"), "0 0 0"), strict=True):
         if not angle.is_zero():
-            rotation = (Placement(_turn(axis, angle), (0, 0, 0)) * Placement(rotation, (0, 0, 0))).rotation
-    return Placement(rotation, _vector(origin.get("xyz"), "0 0 0"))
+            turned = Placement(_turn(axis, angle), ORIGIN) * turned
+    return Placement(turned.rotation, _vector(origin.get("xyz"), "0 0 0"))
 
 
 def _turn(axis: Vector, angle: Any) -> Matrix:
@@ -256,11 +239,6 @@ def unit_axis(joint: Joint) -> Vector:
     return x / length, y / length, z / length
 
 
-def _rows(columns: list[Vector]) -> Matrix:
-    first, second, third = zip(*columns, strict=True)
-    return first, second, third
-
-
 def _vector(text: str | None, default: str) -> Vector:
     parts = (default if text is None else text).split()
     if len(parts) != 3:
@@ -281,3 +259,43 @@ def _text(element: ElementTree.Element, key: str) -> str:
     if value is None:
         raise InputError(f"a <{element.tag}> lacks its {key}")
     return value
+
+
+def check_roles(urdf: Urdf, record: RobotRecord) -> None:
+    """Refuse a record that leaves a moving joint of the file without a role, or gives one two or none it can have."""
+    moving = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
+    roles = [*record.joints, *record.coupled, *record.locked]
+    for name in roles:
+        if name not in moving:
+            raise InputError(f'the robot has no joint "{name}" that moves', element="robot")
+    if len(set(roles)) != len(roles):
+        raise InputError("a joint has two roles", element="robot")
+    for name, joint in moving.items():
+        if name not in roles:
+            raise InputError(f'joint "{name}" is neither planned, nor coupled, nor locked', element="robot")
+        if joint.kind == "prismatic" and name not in record.locked:
+            raise InputError(f'joint "{name}" is prismatic and can only be locked', element="robot")
+    for name, coupling in record.coupled.items():
+        if not isinstance(coupling, Mapping) or coupling.get("leader") not in record.joints:
+            raise InputError("its leader must be a planned joint", element=f"robot.coupled.{name}")
+
+
+def motors_of(urdf: Urdf, record: RobotRecord) -> tuple[str, ...]:
+    """The planned joints, and the coupled ones less those that the file itself couples just so."""
+    by_name = {joint.name: joint for joint in urdf.joints}
+    return (*record.joints, *(name for name in record.coupled if not _is_geared(by_name, record, name)))
+
+
+def _is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
+    """Whether the file's ``<mimic>``, followed to the joint that leads, says what the record's coupling says."""
+    ratio, offset, leader, settled = 1.0, 0.0, name, {*record.joints, *record.locked}
+    for _ in joints:
+        mimic = joints[leader].mimic
+        if mimic is None or leader in settled:
+            break
+        ratio, offset, leader = ratio * mimic.multiplier, offset + ratio * mimic.offset, mimic.leader
+        if leader not in joints:
+            return False
+    coupling = record.coupled[name]
+    said = (coupling["leader"], float(coupling.get("ratio", 1.0)), float(coupling.get("offset", 0.0)))
+    return leader != name and said == (leader, ratio, offset)

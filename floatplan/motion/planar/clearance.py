@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Any, TypeVar
 
 import numpy as np
@@ -128,10 +127,10 @@ class LinkShapes:
 
 
 def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
-    """Distances of links to an obstacle, piece after piece: one row per capsule, or ``ends`` rows, as its kind says."""
+    """Distances of links to an obstacle, piece after piece: as many rows per capsule as its kind says."""
     shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
     facing = segments.facing(obstacle)
-    of_pieces = [OBSTACLE_DISTANCES[piece.kind].to_links(facing, piece, shift) for piece in obstacle.pieces]
+    of_pieces = [OBSTACLE_DISTANCES[piece.kind][0](facing, piece, shift) for piece in obstacle.pieces]
     if len(of_pieces) == 1:
         return of_pieces[0]
     return Distances(
@@ -142,26 +141,23 @@ def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> 
 
 def distance_rows(obstacle: Obstacle) -> int:
     """How many rows per capsule :func:`obstacle_distances` has."""
-    return sum(OBSTACLE_DISTANCES[piece.kind].ends for piece in obstacle.pieces)
+    return sum(OBSTACLE_DISTANCES[piece.kind][1] for piece in obstacle.pieces)
 
 
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
-    """Distances of points, of any shape, to the surface of an obstacle as it is at takeoff, m; negative inside."""
-    pieces = (OBSTACLE_DISTANCES[piece.kind].to_points(piece, points) for piece in obstacle.pieces)
-    return np.asarray(reduce(np.minimum, pieces))
+    """Distances (K,) of points (K,) to the surface of an obstacle as it is at takeoff, m; negative inside."""
+    places, nothing = points[:, None], np.zeros((1, 0), np.complex128)
+    still = Segments(places, places, nothing, nothing, np.zeros(1), nothing, 1.0)
+    return np.asarray(obstacle_distances(still, obstacle, np.zeros(len(points))).values.min(axis=1))
 
 
-def _circle_to_links(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:
+def _circle_distances(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:
     center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
     distance, direction, fraction = _point_to_segment(center, segments.start, segments.end)
     return Distances(distance - segments.radius - obstacle.radius, lambda: segments.gradient(direction, fraction))
 
 
-def _circle_to_points(obstacle: Circle, points: ComplexArray) -> Array:
-    return np.asarray(np.abs(points - complex(*obstacle.center)) - obstacle.radius)
-
-
-def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Distances:
+def _half_plane_distances(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Distances:
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
     origin = complex(*obstacle.point) + shift
     ends = segments.ends()
@@ -171,12 +167,7 @@ def _half_plane_to_links(segments: Segments, obstacle: HalfPlane, shift: Complex
     return Distances(distance, lambda: ends.gradient(np.full(shape, normal), np.zeros(shape)))
 
 
-def _half_plane_to_points(obstacle: HalfPlane, points: ComplexArray) -> Array:
-    normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-    return np.asarray((np.conj(normal) * (points - complex(*obstacle.point))).real)
-
-
-def _bar_to_links(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Distances:
+def _bar_distances(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Distances:
     shape = segments.start.shape
     bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
     bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
@@ -184,30 +175,12 @@ def _bar_to_links(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Dis
     return Distances(distance - segments.radius - obstacle.radius, lambda: segments.gradient(direction, fraction))
 
 
-def _bar_to_points(obstacle: Bar, points: ComplexArray) -> Array:
-    along = complex(*obstacle.end) - complex(*obstacle.start)
-    offset = points - complex(*obstacle.start)
-    fraction = np.clip((np.conj(along) * offset).real / max(abs(along) ** 2, 1e-300), 0, 1)
-    return np.asarray(np.abs(offset - fraction * along) - obstacle.radius)
-
-
-@dataclass(frozen=True)
-class ObstacleDistance:
-    """Distances to a kind of obstacle.
-
-    ``to_links`` has ``ends`` rows per capsule: of each end, or of the nearest point along it. It takes the obstacle's
-    displacements (K,) since takeoff, m.
-    """
-
-    to_links: Callable[[Segments, Any, ComplexArray], Distances]
-    to_points: Callable[[Any, ComplexArray], Array]
-    ends: int = 1
-
-
-OBSTACLE_DISTANCES: dict[str, ObstacleDistance] = {
-    "circle": ObstacleDistance(_circle_to_links, _circle_to_points),
-    "half-plane": ObstacleDistance(_half_plane_to_links, _half_plane_to_points, ends=2),
-    "capsule": ObstacleDistance(_bar_to_links, _bar_to_points),
+# Distances to a kind of obstacle, from its displacements (K,) since takeoff, m; and how many rows per capsule they are:
+# one of the nearest point along it, or two, of its ends.
+OBSTACLE_DISTANCES: dict[str, tuple[Callable[[Segments, Any, ComplexArray], Distances], int]] = {
+    "circle": (_circle_distances, 1),
+    "half-plane": (_half_plane_distances, 2),
+    "capsule": (_bar_distances, 1),
 }
 
 

@@ -109,12 +109,6 @@ def at_end(problem: Problem, end: End) -> tuple[Frame, float, Array, Array]:
     return frame, state.orientation, state.positions, ballistics(problem).velocities(np.array([instant]))[0]
 
 
-def contact_equations(problem: Problem, end: End) -> ContactEquations:
-    """Return the equations that the rates satisfy at that end of the flight."""
-    frame, orientation, positions, com_velocity = at_end(problem, end)
-    return equations_at(problem.robot, frame, orientation, positions, com_velocity)
-
-
 def equations_at(
     robot: Robot, frame: Frame, orientation: float, positions: Array, com_velocity: Array
 ) -> ContactEquations:
@@ -150,7 +144,8 @@ def contact_rates(problem: Problem, end: End, angular_momentum: float | None) ->
     angular_momentum : float, optional
         kg m^2/s; None for the one that lets the joints be slowest.
     """
-    return rates_at(problem.robot, contact_equations(problem, end), rate_limits(problem), angular_momentum)
+    equations = equations_at(problem.robot, *at_end(problem, end))
+    return rates_at(problem.robot, equations, rate_limits(problem), angular_momentum)
 
 
 def shared_momentum(problem: Problem) -> float | None:

@@ -134,11 +134,15 @@ class PlanarBaseMotion:
     @cached_property
     def rate_partials(self) -> Partials:
         """Of theta0'."""
+        return self._rate_partials(len(self.grid.s))
+
+    def _rate_partials(self, instants: int) -> Partials:
+        """Of theta0' at the first instants."""
         rate = self.base_rate
         return Partials(
-            by_position=rate.by_position[:, None, :],
-            by_velocity=rate.by_velocity[:, None, :],
-            by_momentum=rate.by_momentum[:, None, None],
+            by_position=rate.by_position[:instants, None, :],
+            by_velocity=rate.by_velocity[:instants, None, :],
+            by_momentum=rate.by_momentum[:instants, None, None],
         )
 
     @property
@@ -168,12 +172,7 @@ class PlanarBaseMotion:
     @property
     def drift(self) -> Partials:
         """Of theta0' at the nodes."""
-        rate, nodes = self.base_rate, self.grid.nodes
-        return Partials(
-            by_position=rate.by_position[:nodes, None, :],
-            by_velocity=rate.by_velocity[:nodes, None, :],
-            by_momentum=rate.by_momentum[:nodes, None, None],
-        )
+        return self._rate_partials(self.grid.nodes)
 
     @property
     def residual_partials(self) -> Partials:

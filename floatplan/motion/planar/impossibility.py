@@ -15,7 +15,7 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import point_distances
-from floatplan.motion.planar.contact_rates import End, contact_equations, rates_at
+from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rates_at
 from floatplan.problem.parts import Bar, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
@@ -117,7 +117,9 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     )
     for end, state, frame in ends:
         if state.frame_rests:
-            found = rates_at(problem.robot, contact_equations(problem, end), problem.velocity_limits, momentum)
+            found = rates_at(
+                problem.robot, equations_at(problem.robot, *at_end(problem, end)), problem.velocity_limits, momentum
+            )
             if found.exist and found.ratio is not None and found.ratio > 1 + ROUNDING:
                 whatever = ", whatever the angular momentum," if momentum is None else ""
                 yield (

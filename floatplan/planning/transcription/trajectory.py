@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import BaseMotion, Distances, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
-from floatplan.motion.sine_polynomial import Form, JointMotion, basis
+from floatplan.motion.sine_polynomial import Form, JointMotion, basis, joint_motion
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
 
@@ -246,7 +246,8 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     else:
         boundary = np.broadcast_to(polynomials.given_boundary, (len(x), *polynomials.given_boundary.shape))
     coefficients = np.concatenate((boundary, z.reshape(*boundary.shape[:2], -1)), axis=2).transpose(0, 2, 1)
-    motion = polynomials.motion_of_coefficients(coefficients, sampling.values)
+    centre, amplitude, duration = polynomials.centre, polynomials.amplitude, polynomials.duration
+    motion = joint_motion(centre, amplitude, duration, coefficients, sampling.values)
     return Trajectory(model, variables, sampling, motion, h)
 
 
