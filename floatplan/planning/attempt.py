@@ -87,7 +87,7 @@ def follow_together(problem: Problem, search: Search) -> Followed | None:
     """Follow the plain motion of a problem, and random starts as the search says; None where it asks for more."""
     if problem.raises_degree or not is_plain(problem):
         return None
-    compiled, rows = solver(problem, problem.degrees), Numbers.of_problems([problem]).rows()
+    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
     return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
 
 

@@ -80,7 +80,7 @@ def _searched(
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     prepared = Attempts(problem, options.seed)
     if not prepared.momentum.free:
-        refuse(motion_into_ground(problem, prepared.momentum.centre))
+        refuse(motion_into_ground(prepared.problem, prepared.momentum.centre))
     reasons: list[str] = []
     result = _followed_from(near, prepared, options.budget) if near and prepared.constraints else None
     if result is None:
@@ -94,7 +94,7 @@ def _searched(
     best = result.best
     unsolved = "interrupted" if result.interrupted and not reasons else "infeasible"
     plan = Plan.of_motion(
-        problem,
+        prepared.problem,
         *motion_of(best),
         status=best.solution.status if best.holds else unsolved,
         ok=best.holds,
