@@ -15,7 +15,6 @@ from scipy.stats import qmc
 
 from floatplan.arrays import Array
 from floatplan.initial.stance import Stance
-from floatplan.robot.robot import Robot
 
 GRAVITY = 9.81  # [m/s^2]
 EDGE = 0.03  # [-] of a joint's range, kept free at its ends: there rates would have to be zero
@@ -154,7 +153,6 @@ class Flights:
     lean : rad, of the base before or behind upright, at most, at both ends
     """
 
-    robot: Robot
     stance: Stance
     turns: int
     durations: tuple[float, float]
@@ -163,7 +161,7 @@ class Flights:
     @cached_property
     def ranges(self) -> Array:
         """Ranges (n, 2) rad in which postures are sought."""
-        limits, rest = self.robot.position_limits, self.robot.resting
+        limits, rest = self.stance.robot.position_limits, self.stance.robot.resting
         low, high = np.maximum(limits[:, 0], rest - BROADEST), np.minimum(limits[:, 1], rest + BROADEST)
         return np.stack((low + EDGE * (high - low), high - EDGE * (high - low)), axis=1)
 
@@ -185,7 +183,7 @@ class Flights:
     @property
     def work(self) -> float:
         """What a search costs, instants of one body."""
-        return (SAMPLES + CHAINS * TRIALS * STEPS) * (CANDIDATE + BODY * len(self.robot.tree.mass))
+        return (SAMPLES + CHAINS * TRIALS * STEPS) * (CANDIDATE + BODY * self.stance.robot.tree.mass.size)
 
     def candidates(self, values: Array) -> Candidates:
         """Return the flights that values (K, 2n+5) mean, with angles rounded."""
@@ -207,7 +205,7 @@ class Flights:
         plain = PlainMotions.between(positions, at_rest.rates.reshape(count, 2, -1), durations)
         missed = np.abs(plain.turns(stance, momenta) - turn)
         used = np.minimum(np.nan_to_num(np.maximum(ratios.max(axis=1), plain.efforts(stance)), nan=np.inf), UNBOUNDED)
-        lean, bent = poses[:, 0] - stance.upright, poses[:, 1:] - self.robot.resting
+        lean, bent = poses[:, 0] - stance.upright, poses[:, 1:] - stance.robot.resting
         tilt = lean + bent @ stance.foot_turns if stance.foot_turns.any() else 0.0
         away = np.sqrt(np.mean(bent**2, axis=1) + lean**2 + TILTED * tilt**2)
         costs = (
@@ -244,7 +242,7 @@ class Flights:
     def _drawn(self, rows: Array) -> Array:
         """Samples (K, 2n+5) of the box, postures nearer to the resting one than to the edges."""
         low, high = self.box.T
-        middle = np.tile(np.concatenate(([self.stance.upright], self.robot.resting)), 2)
+        middle = np.tile(np.concatenate(([self.stance.upright], self.stance.robot.resting)), 2)
         values, held = low + rows * (high - low), slice(0, len(middle))
         values[:, held] = np.clip((values[:, held] + middle) / 2, low[held], high[held])
         return np.asarray(values)

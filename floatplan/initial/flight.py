@@ -184,10 +184,10 @@ def _leaps(chosen: ChosenRobot) -> Iterator[list[Flights]]:
 def _on_feet(
     chosen: ChosenRobot, feet: Sequence[str], turns: int, lean: float, band: tuple[float, float]
 ) -> list[Flights]:
-    robot = chosen.robot
-    if len(robot.joints) == 1:
+    if len(chosen.robot.joints) == 1:
         return []
-    stances = [Stance(robot, foot, chosen.feet) for foot in feet]
-    units = [math.sqrt(stance.size / GRAVITY) for stance in stances]
-    ranges = [(band[0] * unit, band[1] * unit) for unit in units]
-    return [Flights(robot, stance, turns, each, lean) for stance, each in zip(stances, ranges, strict=True)]
+    found = []
+    for stance in (Stance(chosen.robot, foot, chosen.feet) for foot in feet):
+        unit = math.sqrt(stance.size / GRAVITY)
+        found.append(Flights(stance, turns, (band[0] * unit, band[1] * unit), lean))
+    return found

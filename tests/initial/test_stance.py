@@ -66,7 +66,7 @@ def test_candidates_are_what_the_verdicts_say(root, seed):
     """The ratios of a candidate are those of the problem that is made of it."""
     robot = fp.Robot.from_urdf(root / "urdf" / "high_jumper.urdf")
     stance = Stance(robot, "foot")
-    found = Flights(robot, stance, 0, (0.2, 0.5), 0.5).search(seed)
+    found = Flights(stance, 0, (0.2, 0.5), 0.5).search(seed)
     postures = [fp.Posture(o, q) for o, q in zip(found.orientations, found.positions, strict=True)]
     problem = fp.Problem(
         robot,
@@ -86,7 +86,7 @@ def test_candidates_are_what_the_verdicts_say(root, seed):
     assert found.begins_and_ends
     degrees = np.rad2deg([*found.orientations, *found.positions.ravel()])
     np.testing.assert_allclose(degrees, degrees.round(), atol=1e-9)
-    again = Flights(robot, stance, 0, (0.2, 0.5), 0.5).search(seed)
+    again = Flights(stance, 0, (0.2, 0.5), 0.5).search(seed)
     assert again.duration == found.duration
     np.testing.assert_array_equal(again.positions, found.positions)
 
