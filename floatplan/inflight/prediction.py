@@ -1,4 +1,8 @@
-"""What will come of a motion: the rest of a flight from the present orientation, momentum and place, and its limits."""
+"""What will come of a motion: the rest of a flight from the present state, and the rows of the problem's limits.
+
+A row is kept where its value is at least zero: one minus the share of a limit that is used, or a clearance less its
+margin over ``LENGTH_SCALE``, as in the planner's constraints.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +14,20 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.inflight.limits import distance_rows, limit_rows, sensible_rows
+from floatplan.errors import InputError
 from floatplan.inflight.motion import RemainingMotion
+from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, ShareRows, can_write
 from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.clearance import LinkShapes, Segments
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import GaussGrid, PlanarBaseMotion, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis, joint_motion
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
 from floatplan.robot.robot import LinkCapsule, PlanarTree
+from floatplan.tables import JOINT_LIMITS
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 WATCHED = 40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
@@ -29,6 +36,111 @@ LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are
 OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
 THINNEST = 1e-3  # [m] of what is passed
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
+SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
+LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
+SHARE_AIM, SHARE_SOFTNESS = 0.02, 0.01  # [-] of limits, see :class:`LimitRows`
+DISTANCE_AIM, DISTANCE_SOFTNESS = 0.1, 0.02  # [LENGTH_SCALE]
+ALWAYS = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class LimitRows:
+    """A block of rows that applies within a window, s since takeoff.
+
+    Corrections aim at values of ``aim``, above zero; a row may miss that by ``softness`` where the landing may miss the
+    goal by sigma.
+    """
+
+    block: Block
+    aim: float
+    softness: float
+    window: tuple[float, float] = ALWAYS
+
+
+def _share(used: dict[str, Array], also: dict[str, Array]) -> LimitRows:
+    return LimitRows(ShareRows(used, also), SHARE_AIM, SHARE_SOFTNESS)
+
+
+def _distance(block: Block, window: tuple[float, float] = ALWAYS) -> LimitRows:
+    return LimitRows(block, DISTANCE_AIM, DISTANCE_SOFTNESS, window)
+
+
+def _selected(limit: Array) -> Array:
+    """Rows (r, n) that pick quantities (n,) over their limits, where these are finite."""
+    return np.diag(1 / limit)[np.isfinite(limit)]
+
+
+def limit_rows(problem: Problem) -> list[LimitRows]:
+    """Return the rows of all limits of a problem but distances; joint ranges need none.
+
+    Of torques those of each motor, alone and with its rate; generalised ones where they have a limit of their own.
+
+    Raises
+    ------
+    InputError
+        Corrections in flight do not know a limit.
+    """
+    robot = problem.robot
+    motors = np.isfinite(problem.motor_torque_limits)
+    implied = ((robot.motor_ratios == 0) | motors[:, None]).all(axis=0)
+    shares: list[tuple[dict[str, Array], dict[str, Array]]] = [
+        ({"motor_torques": _selected(problem.motor_torque_limits)}, {}),
+        (
+            {"motor_torques": _selected(problem.motor_stall)},
+            {"velocities": _selected(problem.motor_stall) @ (problem.motor_slope[:, None] * robot.motor_ratios)},
+        ),
+        ({"torques": _selected(np.where(implied, np.inf, problem.torque_limits))}, {}),
+    ]
+    limits = {row.quantity: problem.joint_limits[row.key] for row in JOINT_LIMITS}
+    for row in JOINT_LIMITS:
+        if row.quantity not in QUANTITIES and np.isfinite(limits[row.quantity]).any():
+            raise InputError(
+                f"corrections in flight do not know limits of {row.quantity}",
+                element=f"limits.{row.key}",
+                advice="leave it out, or fly without corrections",
+            )
+    if problem.limits.orientation_rate is not None:
+        limits["orientation_rate"] = np.array([problem.limits.orientation_rate])
+    shares += [({name: _selected(limit)}, {}) for name, limit in limits.items() if name in QUANTITIES]
+    return [_share(used, also) for used, also in shares if len(next(iter(used.values())))]
+
+
+def sensible_rows(plan: Plan) -> list[LimitRows]:
+    """Return a bound of the accelerations of joints that the problem does not limit: a multiple of the plan's largest.
+
+    Without it a goal that cannot be reached any more would be chased harder and harder until the landing.
+    """
+    problem, ratios = plan.problem, plan.robot.motor_ratios != 0
+    held = np.isfinite(np.minimum(problem.motor_torque_limits, problem.motor_stall))
+    limited = (~ratios | held[:, None]).all(axis=0) | np.isfinite(problem.joint_limits["acceleration"])
+    free = ~limited & ~np.isfinite(problem.torque_limits)
+    largest = float(plan.peaks.joints["acceleration"].max())
+    if not free.any() or not largest:
+        return []
+    return [_share({"accelerations": _selected(np.where(free, SENSIBLE * largest, np.inf))}, {})]
+
+
+def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[LimitRows]:
+    """Return the rows of all obstacles and pairs of links, measured to ``shapes``.
+
+    Raises
+    ------
+    InputError
+        Corrections in flight do not know a kind of obstacle.
+    """
+    rows = []
+    for obstacle in [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]:
+        if not can_write(obstacle):
+            raise InputError(
+                f"corrections in flight do not know obstacles of kind {obstacle.kind!r}",
+                element="obstacles",
+                advice="leave it out, or fly without corrections",
+            )
+        rows.append(_distance(ObstacleRows(obstacle, obstacle.margin, LENGTH_SCALE), obstacle.window or ALWAYS))
+    for pair in problem.self_clearances:
+        first, second = ([i for i, shape in enumerate(shapes) if shape.link == name] for name in pair.links)
+        rows.append(_distance(PairRows(first, second, pair.margin, LENGTH_SCALE)))
+    return rows
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update
@@ -87,7 +199,7 @@ class Views:
         self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes, hulls))
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
-        self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
+        self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self._functions = basis(form)
@@ -187,24 +299,9 @@ class Prediction:
         )
 
     @property
-    def watched(self) -> Array:
-        """Times (W,), s since takeoff, at which distances are watched."""
-        return self.motion.begin + self.motion.remaining * self._instants.watched
-
-    @property
     def times(self) -> Array:
-        """Times (K,), s since takeoff, at which all else is looked at."""
+        """Times (K,), s since takeoff, at which it is looked at."""
         return self.motion.begin + self.motion.remaining * self._instants.grid.s
-
-    @cached_property
-    def shapes(self) -> Segments:
-        """The links' shapes at the watched instants."""
-        grid, flight = self._instants.grid, self._flight
-        turned = self.motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
-        positions = self.flown.joints.positions[grid.nodes :]
-        angles = flight.tree.absolute_angles(flight.initial_orientation + turned, positions)
-        com = flight.ballistics.positions(self.watched - self.motion.begin)
-        return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
 
     @cached_property
     def flown(self) -> PlanarBaseMotion:
@@ -222,16 +319,6 @@ class Prediction:
     def miss(self) -> float:
         """Orientation at landing less the goal, rad."""
         return float(self.flown.residual[0, 0])
-
-    @cached_property
-    def values(self) -> tuple[Array, ...]:
-        """Values (K, r) or (W, r) of each block of rows."""
-        return tuple(block.values(self) for block in self._views.rows)
-
-    @cached_property
-    def worst(self) -> Array:
-        """Least value of each block."""
-        return np.array([values.min() for values in self.values])
 
     @cached_property
     def torque_peak(self) -> Array:

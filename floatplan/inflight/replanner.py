@@ -12,13 +12,19 @@ import numpy.typing as npt
 from floatplan.arguments import optional, outline, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.correction import REACHED, Correction, Reference, Status
-from floatplan.inflight.estimate import Estimate, Identification
-from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read, unwrapped
+from floatplan.inflight.correction import REACHED, Correction, Reference, Status, WarmStarts
+from floatplan.inflight.estimate import (
+    Estimate,
+    Identification,
+    Measurement,
+    Plausibility,
+    Recovery,
+    read,
+    unwrapped,
+)
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.prediction import Prediction, Views
+from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS, KEPT, Corrected, Update
-from floatplan.inflight.warm_start import WarmStarts
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
@@ -93,10 +99,8 @@ class Replanner:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
         path = plan.ballistics
-        nominal = self.views.flight.equations
-        start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
         orientation, momentum = plan.problem.initial.orientation, plan.angular_momentum
-        inertial = Identification(plan.robot.tree, nominal, orientation, momentum, start)
+        inertial = self.identification(momentum)
         self._recovery = Recovery()
         self._estimate = Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity)
         self._measured = -math.inf
@@ -104,9 +108,14 @@ class Replanner:
         self._corrected = -math.inf
         self._landing = plan.duration
         self._update.begin(self._estimate)
-        prediction = Prediction(self.views, self.motion, self._update.present(0.0, orientation))
-        corrected = Corrected(prediction, prediction.miss, prediction.worst, 1.0)
+        corrected = self._update.predicted(self.motion, orientation)
         self._last = Correction("applied", "", corrected, plan.duration, momentum)
+
+    def identification(self, angular_momentum: float) -> Identification:
+        """Return what is known at takeoff, with an angular momentum, kg m^2/s."""
+        initial, nominal = self.plan.problem.initial, self.views.flight.equations
+        inertia = float(nominal.momentum_map(initial.positions[None, :])[0, 0])
+        return Identification(self.plan.robot.tree, nominal, initial.orientation, angular_momentum, inertia)
 
     def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
         """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""

@@ -8,15 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.kernel.bodies import Bodies, merged_bodies
-from floatplan.kernel.filled import Filled, FilledArray, filled_robot
-from floatplan.kernel.layout import STRUCTURES
+from floatplan.kernel.bodies import filled_robot, merged_bodies
+from floatplan.kernel.layout import STRUCTURES, Filled, FilledArray
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.quadrature import chebyshev_nodes
 from floatplan.problem.problem import Problem
-from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
@@ -49,14 +46,17 @@ def many_peaks(
     count, n, size = coefficients.shape
     motors = len(like.robot.motors)
     peaks = np.empty((count, motors + n if velocities else motors))
-    robot, moments = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
+    robot, turns, amplitude = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
     grids, interpolations = _grids(size, NODES), _interpolations(size, NODES)
     batch = Filled(
         "Peaks",
         count=count,
         levels=len(grids.structures),
+        motors=motors,
         velocities=velocities,
         resolved=RESOLVED,
+        turns=turns,
+        amplitude=amplitude,
         duration=duration,
         momentum=angular_momentum,
         coefficients=np.nan_to_num(coefficients, nan=0.0),
@@ -64,7 +64,6 @@ def many_peaks(
     )
     failed = found.peaks(
         robot.structure,
-        moments.structure,
         grids.structures,
         interpolations.structures,
         STRUCTURES["Settings"](),
@@ -77,32 +76,12 @@ def many_peaks(
 
 
 @lru_cache(maxsize=8)
-def _measured(robot: Robot, ranges: tuple[tuple[float, float], ...], size: int) -> tuple[Filled, Filled]:
+def _measured(robot: Robot, ranges: tuple[tuple[float, float], ...], size: int) -> tuple[Filled, Array, Array]:
+    """Return the robot, how motors turn its links, and the joints' amplitudes."""
     low, high = np.array(ranges).T
     amplitude = (high - low) / 2
     bodies = merged_bodies(robot.tree, (low + high) / 2, amplitude)
-    filled = filled_robot(bodies, [size - CONDITIONS] * len(ranges))
-    return filled, _filled_moments(robot.tree, bodies, amplitude)
-
-
-def _filled_moments(tree: PlanarTree, bodies: Bodies, amplitude: Array) -> Filled:
-    """Each of the tree's bodies on its own: those that turn alike have motors of their own."""
-    group = np.abs(bodies.rotations).argmax(axis=0)
-    constant = bodies.rotations.sum(axis=0)
-    coupling = (constant.conj()[:, None] * centroidal_coupling(tree)) @ bodies.rotations.T
-    coupling[np.arange(len(group)), group] += tree.inertia
-    if bodies.is_mirrored:
-        coupling = coupling.conj()
-    return Filled(
-        "Moments",
-        bodies=len(group),
-        motors=tree.motor_turns.shape[1],
-        group=group,
-        real=coupling.real,
-        imaginary=coupling.imag,
-        turns=tree.motor_turns,
-        amplitude=amplitude,
-    )
+    return filled_robot(bodies, [size - CONDITIONS] * len(ranges)), robot.tree.motor_turns, amplitude
 
 
 @lru_cache(maxsize=16)

@@ -15,9 +15,19 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, OPTIMAL, Answers, Rows, Search
+from floatplan.kernel.batch import (
+    EASY_ITERATIONS,
+    FEASIBLE,
+    FINE,
+    INFEASIBLE,
+    OPTIMAL,
+    QUADRATURE_ERROR,
+    UNRESOLVED,
+    Answers,
+    Rows,
+    Search,
+)
 from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
-from floatplan.kernel.stages import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import reduce_violations

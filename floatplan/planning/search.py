@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
-from floatplan.kernel.stages import WANTED_AFTER_FAILURE
+from floatplan.kernel.batch import WANTED_AFTER_FAILURE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best

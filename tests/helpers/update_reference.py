@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -11,8 +11,9 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
-from floatplan.inflight.prediction import Prediction
-from floatplan.motion.planar.clearance import Segments
+from floatplan.inflight.prediction import LimitRows, Prediction
+from floatplan.kernel.constraints import ObstacleRows, PairRows, ShareRows
+from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.sine_polynomial import CONDITIONS
 
 
@@ -57,7 +58,7 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     return state, covariance
 
 
-def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration: float, landed: bool) -> Array:
+def step(replanner: fp.Replanner, begun: Reference, sigma: float, acceleration: float, landed: bool) -> Array:
     """Return the first Gauss-Newton step y (m, n) of the law from a motion on, its derivatives by central differences.
 
     With ``landed``, distances are those of a base that turns to the goal: the miss is taken off, by time.
@@ -65,16 +66,16 @@ def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration:
     motion, views = begun.motion, replanner.views
     shape = (len(motion.coefficients) - CONDITIONS, len(motion.amplitude))
 
-    def looked_at(y: Array) -> Prediction:
+    def looked_at(y: Array) -> Reference:
         coefficients = motion.coefficients.copy()
         coefficients[CONDITIONS:] += views.whitening @ y.reshape(shape) / motion.amplitude
-        kind = Landed if landed else Prediction
+        kind = Landed if landed else Reference
         return kind(views, replace(motion, coefficients=coefficients), begun.present)
 
     size, difference = shape[0] * shape[1], 1e-6
     ends = [[looked_at(sign * difference * unit) for sign in (1, -1)] for unit in np.eye(size)]
 
-    def slopes(value: Callable[[Prediction], Array]) -> Array:
+    def slopes(value: Callable[[Reference], Array]) -> Array:
         return np.array([(value(ahead) - value(back)) / (2 * difference) for ahead, back in ends]).T
 
     now = looked_at(np.zeros(size))
@@ -93,20 +94,71 @@ def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration:
     return np.asarray(y.reshape(shape))
 
 
-def _chosen(block: int, chosen: IntArray, prediction: Prediction) -> Array:
+def _chosen(block: int, chosen: IntArray, prediction: Reference) -> Array:
     return np.asarray(prediction.values[block].ravel()[chosen])
 
 
-class Landed(Prediction):
-    """One whose distances are those of a base that turns to the goal."""
+class Reference(Prediction):
+    """One with the values of all rows, by the general path."""
+
+    landed = False
+
+    @property
+    def watched(self) -> Array:
+        """Times (W,), s since takeoff, at which distances are looked at."""
+        return self.motion.begin + self.motion.remaining * self._instants.watched
 
     @cached_property
     def shapes(self) -> Segments:
-        """The links' shapes at the watched instants."""
+        """The links' shapes at these."""
         motion, flight = self.motion, self._flight
         joints, share = motion.at(self.watched)[0], (self.watched - motion.begin) / motion.remaining
         grid = self._instants.grid
-        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0]) - self.miss * share
+        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
+        turned -= self.landed * self.miss * share
         com = flight.ballistics.positions(self.watched - motion.begin)
         angles = flight.tree.absolute_angles(flight.initial_orientation + turned, joints)
         return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+
+    @cached_property
+    def values(self) -> list[Array]:
+        """Values (K, r) or (W, r) of each block of rows."""
+        return list(map(self._values, self._views.rows))
+
+    @property
+    def worst(self) -> Array:
+        """Least value of each block."""
+        return np.array([values.min() for values in self.values])
+
+    def _values(self, rows: LimitRows) -> Array:
+        block, times = rows.block, self.watched
+        if isinstance(block, ShareRows):
+            return np.asarray(1 - np.abs(self._sum(block.used)) - np.abs(self._sum(block.also)))
+        if isinstance(block, ObstacleRows):
+            pieces = [obstacle_distances(self.shapes, piece, times).values for piece in block.obstacle.pieces]
+            distances = np.concatenate(pieces, axis=1)
+        else:
+            assert isinstance(block, PairRows), "the blocks that there are"
+            first, second = (np.array(each) for each in (block.first, block.second))
+            distances = pair_distances(self.shapes.of(first), self.shapes.of(second)).values
+        values = (distances - block.least) / block.scale
+        low, high = rows.window
+        values[(times < low - update.ROUNDING) | (times > high + update.ROUNDING)] = np.inf
+        return np.asarray(values)
+
+    def _sum(self, weighted: Mapping[str, Array]) -> Array:
+        flown, joints = self.flown, self.flown.joints
+        quantities = {
+            "velocities": joints.velocities,
+            "accelerations": joints.accelerations,
+            "torques": flown.torques,
+            "motor_torques": flown.motor_torques,
+            "orientation_rate": flown.rate,
+        }
+        return np.asarray(sum((quantities[name] @ weights.T for name, weights in weighted.items()), np.zeros(1)))
+
+
+class Landed(Reference):
+    """One whose distances are those of a base that turns to the goal."""
+
+    landed = True

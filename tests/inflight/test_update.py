@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
 from plain_problems import plain_problems
-from update_reference import filtered, step
+from update_reference import Reference, filtered, step
 
 import floatplan as fp
-from floatplan.inflight import limits, prediction, update
+from floatplan.inflight import prediction, update
 from floatplan.inflight.correction import REACHED, Correction
-from floatplan.inflight.prediction import Prediction
 from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.robot.urdf.example_robots import robots_folder
 
@@ -38,10 +37,10 @@ def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
     return replace(problem, limits=replace(problem.limits, **found))
 
 
-def assert_foreseen(correction: Correction, rest: Prediction) -> None:
+def assert_foreseen(replanner: fp.Replanner, correction: Correction, rest: Reference) -> None:
     """What is said of a correction is so, evaluated anew; what the motion that it changes, ``rest``, keeps is kept."""
     there = correction.corrected
-    anew = there.prediction
+    anew = Reference(replanner.views, there.motion, there.prediction.present)
     assert there.miss == pytest.approx(anew.miss, rel=1e-9, abs=1e-10)
     np.testing.assert_allclose(there.worst, anew.worst, rtol=1e-8, atol=1e-8)
     assert (there.share == 0) == (correction.status == "refused")
@@ -88,7 +87,7 @@ def flown(plan: fp.Plan, replanner: fp.Replanner, begin: float, seed: int) -> in
                 for old, new in zip(before.motion.at(times)[:2], rest.at(times)[:2], strict=True):
                     np.testing.assert_allclose(new, old, rtol=1e-8, atol=1e-8)
             present = correction.corrected.prediction.present
-            assert_foreseen(correction, Prediction(replanner.views, rest, present))
+            assert_foreseen(replanner, correction, Reference(replanner.views, rest, present))
             corrected += 1
         robot.fly(replanner, following, 40)
     return corrected
@@ -195,7 +194,7 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     monkeypatch.setattr(update, "EVALUATIONS_FAR", 1)
     monkeypatch.setattr(update, "FAR", 0.0 if landed else math.inf)
     monkeypatch.setattr(update, "WEIGHED", 1e3)
-    monkeypatch.setattr(limits.Shares, "aim", 0.8)
+    monkeypatch.setattr(prediction, "SHARE_AIM", 0.8)
     problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(1))
     apart = tuple(replace(pair, margin=pair.margin + 0.25) for pair in problem.self_clearances)
     problem = replace(problem, self_clearances=apart)
@@ -207,7 +206,7 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     now = replanner._update
     orientation = float(plan.orientation(np.array([begin]))[0]) + 0.05
     replanner._estimate.inertial.state[0] = orientation
-    rest = Prediction(replanner.views, replanner.rest(begin), now.present(begin, orientation))
+    rest = Reference(replanner.views, replanner.rest(begin), now.present(begin, orientation))
     assert (rest.worst < [block.aim for block in replanner.views.rows]).sum() >= 4
     found = now.corrected(begin, orientation, plan.duration, 1)
     assert found.share == 1

@@ -10,12 +10,12 @@ import pytest
 import floatplan as fp
 from floatplan.inflight import prediction
 from floatplan.kernel import batch, build, layout
-from floatplan.kernel.filled import Filled, filled_grid
-from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES
+from floatplan.kernel.bodies import filled_grid
+from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES, Filled
 
 
 def test_structures_and_enumerations_are_the_compiler_s(tmp_path):
-    lines = ["#include <cstddef>", *(f'#include "{build.FOLDER / name}"' for name in layout.HEADERS)]
+    lines = ["#include <cstddef>", f'#include "{build.FOLDER / layout.HEADER}"']
     for name, kind in STRUCTURES.items():
         lines.append(f"static_assert(sizeof({name}) == {layout.ctypes.sizeof(kind)});")
         for member, *_ in kind._fields_:

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.watch import Block, ObstacleRows, PairRows, SumRows
+from floatplan.kernel.constraints import Block, ObstacleRows, PairRows, SumRows
 from floatplan.motion.dynamics import Distances
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds

@@ -12,9 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.course import Look, minima
-from floatplan.kernel.quadratic import step_by_active_rows
-from floatplan.kernel.stages import (
+from floatplan.kernel.batch import (
     COARSE,
     COARSELY_RESOLVED,
     FINE,
@@ -26,7 +24,8 @@ from floatplan.kernel.stages import (
     ROUGH,
     nearly_resolved,
 )
-from floatplan.kernel.watch import Watch
+from floatplan.kernel.constraints import CompiledConstraints, Look, minima
+from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
@@ -115,7 +114,7 @@ def local_minima(
     return Worst(block[column], row[column], s, least)
 
 
-def _compiled_minima(watch: Watch, motion: Trajectory, constraints: tuple[Constraint, ...]) -> Worst:
+def _compiled_minima(watch: CompiledConstraints, motion: Trajectory, constraints: tuple[Constraint, ...]) -> Worst:
     """The same by the kernel."""
     block, rows, look = _look(constraints)
     found = minima(watch, motion.flown, motion.variables.polynomials, look, NEAR, 1 / (FIRST_LOOK - 1))

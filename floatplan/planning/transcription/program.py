@@ -8,8 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.watch import SumRows, Watch, watch
-from floatplan.kernel.watched import ByX, Instants, Motion
+from floatplan.kernel.constraints import ByX, CompiledConstraints, Instants, Motion, SumRows, compiled_constraints
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
@@ -101,7 +100,7 @@ class FlightProgram:
         return Derivatives(gradient, equality, np.concatenate([np.empty((0, len(x))), *rows]))
 
     @cached_property
-    def _watch(self) -> Watch | None:
+    def _watch(self) -> CompiledConstraints | None:
         """What computes rows, and the quantity of the objective, in the kernel; None where it does not know them."""
         quantity = self.objective.quantity if isinstance(self.objective, IntegralOfSquares) else ""
         return None if self.variables.following else watch_of(self.model.flight, self.constraints, quantity)
@@ -166,10 +165,10 @@ class FlightProgram:
 
 
 @lru_cache(maxsize=16)
-def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> Watch | None:
+def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints | None:
     """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel does not know one."""
     blocks = [block for constraint in constraints if (block := constraint.compiled())]
-    return watch(flight, blocks, also=also) if len(blocks) == len(constraints) else None
+    return compiled_constraints(flight, blocks, also) if len(blocks) == len(constraints) else None
 
 
 def scaled(program: FlightProgram, x: Array) -> FlightProgram:
