@@ -150,8 +150,8 @@ def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, b
             rate = float(robot.base_rate(positions, velocities, momentum)[0])
             replanner.update(time, inertial.orientation, rate, positions[0], velocities[0])
         if replanner.views.rows:
-            soon = real.predicted(replanner.rest(time), inertial.orientation).prediction.times <= following
-            if not (real.row_values.T[soon] >= -ALLOWED).all():
+            real.predicted(replanner.rest(time))
+            if not (real.row_values.T[real.times <= following] >= -ALLOWED).all():
                 return False
         times = time + (following - time) * quadrature.nodes
         positions, velocities, _ = replanner.motion.at(times)

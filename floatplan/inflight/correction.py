@@ -63,7 +63,7 @@ class Correction(Outlined):
     @property
     def torque_peak(self) -> Array:
         """Largest magnitude (m,) N m of each motor's torque for the rest of the flight, in ``robot.motors``' order."""
-        return self.corrected.prediction.torque_peak
+        return self.corrected.torque_peak
 
 
 @dataclass(frozen=True, eq=False, repr=False)

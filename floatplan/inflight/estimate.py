@@ -17,9 +17,8 @@ tucks and stretches: a filter of h alone would lag behind it. The angles, too, t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 from operator import le, sub
 
@@ -27,7 +26,6 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
-from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
@@ -274,11 +272,6 @@ class Identification:
         """The state was changed by others: by the kernel."""
         self._dynamics = None
 
-    def as_found(self) -> Callable[[], Dynamics]:
-        """Return what gives the dynamics with the masses found by now, also later."""
-        known = self._dynamics
-        return partial(self._adapted, self.state[2:].copy()) if known is None else partial(_same, known)
-
     def forget(self) -> None:
         """Orientation and momentum are known no better than at takeoff: the robot was hit, or was long unseen."""
         self.covariance[:2] = self.covariance[:, :2] = 0.0
@@ -291,10 +284,6 @@ class Identification:
         masses = errors[:bodies] * self._mass
         coupling = self._coupling + self._weights.conj().T @ (masses[:, None] * self._weights)
         return self._nominal.adapted(coupling, self._inertia * (1 + errors[bodies:]))
-
-
-def _same(dynamics: Dynamics) -> Dynamics:
-    return dynamics
 
 
 @dataclass
@@ -314,11 +303,9 @@ class Estimate:
 
     def place(self, time: float) -> tuple[Array, Array]:
         """Place and velocity (2,) of the centre of mass at a time."""
-        return _fallen(time - self.com_time, self.com_position, self.com_velocity, self.gravity)
-
-    def path_from(self, time: float) -> Callable[[], Ballistics]:
-        """Return what gives the path of the centre of mass from a time on, as it is known by now, also later."""
-        return partial(_path, time - self.com_time, self.com_position, self.com_velocity, self.gravity)
+        dt = time - self.com_time
+        fall = np.array([0.0, self.gravity * dt])
+        return self.com_position + dt * (self.com_velocity - fall / 2), self.com_velocity - fall
 
     @property
     def orientation(self) -> float:
@@ -350,12 +337,3 @@ class Estimate:
         if self.gravity <= 0 or reach < 0:
             return None
         return self.com_time + float((speed + math.sqrt(reach)) / self.gravity)
-
-
-def _fallen(dt: float, position: Array, velocity: Array, gravity: float) -> tuple[Array, Array]:
-    fall = np.array([0.0, gravity * dt])
-    return position + dt * (velocity - fall / 2), velocity - fall
-
-
-def _path(dt: float, position: Array, velocity: Array, gravity: float) -> Ballistics:
-    return Ballistics(*_fallen(dt, position, velocity, gravity), gravity)

@@ -1,4 +1,4 @@
-"""What will come of a motion: the rest of a flight from the present state, and the rows of the problem's limits.
+"""What is looked at in the rest of a flight: instants, and rows of the problem's limits.
 
 A row is kept where its value is at least zero: one minus the share of a limit that is used, or a clearance less its
 margin over ``LENGTH_SCALE``, as in the planner's constraints.
@@ -7,22 +7,18 @@ margin over ``LENGTH_SCALE``, as in the planner's constraints.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.inflight.motion import RemainingMotion
 from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, ShareRows, can_write
-from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.flight import GaussGrid, PlanarBaseMotion, PlanarFlight, gauss_grid, planar_flight
+from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis, joint_motion
+from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -30,8 +26,10 @@ from floatplan.robot.robot import LinkCapsule, PlanarTree
 from floatplan.tables import JOINT_LIMITS
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
-WATCHED = 40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
-MOST_WATCHED = 160  # [-] where an obstacle could be passed unseen between so few
+LEAST_INSTANTS = (
+    40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
+)
+MOST_INSTANTS = 160  # [-] where an obstacle could be passed unseen between so few
 LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
 OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
 THINNEST = 1e-3  # [m] of what is passed
@@ -143,33 +141,9 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
     return rows
 
 
-@dataclass(eq=False)  # not frozen, for its speed: there is one per update
-class Present:
-    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s.
-
-    ``path`` gives the path of the CM from now on, ``adapted`` the dynamics of its masses, when they are asked for.
-    """
-
-    time: float
-    orientation: float
-    angular_momentum: float
-    path: Callable[[], Ballistics]
-    adapted: Callable[[], Dynamics]
-
-    @cached_property
-    def com(self) -> Ballistics:
-        """Path of the centre of mass from now on."""
-        return self.path()
-
-    @cached_property
-    def dynamics(self) -> Dynamics:
-        """With the masses that the robot is believed to have."""
-        return self.adapted()
-
-
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Where a motion is looked at, as shares of what remains: the nodes, then the W watched ones.
+    """Where a motion is looked at, as shares of what remains: the nodes, then W beside them.
 
     ``values`` are those of the basis and its two derivatives there, (K, 6+m) each; ``free`` (K, m) of changes y.
     """
@@ -178,14 +152,9 @@ class Instants:
     values: tuple[Array, Array, Array]
     free: tuple[Array, ...]
 
-    @property
-    def watched(self) -> Array:
-        """Shares (W,)."""
-        return self.grid.s[self.grid.nodes :]
-
 
 class Views:
-    """What all predictions of a plan's flight have in common: the instants and the rows.
+    """Instants and rows of a plan's flight.
 
     Changes y (m, n) of the free polynomials, ``whitening @ y / amplitude`` of their coefficients, are in rad and make a
     second derivative of the positions by u whose root mean square is at most ``|y|``.
@@ -204,12 +173,11 @@ class Views:
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self._functions = basis(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
-        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _watched(plan, self.flight, obstacles)
+        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _instants_needed(plan, self.flight, obstacles)
         count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
         self._always = nodes.also(np.linspace(0.0, 1.0, count))
         self.instants = self._at(self._always)
         self.instants = self.between(0.0, plan.duration)
-        self.motor_turns = plan.robot.tree.motor_turns
 
     def _at(self, grid: GaussGrid) -> Instants:
         values = self._functions.values(grid.s)
@@ -224,11 +192,11 @@ class Views:
         return self._at(self._always.also((times.ravel() - begin) / (end - begin)))
 
 
-def _watched(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:
+def _instants_needed(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:
     """Number of instants between which, on the plan, no link passes an obstacle from one side to the other."""
     if not obstacles:
-        return WATCHED
-    times = np.linspace(0.0, plan.duration, MOST_WATCHED)
+        return LEAST_INSTANTS
+    times = np.linspace(0.0, plan.duration, MOST_INSTANTS)
     state, com = plan.at(times), flight.ballistics.positions(times)
     angles = flight.tree.absolute_angles(state.orientation, state.positions)
     shapes = flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
@@ -237,7 +205,7 @@ def _watched(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) ->
         moved = times[:, None] * complex(*obstacle.velocity)
         step = np.maximum(*(np.abs(np.diff(ends - moved, axis=0)).max(axis=0) for ends in (shapes.start, shapes.end)))
         passes.append(float((step / np.maximum(obstacle.thickness + 2 * shapes.radius, THINNEST)).max()))
-    return min(max(WATCHED, math.ceil(MOST_WATCHED * max(passes))), MOST_WATCHED)
+    return min(max(LEAST_INSTANTS, math.ceil(MOST_INSTANTS * max(passes))), MOST_INSTANTS)
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
@@ -268,59 +236,3 @@ def _second_derivatives(form: Form) -> Array:
     quadrature = gauss_grid(NODE_COUNTS[-1] if form.width > 20 else 48).quadrature
     second = basis(form).values(quadrature.nodes)[2][:, CONDITIONS:]
     return np.asarray(second.T @ (quadrature.weights[:, None] * second))
-
-
-class Prediction:
-    """The rest of a flight under a motion, evaluated when asked."""
-
-    def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
-        self._views, self.motion, self._present = views, motion, present
-
-    def __reduce__(self) -> tuple[type[Prediction], tuple[Views, RemainingMotion, Present]]:
-        """To what it is made of: a copy evaluates anew."""
-        return Prediction, (self._views, self.motion, self._present)
-
-    @cached_property
-    def _instants(self) -> Instants:
-        return self._views.between(self.motion.begin, self.motion.end)
-
-    @cached_property
-    def _flight(self) -> PlanarFlight:
-        flight, present = self._views.flight, self._present
-        return PlanarFlight(
-            flight.tree,
-            present.dynamics,
-            flight.link_shapes,
-            present.com,
-            present.orientation,
-            flight.final_orientation,
-            self.motion.remaining,
-            flight.final_orientation - present.orientation,
-        )
-
-    @property
-    def times(self) -> Array:
-        """Times (K,), s since takeoff, at which it is looked at."""
-        return self.motion.begin + self.motion.remaining * self._instants.grid.s
-
-    @cached_property
-    def flown(self) -> PlanarBaseMotion:
-        """How the base turns."""
-        motion, instants = self.motion, self._instants
-        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, instants.values)
-        return PlanarBaseMotion(self._flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
-
-    @property
-    def present(self) -> Present:
-        """The robot now."""
-        return self._present
-
-    @cached_property
-    def miss(self) -> float:
-        """Orientation at landing less the goal, rad."""
-        return float(self.flown.residual[0, 0])
-
-    @cached_property
-    def torque_peak(self) -> Array:
-        """Largest torque (m,) of each motor for the rest of the flight, N m."""
-        return np.asarray(np.abs(self.flown.moments @ self._views.motor_turns).max(axis=0))

@@ -99,7 +99,7 @@ class Replanner:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
         path = plan.ballistics
-        orientation, momentum = plan.problem.initial.orientation, plan.angular_momentum
+        momentum = plan.angular_momentum
         inertial = self.identification(momentum)
         self._recovery = Recovery()
         self._estimate = Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity)
@@ -108,7 +108,7 @@ class Replanner:
         self._corrected = -math.inf
         self._landing = plan.duration
         self._update.begin(self._estimate)
-        corrected = self._update.predicted(self.motion, orientation)
+        corrected = self._update.predicted(self.motion)
         self._last = Correction("applied", "", corrected, plan.duration, momentum)
 
     def identification(self, angular_momentum: float) -> Identification:
@@ -122,7 +122,7 @@ class Replanner:
         self.reset()
         self._estimate.inertial.state[1] = angular_momentum
         self._update.remember(motion)
-        return self._update.corrected(0.0, self._estimate.orientation, self.plan.duration, evaluations)
+        return self._update.corrected(0.0, self.plan.duration, evaluations)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -193,7 +193,7 @@ class Replanner:
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
-        return self._correct(present, self._estimate.orientation + self._update.turned)
+        return self._correct(present)
 
     def _learned(self, measured: Measurement, now: float) -> str:
         """Take in a measurement; why not, where it cannot be one."""
@@ -217,14 +217,14 @@ class Replanner:
         self._measured = measured.time
         return ""
 
-    def _correct(self, now: float, orientation: float) -> Correction:
+    def _correct(self, now: float) -> Correction:
         first, self._corrected = self._corrected < 0.0, now
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         warm_start = self._warm_starts.at(now, self._estimate.angular_momentum) if first else None
         evaluations = FIRST if first else EVALUATIONS
-        corrected = self._update.corrected(now, orientation, landing, evaluations, warm_start)
+        corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
         status, reason = _judged(corrected)
         self._last = Correction(status, reason, corrected, landing, self._estimate.angular_momentum)

@@ -16,7 +16,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate as filtering
 from floatplan.inflight.estimate import Estimate, Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.prediction import Instants, LimitRows, Prediction, Present, Views
+from floatplan.inflight.prediction import Instants, LimitRows, Views
 from floatplan.kernel.bodies import Bodies, filled_robot
 from floatplan.kernel.constraints import CompiledConstraints
 from floatplan.kernel.layout import ENUMERATIONS, Filled
@@ -66,18 +66,14 @@ def _constants() -> dict[str, Any]:
 class Corrected:
     """The motion that was chosen and what it leads to: its miss, rad, the least value of each block of rows.
 
-    ``share`` of the correction was taken.
+    ``torque_peak`` (m,) N m is each motor's largest; ``share`` of the correction was taken.
     """
 
-    prediction: Prediction
+    motion: RemainingMotion
     miss: float
     worst: Array
+    torque_peak: Array
     share: float
-
-    @property
-    def motion(self) -> RemainingMotion:
-        """The joints' motion."""
-        return self.prediction.motion
 
 
 class Update:
@@ -87,7 +83,7 @@ class Update:
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
-        self.views, self._first = views, rewriting.first
+        self.views, self._first, self._instants = views, rewriting.first, views.instants
         self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
         blocks = views.rows
         constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
@@ -113,6 +109,7 @@ class Update:
             "coefficients": np.zeros((columns, n)),
             "warm_start": np.zeros((width, n)),
             "worst": np.zeros(len(blocks)),
+            "torque_peak": np.zeros(tree.motor_turns.shape[1]),
             "row_values": np.zeros((constraints.rows, len(views.instants.grid.s))),
         }
         self._filled = Filled(
@@ -121,6 +118,8 @@ class Update:
             instants=len(views.instants.grid.s),
             nodes=views.instants.grid.nodes,
             goal=views.flight.final_orientation,
+            motors=tree.motor_turns.shape[1],
+            motor_turns=tree.motor_turns,
             **_of_motions(views, rewriting),
             **self._of_instants(views.instants),
             columns=width * np.arange(n + 1),
@@ -198,54 +197,51 @@ class Update:
         """By how much the base turns from the measurement that was learnt from last until ``now``, rad."""
         return float(self._flight.turn_after)
 
-    def corrected(
-        self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
-    ) -> Corrected:
+    def corrected(self, now: float, landing: float, evaluations: int, warm_start: Array | None = None) -> Corrected:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
-        flight, present = self._flight, self.present(now, orientation)
-        self._look_at(present, landing)
+        flight = self._flight
+        self._look_at(now, landing)
         flight.evaluations, flight.is_warm = evaluations, warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
-        return self._judged(motion, present)
+        return self._judged(motion)
 
-    def predicted(self, motion: RemainingMotion, orientation: float) -> Corrected:
-        """Return what comes of a motion as it is; the estimate and its orientation, rad, are those when it begins."""
-        present = self.present(motion.begin, orientation)
-        self._look_at(present, motion.end)
+    def predicted(self, motion: RemainingMotion) -> Corrected:
+        """Return what comes of a motion as it is; the estimate is that when it begins."""
+        self._look_at(motion.begin, motion.end)
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["predict_motion"])
-        return self._judged(motion, present)
+        return self._judged(motion)
+
+    @property
+    def times(self) -> Array:
+        """Times (K,), s since takeoff, at which the rest of the flight was looked at last."""
+        begin, end = self._flight.now, self._flight.landing
+        return np.asarray(begin + (end - begin) * self._instants.grid.s)
 
     @property
     def row_values(self) -> Array:
         """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
         return self._called["row_values"]
 
-    def _look_at(self, present: Present, landing: float) -> None:
-        """Look at the rest of a flight, from the present to a landing, s."""
-        self._flight.now, self._flight.landing = present.time, landing
-        if self.views.has_distances:
-            com = present.com
-            self._path[:] = (*com.position0, *com.velocity0, com.gravity)
-            instants = self.views.between(present.time, landing)
-            if instants is not self.views.instants:
-                arrays = self._of_instants(instants)
-                self._filled.point_to(**{name: np.ascontiguousarray(part) for name, part in arrays.items()})
+    def _look_at(self, now: float, landing: float) -> None:
+        """Look at the rest of a flight, from now to a landing, s."""
+        self._flight.now, self._flight.landing = now, landing
+        if not self.views.has_distances:
+            return
+        place, velocity = self.estimate.place(now)
+        self._path[:] = (*place, *velocity, self.estimate.gravity)
+        instants = self.views.between(now, landing)
+        if instants is not self._instants:
+            self._instants, arrays = instants, self._of_instants(instants)
+            self._filled.point_to(**{name: np.ascontiguousarray(part) for name, part in arrays.items()})
 
-    def _judged(self, motion: RemainingMotion, present: Present) -> Corrected:
-        found = self._flight.corrected
-        prediction = Prediction(self.views, motion, present)
-        return Corrected(prediction, found.miss, self._called["worst"].copy(), found.share)
-
-    def present(self, now: float, orientation: float) -> Present:
-        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
-        estimate = self.estimate
-        inertial = estimate.inertial
-        return Present(now, orientation, inertial.angular_momentum, estimate.path_from(now), inertial.as_found())
+    def _judged(self, motion: RemainingMotion) -> Corrected:
+        found, called = self._flight.corrected, self._called
+        return Corrected(motion, found.miss, called["worst"].copy(), called["torque_peak"].copy(), found.share)
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""

@@ -209,62 +209,21 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def _settings(search: Search) -> Structure:
-    """Every constant of the search; those that the solver of programs with constraints has too, from there."""
+    """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
     fine = replace(FINE, longest_step=search.longest_step)
     steps = (
         (ROUGH, NEARLY_RESOLVED),
         (nearly_resolved(fine), NEARLY_RESOLVED),
         (fine, QUADRATURE_ERROR),
     )
-    least, most = sqp.SHORTENING
-    return STRUCTURES["Settings"](
-        stages=tuple(
-            (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations)
-            for each, error in steps
-        ),
-        longest_step=search.longest_step,
-        coarsely_resolved=COARSELY_RESOLVED,
-        too_wild=TOO_WILD,
-        hopeless=HOPELESS,
-        tolerance=ORIENTATION,
-        unresolved=UNRESOLVED,
-        smallest_tail=SMALLEST_TAIL,
-        largest_tail=LARGEST_TAIL,
-        armijo=sqp.ARMIJO,
-        penalty_factor=sqp.PENALTY_FACTOR,
-        penalty_kept=sqp.PENALTY_KEPT,
-        shortest_step=sqp.SHORTEST_STEP,
-        shortening_least=least,
-        shortening_most=most,
-        largest_multiplier=sqp.LARGEST_MULTIPLIER,
-        damping=sqp.DAMPING,
-        slack_penalty=sqp.SLACK_PENALTY,
-        largest_curvature=sqp.LARGEST_CURVATURE,
-        polished=sqp.POLISHED,
-        slow_evaluations=sqp.SLOW_EVALUATIONS,
-        slow_steps=sqp.SLOW_STEPS,
-        polishing_steps=0 if search.only_draws else sqp.POLISHING_STEPS,
-        most_rounds=MOST_ROUNDS,
-        most_iterations=MOST_ITERATIONS,
-        first_level=FIRST_LEVEL,
-        levels=len(NODE_COUNTS),
-        finer=FINER,
-        level_of_starts=LEVEL_OF_STARTS,
-        candidates=CANDIDATES,
-        followed=FOLLOWED,
-        hopeless_way=HOPELESS_WAY,
-        changed_branches=CHANGED_BRANCHES,
-        step_to_rank=STEP_TO_RANK,
-        ranked_rounds=RANKED_ROUNDS,
-        steps_to_rank=STEPS_TO_RANK,
-        agreement=AGREEMENT,
-        starts_to_agree=STARTS_TO_AGREE,
-        agreeing=AGREEING,
-        starts=search.starts,
-        first_start=search.first_start,
-        most_starts=search.most_starts,
-        easy_iterations=EASY_ITERATIONS,
-        wanted_after_failure=WANTED_AFTER_FAILURE,
-        seed=search.seed,
-        spreads=SPREADS_OF_STARTS,
+    numbers = {name.lower(): value for name, value in {**vars(sqp), **globals()}.items() if name.isupper()}
+    numbers["shortening_least"], numbers["shortening_most"] = sqp.SHORTENING
+    numbers |= {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "spreads": SPREADS_OF_STARTS}
+    numbers["smallest_tail"], numbers["largest_tail"] = SMALLEST_TAIL, LARGEST_TAIL
+    numbers["stages"] = tuple(
+        (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations) for each, error in steps
     )
+    if search.only_draws:
+        numbers["polishing_steps"] = 0
+    kind = STRUCTURES["Settings"]
+    return kind(**{name: numbers[name] for name, *_ in kind._fields_})

@@ -217,7 +217,7 @@ def _is_known(block: Block) -> bool:
     return not isinstance(block, SumRows) or block.weights.keys() <= set(QUANTITIES)
 
 
-class Instants:
+class RowTargets:
     """Where rows are evaluated: instants ``s`` (K,), and where each goes: ``target`` (K, rows), negative: nowhere.
 
     ``count`` rows go somewhere; each value is lower by ``back_off``.
@@ -258,10 +258,10 @@ class ByX:
     axes: Array
 
 
-class Motion:
+class MotionRows:
     """A flight at these instants; what it computes of the base's motion, ``flown`` need not compute again."""
 
-    def __init__(self, instants: Instants, flown: BaseMotion) -> None:
+    def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
         assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
         self._instants, self._flown, self._constraints = instants, flown, instants.constraints
         joints, n = flown.joints, instants.constraints.joints

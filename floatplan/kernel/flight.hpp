@@ -32,7 +32,7 @@ class FlightUpdate {
                 }
     }
 
-    // Joints and base at the time of a measurement, if they were on their reference, and how well the orientation is known.
+    // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
     void expect() {
         const std::int64_t nodes = f.gap_nodes, here = nodes, measured = 2 * nodes + 1;
         for (std::int64_t k = 0; k < nodes; ++k) {
@@ -207,7 +207,7 @@ class FlightUpdate {
         return dt * total;
     }
 
-    // How h less the momentum with the plan's masses depends on the state, at instant k with the base turning at a rate.
+    // How h less the momentum with the plan's masses depends on the state, at instant k and a rate of the base.
     void momentum_row(double rate, std::int64_t k, double *row) const {
         row[0] = 0;
         row[1] = 1;
@@ -233,7 +233,8 @@ class FlightUpdate {
         for (std::int64_t e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
         for (std::int64_t e = 0; e < state_size; ++e) {
             change[e] = 0;
-            for (std::int64_t o = 0; o < state_size; ++o) change[e] += covariance[e * state_size + o] * row[o] * per_row;
+            for (std::int64_t o = 0; o < state_size; ++o)
+                change[e] += covariance[e * state_size + o] * row[o] * per_row;
         }
         for (std::int64_t e = 0; e < state_size; ++e) {
             covariance[e] += change[e];
@@ -276,7 +277,8 @@ class FlightUpdate {
     }
 };
 
-static inline void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, std::int64_t what) {
+static inline void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight,
+                                 std::int64_t what) {
     FlightUpdate update(robot, constraints, flight, flight.room);
     switch (what) {
     case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);

@@ -173,7 +173,7 @@ struct Corrected {
 // n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p.
 struct Flight {
     Eights instants;
-    std::int64_t width, nodes, gap_nodes, memory, blocks, most_rows;
+    std::int64_t width, nodes, gap_nodes, memory, blocks, most_rows, motors;
     double goal;
     const double *centre, *amplitude;                // (n)
     const double *weights;                           // (nodes)
@@ -187,6 +187,7 @@ struct Flight {
     const std::int64_t *block_first;                 // (blocks + 1): rows of the constraints, block by block
     const double *aim, *softness;                    // (blocks)
     const double *row_window;                        // (rows, 2), s
+    const double *motor_turns;                       // (m, motors)
     const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
     // The law's constants.
     double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
@@ -212,7 +213,7 @@ struct Flight {
     double turn_before, turn_after, expected_rate, aside, variance, noise;
     std::int64_t evaluations, is_warm;
     double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
-    double *row_values;                              // (rows, K)
+    double *row_values, *torque_peak;                // (rows, K), (motors)
     Corrected corrected;
     double *room;                                    // what floatplan_flight_room() says
 };

@@ -27,10 +27,9 @@ class Correcting {
     void predict(const double *coefficients, Corrected &found) {
         std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
         rest.evaluate(*present);
-        found = {present->miss, 1, 1};
-        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
-        const std::int64_t values = f.block_first[f.blocks] * f.instants;
-        std::memcpy(f.row_values, present->value, values * sizeof(double));
+        found.share = found.evaluated = 1;
+        std::memcpy(f.row_values, present->value, f.block_first[f.blocks] * f.instants * sizeof(double));
+        report(found);
     }
 
     // Corrects the motion whose coefficients are given; leaves the new ones, and what comes of them, in `f`.
@@ -66,9 +65,8 @@ class Correcting {
                 found.share = warm;
             }
         }
-        found.miss = present->miss;
         std::memcpy(f.coefficients, present->coefficients, (6 + width) * n * sizeof(double));
-        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
+        report(found);
     }
 
   private:
@@ -78,6 +76,12 @@ class Correcting {
     std::int64_t n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
     double *best, *y, *step, *gradient, *hessian, *jacobian, *residual, *first, *worst;
+
+    void report(Corrected &found) {
+        found.miss = present->miss;
+        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
+        rest.find_torque_peaks(*present);
+    }
 
     // Begins at the motion that is prepared, where that lands nearer; what is left is corrected from there.
     bool warm_start(Corrected &found) {

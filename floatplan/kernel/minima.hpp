@@ -78,7 +78,8 @@ static inline void narrow(Value value_at, double low, double high, double &where
 }
 
 // Local minima, lower than near but for what a row falls between two instants of the grid, and where; 1 without memory.
-static inline std::int64_t find_minima(const Robot &robot, const Constraints &constraints, const Series &series, Minima &minima) {
+static inline std::int64_t find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
+                                       Minima &minima) {
     constexpr int around = 17;
     const std::int64_t rows = constraints.rows, count = minima.instants;
     Motion m{}, close{};
@@ -117,8 +118,9 @@ static inline std::int64_t find_minima(const Robot &robot, const Constraints &co
     for (std::int64_t found = 0; found < minima.found; ++found) {
         const std::int64_t row = minima.row[found];
         double &where = minima.s[found], &least = minima.least[found], s[around];
-        double low = larger(where - minima.span, minima.low[row]), high = smaller(where + minima.span, minima.high[row]);
-        double step = (high - low) / (around - 1), center = where;
+        const double low = larger(where - minima.span, minima.low[row]);
+        const double high = smaller(where + minima.span, minima.high[row]);
+        const double step = (high - low) / (around - 1), center = where;
         auto look = [&](const double *s, std::int64_t instants) {
             follow(robot, constraints, series, s, instants, close);
             row_values(robot, constraints, close, row, everywhere, close.value);

@@ -47,7 +47,7 @@ def many_peaks(
     motors = len(like.robot.motors)
     peaks = np.empty((count, motors + n if velocities else motors))
     robot, turns, amplitude = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
-    grids, interpolations = _grids(size, NODES), _interpolations(size, NODES)
+    grids, interpolations = _grids(size, NODES)
     batch = Filled(
         "Peaks",
         count=count,
@@ -85,48 +85,21 @@ def _measured(robot: Robot, ranges: tuple[tuple[float, float], ...], size: int) 
 
 
 @lru_cache(maxsize=16)
-def _grids(size: int, counts: tuple[int, ...]) -> FilledArray:
-    """Powers of s at the nodes: (14) is not integrated here, so without weights."""
-    return FilledArray("Grid", [_filled_grid(nodes, size) for nodes in counts])
-
-
-def _filled_grid(nodes: int, size: int) -> Filled:
-    value, slope, _ = (part.T for part in _powers(nodes, size))
-    none = np.zeros((1, nodes))
-    return Filled(
-        "Grid",
-        nodes=nodes,
-        weights=none,
-        value=value,
-        slope=np.concatenate((none, slope)),
-        tail=np.zeros((3, nodes)),
-    )
-
-
-@lru_cache(maxsize=16)
-def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
-    return FilledArray("Interpolation", [_filled_interpolation(nodes, size) for nodes in counts])
-
-
-def _filled_interpolation(nodes: int, size: int) -> Filled:
-    curvature = _powers(nodes, size)[2].T
-    to_cosines, to_fine = _cosine_maps(nodes)
-    return Filled(
-        "Interpolation",
-        nodes=nodes,
-        points=len(to_fine),
-        curvature=np.concatenate((np.zeros((2, nodes)), curvature)),
-        to_cosines=to_cosines.T,
-        to_fine=to_fine,
-    )
-
-
-@lru_cache(maxsize=16)
-def _powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
-    """Powers of s, and their first and second derivatives, at the nodes: (nodes, size), one column less for each."""
-    powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
+def _grids(size: int, counts: tuple[int, ...]) -> tuple[FilledArray, FilledArray]:
+    """Powers of s and their derivatives at the nodes, without weights, since (14) is not integrated; interpolations."""
+    grids, interpolations = [], []
     k = np.arange(size)
-    return powers, powers[:, : size - 1] * k[1:], powers[:, : size - 2] * (k[2:] * (k[2:] - 1))
+    for nodes in counts:
+        powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
+        slope, curvature = np.zeros((2, *powers.shape))
+        slope[:, 1:] = powers[:, :-1] * k[1:]
+        curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
+        without = {"weights": np.zeros(nodes), "tail": np.zeros((3, nodes))}
+        grids.append(Filled("Grid", nodes=nodes, value=powers.T, slope=slope.T, **without))
+        to_cosines, to_fine = _cosine_maps(nodes)
+        maps = {"curvature": curvature.T, "to_cosines": to_cosines.T, "to_fine": to_fine}
+        interpolations.append(Filled("Interpolation", nodes=nodes, points=len(to_fine), **maps))
+    return FilledArray("Grid", grids), FilledArray("Interpolation", interpolations)
 
 
 @lru_cache(maxsize=8)

@@ -11,8 +11,8 @@ struct Predicted {
 class RestOfFlight {
   public:
     RestOfFlight(const Robot &robot, const Constraints &constraints, const Flight &flight)
-        : has_distances(constraints.needs_places), robot(robot), constraints(constraints), f(flight), n(robot.joints), K(f.instants), columns(6 + f.width),
-          size(n * f.width), variables{size, K, f.basis, f.columns, nullptr} {}
+        : has_distances(constraints.needs_places), robot(robot), constraints(constraints), f(flight), n(robot.joints),
+          K(f.instants), columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, nullptr} {}
 
     const bool has_distances;
     double T = 0, h = 0, change = 0, orientation = 0;
@@ -54,6 +54,25 @@ class RestOfFlight {
         for (std::int64_t k = 0; k < f.nodes; ++k) a.miss += T * f.weights[k] * m.rate[k];
         if (constraints.needs_places) place_capsules(a);
         evaluate_rows(a);
+    }
+
+    // Largest torque of each motor, N m.
+    void find_torque_peaks(Predicted &a) const {
+        Motion &m = a.motion;
+        if (!constraints.needs_moments) move_bodies(robot, m);
+        for (std::int64_t motor = 0; motor < f.motors; ++motor) {
+            Vector most = all(0);
+            for (std::int64_t k = 0; k < K; k += LANES) {
+                Vector torque = all(0);
+                for (std::int64_t link = 0; link < robot.links; ++link) {
+                    const double turns = f.motor_turns[link * f.motors + motor];
+                    if (turns != 0) torque = add_product(turns, load(m.moment + link * K + k), torque);
+                }
+                most = larger(magnitude(torque), most);
+            }
+            f.torque_peak[motor] = 0;
+            for (int lane = 0; lane < LANES; ++lane) f.torque_peak[motor] = larger(f.torque_peak[motor], most[lane]);
+        }
     }
 
     // Derivative (n width) of the miss; that of rows needs it first.

@@ -8,14 +8,15 @@ struct Variables {
     const double *axes;
 };
 
-// Derivatives (size) of what m.by says at instant k, added to a row: by positions, and by as many of their derivatives as
-// `orders` says; with these also by h.
-static inline void chain(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k, int orders, double *row) {
-    const std::int64_t size = variables.size;
+// Derivatives (size) of what m.by says at instant k, added to a row: by positions, and by as many of their derivatives
+// as `orders` says; with these also by h.
+static inline void chain(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k, int orders,
+                         double *row) {
+    const std::int64_t size = variables.size, *columns = variables.columns;
     const double per_second = m.per_second, *by = m.by, *b0 = variables.basis + k * size,
                  *b1 = b0 + variables.instants * size, *b2 = b1 + variables.instants * size;
     for (std::int64_t i = 0; i < n; ++i) {
-        const std::int64_t at = i * m.stride + k, from = variables.columns[i], to = variables.columns[i + 1];
+        const std::int64_t at = i * m.stride + k, from = columns[i], to = columns[i + 1];
         double sine = m.sine[at], cosine = m.cosine[at], w0 = by[i] * cosine;
         if (orders == 0) {
             for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c];
@@ -34,11 +35,12 @@ static inline void chain(const Variables &variables, const Motion &m, std::int64
         for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c] + w1 * b1[c] + w2 * b2[c];
     }
     if (orders == 0) return;
-    for (std::int64_t c = variables.columns[n]; c < size; ++c) row[c] += by[3 * n] * variables.axes[c - variables.columns[n]];
+    for (std::int64_t c = columns[n]; c < size; ++c) row[c] += by[3 * n] * variables.axes[c - columns[n]];
 }
 
 // Derivative (size) of theta0' at instant k, added to a row; after differentiate_turn().
-static inline void chain_rate(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k, double *row) {
+static inline void chain_rate(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k,
+                              double *row) {
     for (std::int64_t i = 0; i < n; ++i) {
         m.by[i] = m.by_position[i * m.stride + k];
         m.by[n + i] = m.by_speed[i * m.stride + k];
@@ -48,7 +50,8 @@ static inline void chain_rate(const Variables &variables, const Motion &m, std::
 }
 
 // Ends of the capsules from an instant on, where the attitude is; `began` s since takeoff the path of the CM begins.
-static inline void place(const Robot &robot, const Constraints &constraints, Motion &m, double began, std::int64_t first) {
+static inline void place(const Robot &robot, const Constraints &constraints, Motion &m, double began,
+                         std::int64_t first) {
     const std::int64_t instants = m.instants, stride = m.stride;
     const double *path = constraints.path;
     for (std::int64_t k = first; k < instants; k += LANES) {
@@ -96,7 +99,8 @@ static inline void read(const double *from, double &value) { value = *from; }
 
 // A sum at one instant, or at those that are computed at once.
 template <typename Number>
-static inline Number sum_at(const Robot &robot, const Constraints &constraints, const Motion &m, std::int64_t sum, std::int64_t k) {
+static inline Number sum_at(const Robot &robot, const Constraints &constraints, const Motion &m, std::int64_t sum,
+                            std::int64_t k) {
     const std::int64_t n = robot.joints;
     const double *weights = constraints.sums + sum * (2 + 2 * n + robot.links);
     Number total = Number{} + weights[0], value;
@@ -133,8 +137,9 @@ static inline void row_values(const Robot &robot, const Constraints &constraints
 }
 
 // Derivatives (size) of a row at instant k; those of the attitude there (size) are given.
-static inline void differentiate_row(const Robot &robot, const Constraints &constraints, Motion &m, const Variables &variables,
-                                     std::int64_t row, std::int64_t k, const double *attitude_slopes, double *slopes) {
+static inline void differentiate_row(const Robot &robot, const Constraints &constraints, Motion &m,
+                                     const Variables &variables, std::int64_t row, std::int64_t k,
+                                     const double *attitude_slopes, double *slopes) {
     const std::int64_t n = robot.joints, bodies = robot.bodies, terms = 2 + 2 * n + robot.links;
     if (constraints.kind[row] <= share_row) {
         const double *weights = constraints.sums + constraints.first[row] * terms;
@@ -204,7 +209,8 @@ static inline void evaluate_rows(const Robot &robot, const Constraints &constrai
     }
     for (std::int64_t row = 0; row < constraints.rows; ++row) {
         const std::int64_t *target = at.target + row;
-        row_values(robot, constraints, m, row, [&](std::int64_t k) { return target[k * constraints.rows] >= 0; }, m.value);
+        auto is_wanted = [&](std::int64_t k) { return target[k * constraints.rows] >= 0; };
+        row_values(robot, constraints, m, row, is_wanted, m.value);
         for (std::int64_t k = 0; k < m.instants; ++k, target += constraints.rows)
             if (*target >= 0) values[*target] = m.value[k] - at.back_off;
     }
@@ -226,16 +232,18 @@ static inline void evaluate_drift(const Robot &robot, Evaluation &at, std::int64
 }
 
 // Derivatives (.., size) of the rows, each where at.target says; after values and drift of the same motion.
-static inline void evaluate_jacobian(const Robot &robot, const Constraints &constraints, Evaluation &at, double *jacobian) {
+static inline void evaluate_jacobian(const Robot &robot, const Constraints &constraints, Evaluation &at,
+                                     double *jacobian) {
     const Variables variables = variables_of(at);
     for (std::int64_t k = 0; k < at.motion.instants; ++k) {
         const std::int64_t *target = at.target + k * constraints.rows;
+        const double *attitude = at.attitude_slopes + k * at.size;
         for (std::int64_t row = 0; row < constraints.rows; ++row) {
             if (target[row] < 0) continue;
             double *slopes = jacobian + target[row] * at.size;
             const std::int64_t opposite = constraints.opposite[row];
             if (opposite < 0 || target[opposite] < 0) {
-                differentiate_row(robot, constraints, at.motion, variables, row, k, at.attitude_slopes + k * at.size, slopes);
+                differentiate_row(robot, constraints, at.motion, variables, row, k, attitude, slopes);
                 continue;
             }
             const double *other = jacobian + target[opposite] * at.size;
@@ -245,8 +253,8 @@ static inline void evaluate_jacobian(const Robot &robot, const Constraints &cons
 }
 
 // Gradient (size) of sums with weights (instants, terms), together.
-static inline void evaluate_gradient(const Robot &robot, const Constraints &constraints, Evaluation &at, const double *weights,
-                                     std::int64_t instants, double *gradient) {
+static inline void evaluate_gradient(const Robot &robot, const Constraints &constraints, Evaluation &at,
+                                     const double *weights, std::int64_t instants, double *gradient) {
     const std::int64_t n = robot.joints, terms = 2 + 2 * n + robot.links;
     std::memset(gradient, 0, at.size * sizeof(double));
     for (std::int64_t k = 0; k < instants; ++k, weights += terms) {

@@ -1,11 +1,14 @@
 // How a planar tree turns: its momentum, the moments that turn its links, and what both change by, at many instants at
 // once. Plain plans, rows of constraints, peaks and corrections in flight all take it from here.
 //
-// E_a = exp(i angle_a) is the rotation of body a at orientation 0, inertia_a + i turned_a = conj(E_a) sum_b C_ab E_b. By (4)
-// theta0' = (h - sum_a inertia_a swing_a) / D_0 with D_0 = sum_a inertia_a; see floatplan/motion/planar/closed_form.py.
+// E_a = exp(i angle_a) is the rotation of body a at orientation 0, inertia_a + i turned_a = conj(E_a) sum_b C_ab E_b.
+// By (4) theta0' = (h - sum_a inertia_a swing_a) / D_0, D_0 = sum_a inertia_a;
+// see floatplan/motion/planar/closed_form.py.
 
-static inline Vector add_product(double ratio, Vector value, Vector sum) { return multiply_add(all(ratio), value, sum); }
-static inline double add_product(double ratio, double value, double sum) { return sum + ratio * value; }
+static inline Vector add_product(double factor, Vector value, Vector sum) {
+    return multiply_add(all(factor), value, sum);
+}
+static inline double add_product(double factor, double value, double sum) { return sum + factor * value; }
 
 // A row of C (bodies) times rotations of the bodies, weighted or not: real and imaginary part.
 template <bool is_real>
@@ -35,8 +38,8 @@ static inline void gather(const Robot &robot, Number *by, Number *by_joint) {
     }
 }
 
-// theta0' and what it needs, from joints at `position` that move with m.speed. Instants are the inner loops: what one of
-// them waits for is computed while others are.
+// theta0' and what it needs, from joints at `position` that move with m.speed. Instants are the inner loops: what one
+// of them waits for is computed while others are.
 template <bool is_real>
 static inline void turn(const Robot &robot, Motion &m, const double *position, double momentum) {
     const std::int64_t instants = m.instants, stride = m.stride, bodies = robot.bodies;
@@ -82,8 +85,8 @@ static inline void turn(const Robot &robot, Motion &m, double momentum) {
     robot.is_real ? turn<true>(robot, m, m.position, momentum) : turn<false>(robot, m, m.position, momentum);
 }
 
-// What theta0' changes by with the positions and speeds of the joints, in m.by_joint and m.by_joint_rate, at the instants
-// from k on that are computed at once; times -factor D_0.
+// What theta0' changes by with the positions and speeds of the joints, in m.by_joint and m.by_joint_rate, at the
+// instants from k on that are computed at once; times -factor D_0.
 template <bool is_real>
 static inline void differentiate_turn(const Robot &robot, Motion &m, std::int64_t k, Vector factor) {
     const std::int64_t bodies = robot.bodies, stride = m.stride;
@@ -147,17 +150,19 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
         }
         for (std::int64_t link = 0; link < robot.links; ++link) {
             Vector x, y;
-            couple<false>(robot.link_real + link * bodies, robot.link_imaginary + link * bodies, bodies, m.x + k, m.y + k,
-                          stride, x, y);
+            couple<false>(robot.link_real + link * bodies, robot.link_imaginary + link * bodies, bodies, m.x + k,
+                          m.y + k, stride, x, y);
             const std::int64_t own = robot.group[link] * stride + k;
-            store(m.moment + link * stride + k, multiply_add(load(m.body_cosine + own), x, load(m.body_sine + own) * y));
+            Vector c = load(m.body_cosine + own), s = load(m.body_sine + own);
+            store(m.moment + link * stride + k, multiply_add(c, x, s * y));
         }
     }
 }
 
 // Derivatives by position, speed and acceleration of the joints and by h, m.by (3 joints + 1), at instant k, of a sum:
 // weights (terms) of 1, theta0', velocities, accelerations and, where it has some, moments. After differentiate_turn().
-static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t k, const double *weights, bool moments) {
+static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t k, const double *weights,
+                                     bool moments) {
     const std::int64_t n = robot.joints, bodies = robot.bodies, stride = m.stride;
     double *by = m.by, by_base_rate = weights[1];
     if (moments) {
@@ -237,7 +242,8 @@ static inline void lay_out_turn(Arena &arena, Motion &m, const Robot &robot, std
     for (double **each : {&m.by_joint, &m.by_joint_rate}) arena.take(*each, n * 8);
 }
 
-static inline void lay_out_motion(Arena &arena, Motion &m, const Robot &robot, std::int64_t capsules, std::int64_t instants) {
+static inline void lay_out_motion(Arena &arena, Motion &m, const Robot &robot, std::int64_t capsules,
+                                  std::int64_t instants) {
     const std::int64_t n = robot.joints;
     lay_out_turn(arena, m, robot, instants);
     for (double **each : {&m.position, &m.p_curvature, &m.acceleration, &m.by_position, &m.by_speed})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -11,10 +11,14 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
-from floatplan.inflight.prediction import LimitRows, Prediction
+from floatplan.inflight.motion import RemainingMotion
+from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.kernel.constraints import ObstacleRows, PairRows, ShareRows
+from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
-from floatplan.motion.sine_polynomial import CONDITIONS
+from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.flight import PlanarBaseMotion
+from floatplan.motion.sine_polynomial import CONDITIONS, joint_motion
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:
@@ -98,15 +102,52 @@ def _chosen(block: int, chosen: IntArray, prediction: Reference) -> Array:
     return np.asarray(prediction.values[block].ravel()[chosen])
 
 
-class Reference(Prediction):
-    """One with the values of all rows, by the general path."""
+@dataclass(eq=False)
+class Present:
+    """The robot at a time, s since takeoff: orientation rad, h kg m^2/s, path of the CM from then on, its dynamics."""
+
+    time: float
+    orientation: float
+    angular_momentum: float
+    com: Ballistics
+    dynamics: Dynamics
+
+    @classmethod
+    def of(cls, replanner: fp.Replanner, now: float) -> Present:
+        """As a replanner knows it, not before the last measurement."""
+        known = replanner._estimate
+        path, orientation = Ballistics(*known.place(now), known.gravity), known.orientation + replanner._update.turned
+        return cls(now, orientation, known.angular_momentum, path, known.inertial.dynamics)
+
+
+class Reference:
+    """The rest of a flight under a motion by the general path."""
 
     landed = False
+
+    def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
+        self._views, self.motion, self.present = views, motion, present
+        self._instants = views.between(motion.begin, motion.end)
+        goal = views.flight.final_orientation
+        self._flight = replace(
+            views.flight,
+            equations=present.dynamics,
+            ballistics=present.com,
+            initial_orientation=present.orientation,
+            duration=motion.remaining,
+            change=goal - present.orientation,
+        )
+        values = self._instants.values
+        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, values)
+        momentum = np.array([[present.angular_momentum]])
+        self.flown = PlanarBaseMotion(self._flight, self._instants.grid, joints, momentum)
+        self.miss = float(self.flown.residual[0, 0])
+        self.torque_peak = np.abs(self.flown.motor_torques).max(axis=0)
 
     @property
     def watched(self) -> Array:
         """Times (W,), s since takeoff, at which distances are looked at."""
-        return self.motion.begin + self.motion.remaining * self._instants.watched
+        return self.motion.begin + self.motion.remaining * self._instants.grid.s[self._instants.grid.nodes :]
 
     @cached_property
     def shapes(self) -> Segments:

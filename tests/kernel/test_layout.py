@@ -93,7 +93,7 @@ def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypa
 
 def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):
     plan = fp.plan(fp.load_problem(root / "problems" / "torque_limited.toml"))
-    monkeypatch.setattr(prediction, "WATCHED", 41)
+    monkeypatch.setattr(prediction, "LEAST_INSTANTS", 41)
     monkeypatch.setattr(prediction, "LANES", 1)
     with pytest.raises(ValueError, match=r"Flight\.instants is .*: it must be a multiple of 8"):
         fp.Replanner(plan)

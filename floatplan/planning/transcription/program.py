@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.constraints import ByX, CompiledConstraints, Instants, Motion, SumRows, compiled_constraints
+from floatplan.kernel.constraints import ByX, CompiledConstraints, MotionRows, RowTargets, SumRows, compiled_constraints
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
@@ -70,7 +70,7 @@ class FlightProgram:
     def evaluate(self, x: Array) -> Evaluation[Trajectory]:
         """Objective, (14) and constraints; their derivatives by x when asked for."""
         motion = self.trajectory(x)
-        compiled = Motion(self._instants, motion.flown) if self._watch else None
+        compiled = MotionRows(self._instants, motion.flown) if self._watch else None
 
         def differentiate() -> Derivatives:
             return self._compiled_derivatives(motion, compiled, x) if compiled else self._derivatives(motion, x)
@@ -106,7 +106,7 @@ class FlightProgram:
         return None if self.variables.following else watch_of(self.model.flight, self.constraints, quantity)
 
     @cached_property
-    def _instants(self) -> Instants:
+    def _instants(self) -> RowTargets:
         """Rows of each constraint together, instant by instant, those of the next after them."""
         assert self._watch, "there is a kernel for them"
         wanted = np.full((len(self.sampling.s), self._watch.rows), -1)
@@ -116,7 +116,7 @@ class FlightProgram:
             wanted[watched, column : column + rows] = count + np.arange(instants * rows).reshape(instants, rows)
             column += rows
             count += instants * rows
-        return Instants(self._watch, self.sampling.s, wanted, count, self.back_off)
+        return RowTargets(self._watch, self.sampling.s, wanted, count, self.back_off)
 
     @cached_property
     def _by_x(self) -> ByX:
@@ -148,7 +148,7 @@ class FlightProgram:
         width = self._watch.widths[self.objective.quantity]
         return self._watch.sums(SumRows(np.zeros(width), {self.objective.quantity: np.eye(width)}))
 
-    def _compiled_derivatives(self, motion: Trajectory, compiled: Motion, x: Array) -> Derivatives:
+    def _compiled_derivatives(self, motion: Trajectory, compiled: MotionRows, x: Array) -> Derivatives:
         """Gradient, (14) and rows by x, after the values."""
         assert self._watch, "there is a kernel for them"
         drift = compiled.drift(self._by_x, self.sampling.nodes)

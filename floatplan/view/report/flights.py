@@ -20,7 +20,7 @@ from floatplan.arrays import Array
 from floatplan.files import write_atomically
 from floatplan.inflight.authority import Authority
 from floatplan.plans.plan import Plan
-from floatplan.simulation.flights import ClosedLoop
+from floatplan.simulation.closed_loop import ClosedLoop
 from floatplan.view.report.report import asset, filled, policy
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, PALE, legend_above, new_figure, palette, picture
 
