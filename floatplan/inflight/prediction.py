@@ -12,12 +12,13 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.limits import distance_rows, limit_rows, sensible_rows
 from floatplan.inflight.motion import RemainingMotion
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import LinkShapes, Segments
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import GaussGrid, PlanarBaseMotion, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis, joint_motion
+from floatplan.motion.sine_polynomial import Form, basis, joint_motion
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.robot.robot import LinkCapsule, PlanarTree

@@ -23,10 +23,10 @@ from floatplan.kernel.filled import Filled
 from floatplan.kernel.layout import ENUMERATIONS
 from floatplan.kernel.library import Kernel, kernel
 from floatplan.kernel.watch import PAIR, written_obstacle
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.closed_form import TurningBodies, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.problem.parts import Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 

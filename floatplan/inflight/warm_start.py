@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.update import FAR, KEPT, Corrected
-from floatplan.motion.sine_polynomial import CONDITIONS
+from floatplan.motion.exact_polynomials import CONDITIONS
 
 REACH = 0.15  # [-] of the plan's angular momentum, either way
 STEPS = 3  # [-] either way

@@ -12,8 +12,8 @@ import floatplan as fp
 from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import Prediction
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments
-from floatplan.motion.sine_polynomial import CONDITIONS
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ import floatplan as fp
 from floatplan.inflight import limits, prediction, update
 from floatplan.inflight.correction import REACHED, Correction
 from floatplan.inflight.prediction import Prediction
-from floatplan.motion.sine_polynomial import CONDITIONS
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
