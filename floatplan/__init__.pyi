@@ -34,8 +34,8 @@ from floatplan.problem.parts import Takeoff as Takeoff
 from floatplan.problem.problem import Problem as Problem
 from floatplan.robot.robot import Coupling as Coupling
 from floatplan.robot.robot import Robot as Robot
+from floatplan.simulation.closed_loop import ClosedLoop as ClosedLoop
 from floatplan.simulation.closed_loop import closed_loop as closed_loop
-from floatplan.simulation.flights import ClosedLoop as ClosedLoop
 from floatplan.simulation.perturbation import Perturbation as Perturbation
 from floatplan.simulation.replay import Replay as Replay
 from floatplan.simulation.replay import replay as replay

@@ -7,7 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -17,7 +17,7 @@ from PIL import Image
 import floatplan as fp
 from floatplan.certificate.certificate import certify
 from floatplan.files import write_atomically
-from floatplan.studio.page import opened
+from floatplan.studio.page import Studio
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -93,7 +93,7 @@ def photograph_studio(browser: Any, problem: fp.Problem, path: Path) -> None:
     from studio_page import Page
 
     browser.driver.set_window_size(1300, 900)
-    with opened(problem, port=0) as studio:
+    with closing(Studio(problem, port=0)) as studio:
         studio.player.seek(0.4 * problem.flight.duration)
         page = Page(browser, studio)
         page.wait_for("proved", after=0)

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.page import Studio, opened
+from floatplan.studio.page import Studio
 from floatplan.studio.session import Part, Saving
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -126,7 +127,7 @@ class Drags:
         """Add an obstacle, or take one away."""
         count = len(self.session.view.problem.obstacles)
         if count and (count > 3 or self.rng.integers(2)):
-            self.session.edit(edits.without_obstacle(int(self.rng.integers(count))))
+            self.session.edit(edits.put_obstacle(int(self.rng.integers(count))))
         else:
             make = list(OBSTACLE_KINDS.values())[int(self.rng.integers(len(OBSTACLE_KINDS)))].example
             self.session.edit(edits.with_obstacle(make(complex(*self.rng.normal(0.0, 2.0, 2)), 1.0)))
@@ -136,9 +137,9 @@ class Drags:
         degrees: list[Any] = ["auto", 7, 9, 13]
         needed = dict.fromkeys(self.base.robot.motors, float(self.rng.uniform(0.1, 50.0)))
         choices = [
-            edits.flight(angular_momentum=str(self.rng.choice(["free", "midpoint"]))),
-            edits.motion(objective=str(self.rng.choice(list(OBJECTIVE_TABLE)))),
-            edits.motion(degree=degrees[int(self.rng.integers(4))]),
+            edits.change("flight", angular_momentum=str(self.rng.choice(["free", "midpoint"]))),
+            edits.change("motion", objective=str(self.rng.choice(list(OBJECTIVE_TABLE)))),
+            edits.change("motion", degree=degrees[int(self.rng.integers(4))]),
             edits.ground(bool(self.rng.integers(2))),
             edits.limit("torque", str(self.rng.choice(["none", "urdf", edits.BY_HAND])), needed),
             edits.limit("velocity", str(self.rng.choice(["none", "urdf", edits.BY_HAND])), needed),
@@ -186,7 +187,7 @@ def main() -> int:
     options = parser.parse_args()
     logging.basicConfig(level=logging.ERROR)
     problem = fp.load_problem(options.problem)
-    with tempfile.TemporaryDirectory() as folder, opened(problem, folder=folder, port=options.port) as studio:
+    with tempfile.TemporaryDirectory() as folder, closing(Studio(problem, folder=folder, port=options.port)) as studio:
         drags = Drags(studio, options.seed, folder)
         times = np.array([drags.gentle(number) for number in range(options.gentle)])
         found = times[times[:, 2] > 0]

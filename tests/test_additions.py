@@ -184,7 +184,8 @@ else:
 """
 
 OBSTACLE_WORKS = """
-from floatplan.kernel.watch import ObstacleRows, watch
+from floatplan.inflight.prediction import DISTANCE_AIM
+from floatplan.kernel.constraints import ObstacleRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription import compiled_rows
@@ -203,7 +204,8 @@ free = fp.plan(replace(problem, obstacles=()))
 assert free.clearances(times, [bend]).min() < 0
 assert np.array_equal(free.clearances(times, [bend]), free.clearances(times, bend.pieces))
 
-assert watch(flight_dynamics(asked), [ObstacleRows(bend, 0.0, 1.0)]).rows == 2 * len(problem.robot.shapes)
+compiled = compiled_constraints(flight_dynamics(asked), [ObstacleRows(bend, 0.0, 1.0)])
+assert compiled.rows == 2 * len(problem.robot.shapes)
 plan = fp.plan(asked, prove=True)
 assert plan.ok and plan.certificate.proved
 assert plan.clearances(times).min() >= 0.02 - 1e-8
@@ -218,7 +220,7 @@ def rows():
     return found.inequality, found.inequality_jacobian
 
 of_kernel = rows()
-compiled_rows.watch = lambda *arguments, **options: None
+compiled_rows.compiled_constraints = lambda *arguments, **options: None
 compiled_rows.watch_of.cache_clear()
 for one, other in zip(of_kernel, rows(), strict=True):
     assert np.allclose(one, other, rtol=1e-10, atol=1e-10) and np.abs(one).max() > 0
@@ -237,7 +239,7 @@ for shift in np.linspace(-0.5, 0.5, 11):
         assert found == ["proved" if finely > 0.02 else "refuted"], (shift, finely, found)
 
 replanner = fp.Replanner(plan)
-assert sum(type(rows).__name__ == "DistanceRows" for rows in replanner.views.rows) == 2
+assert [rows.block.obstacle for rows in replanner.views.rows if rows.aim == DISTANCE_AIM] == [bend]
 flown = fp.closed_loop(plan, perturb=fp.Perturbation(h=0.1), flights=4, budget=None)
 assert flown.uncorrected.clearance.min() < 0.9 * bend.margin < flown.corrected.clearance.min()
 

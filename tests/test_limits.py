@@ -13,7 +13,7 @@ from floatplan.plans import reading
 from floatplan.problem import checks, family, file, parts
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, read
-from floatplan.simulation import closed_loop, feedback, forward, replay
+from floatplan.simulation import closed_loop, forward
 from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
 
@@ -31,13 +31,13 @@ SIZES = {
     "solved starts of a search, and of a study's row": search.MOST_SOLVED,
     "rows on a study's page": study_maps.MOST_PAGE_ROWS,
     "rows of a table or an export": table.MOST_ROWS,
-    "steps of a replay in MuJoCo": replay.MOST_STEPS,
+    "steps of a replay in MuJoCo": forward.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
     "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
     "transforms of an export to MCAP: instants times joints that move": ros_bag.MOST_TRANSFORMS,
     "evaluations of the dynamics in a replay": forward.MOST_EVALUATIONS,
-    "bandwidth of a replay's feedback": f"{feedback.FASTEST:.0f} rad/s",
+    "bandwidth of a replay's feedback": f"{forward.FASTEST:.0f} rad/s",
     "a problem file, a study file": f"{file.LARGEST_PROBLEM // 10**6} MB",
     "a plan file, a URDF, an SRDF file": f"{files.LARGEST_PLAN // 10**6} MB",
     "a mesh": f"{meshes.LARGEST_MESH // 10**6} MB",

@@ -12,8 +12,8 @@ import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
-from floatplan.inflight.limits import distance_rows
-from floatplan.kernel.watch import ObstacleRows, SumRows, watch
+from floatplan.inflight.prediction import distance_rows
+from floatplan.kernel.constraints import ObstacleRows, SumRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.plans.schema import OBSTACLES
@@ -62,7 +62,7 @@ def test_every_room_knows_what_every_kind_is_made_of(room, kind):
     ids=["obstacle", "limit"],
 )
 def test_what_the_kernel_does_not_know_goes_the_general_way(block):
-    assert watch(flight_dynamics(fp.load_problem(EXAMPLE)), [block]) is None
+    assert compiled_constraints(flight_dynamics(fp.load_problem(EXAMPLE)), [block]) is None
 
 
 def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():

@@ -20,16 +20,16 @@ from floatplan.certificate.enclosure import ROUND, Taylor, up
 def _from_powers(order: int) -> Array:
     """Matrix (K, K) from powers of u on [-1, 1] to Bernstein coefficients; entries within [-1, 1]."""
     degree = order - 1
-    matrix = np.zeros((order, order))
-    for power in range(order):
-        for row in range(order):
-            # blossom of u^power at (degree - row) times -1 and row times +1
-            total = sum(
-                math.comb(row, plus) * math.comb(degree - row, power - plus) * (-1) ** (power - plus)
-                for plus in range(power + 1)
-            )
-            matrix[row, power] = total / math.comb(degree, power)
-    return read_only(matrix)
+
+    def blossom(row: int, power: int) -> float:
+        """That of u^power at (degree - row) times -1 and row times +1."""
+        ways = (
+            math.comb(row, plus) * math.comb(degree - row, power - plus) * (-1) ** (power - plus)
+            for plus in range(power + 1)
+        )
+        return float(sum(ways) / math.comb(degree, power))
+
+    return read_only([[blossom(row, power) for power in range(order)] for row in range(order)])
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -70,14 +70,6 @@ class Items:
         )
 
 
-class _Places(NamedTuple):
-    """Where the values attained are, for each group: cell, place u in it, and member."""
-
-    cell: IntArray
-    u: Array
-    member: IntArray
-
-
 @dataclass(frozen=True, eq=False)
 class Goal:
     """A group's search ends when bound and attained value are within ``gap`` and on one side of ``threshold``."""
@@ -107,11 +99,17 @@ def smallest(
     """
     count, depth = len(goal.gap), 0
     bound, attained = np.full(count, np.inf), np.full(count, np.inf)
-    place = _Places(np.zeros(count, dtype=np.int64), np.full(count, -1.0), np.zeros(count, dtype=np.int64))
+    cell, member, u = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64), np.full(count, -1.0)
     while True:
         group = groups[items.member]
         low = np.fmax(below(items.forms, items.member), -np.inf)
-        _improve(attained, place, group, at_point(items.ends, items.member), items)
+        values = at_point(items.ends, items.member)  # (2, items)
+        end, item = np.nonzero(values < attained[group])
+        falling = np.argsort(values[end, item], kind="stable")[::-1]
+        end, item = end[falling], item[falling]
+        g = group[item]  # of one that is there several times, what is assigned last remains: the smallest
+        attained[g] = values[end, item]
+        cell[g], member[g], u[g] = items.cell[item], items.member[item], items.start[item] + end * items.width
         enough = np.maximum(attained - goal.gap, np.where(attained < goal.threshold, -np.inf, goal.threshold))
         keep = ~(low >= enough[group]) & np.isfinite(low)
         kept = np.flatnonzero(keep)
@@ -123,21 +121,8 @@ def smallest(
             break
         items, depth = items.split(kept, halvings), depth + halvings
     return tuple(
-        Minimum(b, a, cells.time(cell, u), member)
-        for b, a, cell, u, member in zip(*(each.tolist() for each in (bound, attained, *place)), strict=True)
+        Minimum(bound, attained, cells.time(cell, u), member)
+        for bound, attained, cell, u, member in zip(
+            *(each.tolist() for each in (bound, attained, cell, u, member)), strict=True
+        )
     )
-
-
-def _improve(attained: Array, place: _Places, group: IntArray, values: Array, items: Items) -> None:
-    """Take over what is smaller than the smallest value attained so far, in each group.
-
-    ``values`` (2, items) are those at the beginning and at the end of the items.
-    """
-    end, item = np.nonzero(values < attained[group])
-    better = values[end, item]
-    falling = np.argsort(better, kind="stable")[::-1]
-    end, item, better = end[falling], item[falling], better[falling]
-    g = group[item]  # of one that is there several times, what is assigned last remains
-    attained[g] = better
-    place.cell[g], place.member[g] = items.cell[item], items.member[item]
-    place.u[g] = items.start[item] + end * items.width

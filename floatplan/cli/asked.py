@@ -37,12 +37,13 @@ def _refuse_beside_a_file(choices: RobotChoices) -> None:
     """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
     for name, value in vars(choices).items():
         if value is not None:
-            raise InputError(
-                "a problem file says itself how its robot is read",
-                source=PLACE,
-                element=f"--{name}",
-                advice=f"set robot.{name} in the file",
+            raise _wrong(
+                f"--{name}", "a problem file says itself how its robot is read", f"set robot.{name} in the file"
             )
+
+
+def _wrong(option: str, reason: str, advice: str | None = None) -> InputError:
+    return InputError(reason, source=PLACE, element=option, advice=advice)
 
 
 def _leader(follower: str, text: str) -> str | Coupling:
@@ -60,11 +61,11 @@ def _pairs(option: str, text: str, form: str) -> list[tuple[str, str]]:
     """``a=b,c=d`` as pairs; InputError where one is not, or a name comes twice."""
     pairs = [tuple(map(str.strip, part.split("=", 1))) for part in text.split(",") if part.strip()]
     if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
-        raise InputError(f"{text!r} is not {form},..", source=PLACE, element=option, advice=f"give {form}")
+        raise _wrong(option, f"{text!r} is not {form},..", f"give {form}")
     names = [pair[0] for pair in pairs]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise InputError(f"{twice!r} is given twice", source=PLACE, element=option, advice="keep one of them")
+        raise _wrong(option, f"{twice!r} is given twice", "keep one of them")
     return [(name, value) for name, value in pairs]
 
 
@@ -95,12 +96,9 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
 
 def _posture(option: str, numbers: Sequence[float], joints: Sequence[str]) -> dict[str, Any]:
     if len(numbers) != 1 + len(joints):
-        raise InputError(
-            f"{_count(numbers)} where {1 + len(joints)} are wanted",
-            source=PLACE,
-            element=option,
-            advice=f"give orientation, {', '.join(joints)}",
-        )
+        count = "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
+        wanted = f"{count} where {1 + len(joints)} are wanted"
+        raise _wrong(option, wanted, f"give orientation, {', '.join(joints)}")
     return {"orientation": numbers[0], "positions": numbers[1:]}
 
 
@@ -160,7 +158,7 @@ def _as_typed(error: InputError, options: Options, place: str) -> InputError:
         beyond = place_in_file.removeprefix(key).removeprefix(".")
         if place_in_file.startswith(key) and (place == PLACE or getattr(options, option) is not None):
             element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))
-            return InputError(error.reason, source=PLACE, element=element, advice=error.advice)
+            return _wrong(element, error.reason, error.advice)
     return error
 
 
@@ -169,17 +167,11 @@ def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, deg
         return problem_from_dict(content, robot, place)
     except InputError as found:
         error = _as_typed(found, options, place)
-        if degrees or not _surely_degrees(options):
+        postures = " ".join(filter(None, (options.start, options.goal)))
+        if degrees or not any(abs(float(part)) > SURELY_DEGREES for part in _parts(postures)):
             raise error from None
-        hint = InputError(
-            "angles are in radians here", source=PLACE, element="--radians", advice="give --degrees if they are not"
-        )
+        hint = _wrong("--radians", "angles are in radians here", "give --degrees if they are not")
         raise ProblemError([error, hint]) from None
-
-
-def _surely_degrees(options: Options) -> bool:
-    texts = [text for text in (options.start, options.goal) if text is not None]
-    return any(abs(float(part)) > SURELY_DEGREES for text in texts for part in _parts(text))
 
 
 def _parts(text: str) -> list[str]:
@@ -190,11 +182,7 @@ def _number(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{text!r} is not a number", source=PLACE, element=option) from None
-
-
-def _count(numbers: Sequence[float]) -> str:
-    return "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
+        raise _wrong(option, f"{text!r} is not a number") from None
 
 
 def _number_or_word(text: str) -> float | str:
@@ -205,12 +193,10 @@ def _number_or_word(text: str) -> float | str:
 
 
 def _degree(text: str) -> Any:
-    parts = _parts(text)
     try:
-        degrees = [int(part) for part in parts]
+        return _one_or_many([int(part) for part in _parts(text)])
     except ValueError:
         return text
-    return _one_or_many(degrees)
 
 
 def _one_or_many(numbers: list[Any]) -> Any:

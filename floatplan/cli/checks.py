@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Save, Urdf, print_json, reporting_errors
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
+
+if TYPE_CHECKING:
+    from floatplan.plans.plan import Plan
 
 
 @reporting_errors
@@ -84,21 +87,20 @@ def replay(
     corrected.
     """
     from floatplan.plans.plan import load_plan
-    from floatplan.simulation.replay import check_engine
-    from floatplan.simulation.replay import replay as fly
+    from floatplan.simulation.forward import check_engine
 
     checked = check_engine(engine)
     plan = load_plan(plan_file, urdf)
     if replan is not None or authority:
-        from floatplan.cli.inflight import fly_many
-
         if save:
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
         given = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
-        fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
+        _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
         raise typer.Exit(DONE)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
+    from floatplan.simulation.replay import replay as fly
+
     with progress("flying"):
         flown = fly(plan, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
     facts = flown.to_dict()
@@ -111,3 +113,33 @@ def replay(
 
         print_summary(replay_summary(facts))
     raise typer.Exit(DONE if flown.landed or flown.disturbed else FAILED)
+
+
+def _fly_many(
+    plan: Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
+) -> None:
+    """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
+
+    ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
+    """
+    from floatplan.cli.results import check_directory
+    from floatplan.inflight.authority import authority
+    from floatplan.simulation.closed_loop import closed_loop
+
+    if output is not None:
+        check_directory(output)
+    given = {name: value for name, value in options.items() if value is not None}
+    flown = None if rate is None else closed_loop(plan, rate, **given)
+    found = authority(plan) if with_authority else None
+    page = None
+    if output is not None:
+        from floatplan.view.report.flights import write_flights_page
+
+        page = write_flights_page(plan, output / "flights.html", flown, found)
+    if json_output:
+        facts: dict[str, Any] = {} if flown is None else flown.to_dict()
+        print_json(facts if found is None else {**facts, "authority": found.to_dict()})
+        return
+    from floatplan.cli.summary import flights_summary, print_summary
+
+    print_summary(flights_summary(flown, found, page))

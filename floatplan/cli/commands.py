@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.bundled import argument
-from floatplan.cli.checks import certify, replay
+from floatplan.cli import checks, problems, robots, show
 from floatplan.cli.common import (
     DONE,
     FAILED,
@@ -23,21 +22,17 @@ from floatplan.cli.common import (
     Quiet,
     RobotChoices,
     Verbose,
+    argument,
     print_json,
     program,
     reporting_errors,
+    tell,
     with_options,
 )
-from floatplan.cli.contact import takeoff as takeoff_command
-from floatplan.cli.info import InfoCommand, info
-from floatplan.cli.init import init as init_command
 from floatplan.cli.progress import log_on_stderr, progress
-from floatplan.cli.robots import robots
-from floatplan.cli.schema import schema
-from floatplan.cli.show import export, show
 from floatplan.cli.studio import studio
 from floatplan.cli.study import study
-from floatplan.errors import InputError, escaped
+from floatplan.errors import InputError
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -139,7 +134,7 @@ def plan(
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
     with progress("writing", quiet):
-        files = write_results(answer, directory, rate, tell=None if quiet else _tell)
+        files = write_results(answer, directory, rate, tell=tell(quiet))
         if is_robot(source):
             files.append(write_problem(answer, directory))
         if figures or (figures is None and not json_output):
@@ -156,44 +151,6 @@ def plan(
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
 
 
-@app.command()
-@reporting_errors
-def bounds(
-    problem_file: Annotated[str, argument("PROBLEM.toml", "A problem file.")],
-    picture: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw what joint rates reach at takeoff and landing.")
-    ] = None,
-    json_output: Json = False,
-) -> None:
-    """Tell which angular momentum suits a flight: of joints that do not turn back, and by their rates at both ends.
-
-    For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
-    the frame on the ground being at rest: intervals of angular momentum and velocity.
-    """
-    from floatplan.cli.facts import momentum_facts, reachable_sets
-    from floatplan.problem.file import load_problem
-
-    problem = load_problem(problem_file)
-    sets = reachable_sets(problem)
-    facts = momentum_facts(problem, sets)
-    if picture is not None:
-        from floatplan.view.figures.robot_pictures import check_picture, save_reachable
-
-        save_reachable(sets, check_picture(picture, "--picture"))
-    if json_output:
-        print_json(facts)
-        return
-    from floatplan.cli.contact_summary import reachable_summary
-    from floatplan.cli.summary import momentum_summary, print_summary
-
-    print_summary(momentum_summary(problem, facts))
-    print_summary(reachable_summary(facts))
-
-
-def _tell(words: str) -> None:
-    typer.echo(escaped(words), err=True)
-
-
 def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     """Return a plan of the problem without its obstacles, for the pictures, if it is found at once and hits them."""
     from floatplan.planning.planner import plan as search
@@ -205,8 +162,9 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-app.command(cls=InfoCommand)(info)
-for command in (certify, replay, robots, schema, show, export, study, studio):
+app.command()(problems.bounds)
+app.command(cls=robots.InfoCommand)(robots.info)
+for command in (checks.certify, checks.replay, robots.robots, problems.schema, show.show, show.export, study, studio):
     app.command()(command)
-app.command("takeoff")(takeoff_command)
-app.command("init")(init_command)
+app.command()(problems.takeoff)
+app.command()(robots.init)

@@ -1,4 +1,4 @@
-"""Common parts of the commands: exit codes, options that mean the same everywhere or stand for keys, and errors."""
+"""Common parts of the commands: exit codes, arguments and options that mean the same everywhere, and errors."""
 
 from __future__ import annotations
 
@@ -20,13 +20,45 @@ from typer.core import TyperGroup
 
 from floatplan.cli import INTERRUPTED
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
+from floatplan.files import is_file
 from floatplan.tables import OBJECTIVE_TABLE
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
+PACKAGE = Path(__file__).resolve().parents[1]
+ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
+KINDS = ("urdf", "problems")
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+
+def folder() -> Path | None:
+    """The folder above ``urdf/`` and ``problems/``; None where they were left out."""
+    return next((place for place in ABOVE if all((place / kind).is_dir() for kind in KINDS)), None)
+
+
+def own_urdfs() -> list[str]:
+    """The URDFs that come with floatplan, as commands take them."""
+    place = folder()
+    return [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.urdf"))
+
+
+def bundled(source: str) -> str:
+    """The path of a file; where there is none, that of the robot or problem of this name that comes with floatplan."""
+    place, path = folder(), Path(source)
+    if place is None or path.is_absolute() or ".." in path.parts or path.parts[:1] not in [(kind,) for kind in KINDS]:
+        return source
+    return str(place / path) if not os.path.lexists(path) and is_file(place / path) else source
+
+
+def argument(metavar: str, text: str) -> typer.models.ArgumentInfo:
+    """An argument of a command that names a robot or a problem."""
+    info: typer.models.ArgumentInfo = typer.Argument(metavar=metavar, help=text, callback=bundled)
+    return info
+
+
+RobotSource = Annotated[str, argument("ROBOT", "A URDF file, or example-robot-data:PATH.")]
+ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.")]
 Urdf = Annotated[
     str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
@@ -215,6 +247,11 @@ def program() -> str:
     if called.name != "floatplan" or (found is not None and os.path.realpath(found) == os.path.realpath(called)):
         return "floatplan"
     return shlex.quote(near(called.absolute()))
+
+
+def tell(quiet: bool) -> Callable[[str], None]:
+    """What prints words on stderr, in a line each, or nothing."""
+    return lambda words: None if quiet else typer.echo(escaped(words), err=True)
 
 
 def print_path(path: Path, *, err: bool = False) -> None:

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
-from floatplan.motion.planar.contact_rates import End, has_contact, shared_momentum
+from floatplan.motion.planar.contact_rates import End, has_contact
 from floatplan.motion.planar.reachable import Reachable, reachable
 from floatplan.problem.checks import position_limits
 from floatplan.problem.parts import Limits
@@ -65,15 +65,10 @@ def reachable_sets(problem: Problem) -> dict[str, Reachable]:
 
     Where h is free it is the one that lets the joints be slowest at both together.
     """
-    return {end: reachable(problem, end, _asked(problem)) for end in get_args(End) if has_contact(problem, end)}
+    from floatplan.plans.contact import momentum_of_ends
 
-
-def _asked(problem: Problem) -> float:
-    asked = problem.flight.angular_momentum
-    if asked == "free":
-        shared = shared_momentum(problem)
-        asked = "midpoint" if shared is None else shared
-    return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else asked
+    _, momentum = momentum_of_ends(problem)
+    return {end: reachable(problem, end, momentum) for end in get_args(End) if has_contact(problem, end)}
 
 
 def momentum_facts(problem: Problem, sets: Mapping[str, Reachable]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ DELAY = 1.0  # [s] before a bar appears
 LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
 
 
-class Bar:
+class ProgressBar:
     """A bar that appears in a terminal once its work has taken a second; elsewhere, words in a line each, or nothing.
 
     Parameters
@@ -84,7 +84,7 @@ class Bar:
 
 
 @contextmanager
-def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[Bar]:
+def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[ProgressBar]:
     """Show that work is going on.
 
     Parameters
@@ -98,7 +98,7 @@ def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[Bar
     """
     heard = not quiet and sys.stderr is not None and not logging.getLogger("floatplan").handlers
     terminal = heard and sys.stderr.isatty()
-    bar = Bar(what, shown=terminal, told=heard and tell and not terminal)
+    bar = ProgressBar(what, shown=terminal, told=heard and tell and not terminal)
     try:
         yield bar
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from floatplan.errors import InputError
@@ -101,14 +101,13 @@ def schema_line(directory: Path) -> str:
     return f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
 
 
-def write_figures(plan: Plan, directory: Path, compare: Plan | None = None) -> list[Path]:
-    """Draw the pictures into the folder figures, and return their paths; errors as :func:`write_results`.
-
-    ``compare`` is a second plan to draw beside it.
-    """
+def write_figures(
+    plan: Plan, directory: Path, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
+) -> list[Path]:
+    """Draw the pictures, and those of a plan to compare, into the folder figures; errors as :func:`write_results`."""
     from floatplan.view.figures.figures import save_figures
 
-    return save_figures(plan, directory / FIGURES, compare=compare)
+    return save_figures(plan, directory / FIGURES, compare=compare, formats=formats)
 
 
 def write_page(plan: Plan, directory: Path) -> Path:

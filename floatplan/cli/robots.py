@@ -1,29 +1,43 @@
-"""The command that lists robots: the project's own, and those of example-robot-data."""
+"""The commands about robots: which there are, what one is, and a first problem for it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from floatplan.cli.bundled import found, own_urdfs
-from floatplan.cli.common import Json, print_json, reporting_errors
+from floatplan.cli.common import (
+    Degrees,
+    Json,
+    Quiet,
+    RobotChoices,
+    RobotSource,
+    argument,
+    bundled,
+    own_urdfs,
+    print_json,
+    reporting_errors,
+    tell,
+    with_options,
+)
 from floatplan.cli.progress import progress
+from floatplan.errors import InputError, install_advice
 
-if TYPE_CHECKING:
-    from floatplan.robot.robot import Robot
+LISTED = "-"  # stands for no file
+ROBOTS = (".urdf", ".xml", ".toml")
 
 
 @reporting_errors
 def robots(json_output: Json = False) -> None:
     """List the robots at hand: what to type, and the joints that turn in the plane."""
-    usable: list[dict[str, Any]] = []
-    unusable: list[dict[str, Any]] = []
+    from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
+
     with progress("reading"):
-        for source in _sources():
-            facts = _facts(source)
-            (unusable if "reason" in facts else usable).append(facts)
+        known = [_facts(source) for source in (*own_urdfs(), *(PREFIX + name for name in example_urdfs()))]
+    usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
     if json_output:
         print_json({"robots": usable, "unusable": unusable})
         return
@@ -31,35 +45,24 @@ def robots(json_output: Json = False) -> None:
         typer.echo(line)
 
 
-def _sources() -> Iterator[str]:
-    from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
-
-    yield from own_urdfs()
-    yield from (PREFIX + name for name in example_urdfs())
-
-
 def _facts(source: str) -> dict[str, Any]:
     """A robot in short, its legs coupled where it has pairs of them; or why it cannot be used as it is."""
-    from floatplan.errors import InputError
     from floatplan.robot.robot import Robot
 
-    def told(robot: Robot, coupled: str | None) -> dict[str, Any]:
-        moving = {"joints": list(robot.joints), "coupled": coupled, "followers": list(robot.coupled)}
-        return {"robot": source, "name": robot.name, "mass": robot.mass, "plane": robot.plane.name, **moving}
-
-    try:
-        return told(Robot.from_urdf(found(source), coupled="mirror"), "mirror")
-    except InputError:
-        pass
-    try:
-        return told(Robot.from_urdf(found(source)), None)
-    except InputError as error:
-        return {"robot": source, "reason": error.reason}
+    reason = ""
+    for coupled in ("mirror", None):
+        try:
+            robot = Robot.from_urdf(bundled(source), coupled=coupled)
+        except InputError as error:
+            reason = error.reason
+        else:
+            moving = {"joints": list(robot.joints), "coupled": coupled, "followers": list(robot.coupled)}
+            return {"robot": source, "name": robot.name, "mass": robot.mass, "plane": robot.plane.name, **moving}
+    return {"robot": source, "reason": reason}
 
 
 def _lines(usable: list[dict[str, Any]], unusable: list[dict[str, Any]]) -> Iterator[str]:
     """A line for each robot; its name comes last and whole, ready to be copied."""
-    from floatplan.errors import install_advice
     from floatplan.robot.urdf.example_robots import robots_folder
 
     yield f"{'joints':<9}{'kg':>7}  plane  robot"
@@ -73,3 +76,85 @@ def _lines(usable: list[dict[str, Any]], unusable: list[dict[str, Any]]) -> Iter
         yield f"{len(unusable)} more cannot be used as they are: --json has the reasons."
     if robots_folder() is None:
         yield f"More robots come with the extra robots; {install_advice('robots')}"
+
+
+class InfoCommand(TyperCommand):
+    """``--shapes`` lists, ``--shapes FILE.png`` draws."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give ``--shapes`` its value where the next word is none."""
+        words: list[str] = []
+        for index, word in enumerate(args):
+            words.append(word)
+            following = args[index + 1] if index + 1 < len(args) else LISTED
+            if word == "--shapes" and (following.startswith("-") or Path(following).suffix.lower() in ROBOTS):
+                words.append(LISTED)
+        return super().parse_args(ctx, words)
+
+
+@reporting_errors
+@with_options
+def info(
+    source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
+    choices: RobotChoices,
+    degrees: Degrees = False,
+    frames: Annotated[bool, typer.Option("--frames", help="List the frames that may take off and land.")] = False,
+    shapes: Annotated[
+        str | None,
+        typer.Option(metavar="[FILE.png]", help="List the links' capsules; or draw them over their geometry."),
+    ] = None,
+    json_output: Json = False,
+) -> None:
+    """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
+    from floatplan.cli.asked import named_robot
+    from floatplan.cli.facts import robot_facts
+
+    robot = named_robot(source, choices, degrees)
+    facts = robot_facts(robot)
+    if shapes is not None and shapes != LISTED:
+        from floatplan.view.figures.robot_pictures import check_picture, save_shapes
+
+        save_shapes(robot, check_picture(Path(shapes)))
+    if json_output:
+        print_json(facts)
+        return
+    from floatplan.cli.summary import facts_summary, print_summary
+
+    print_summary(facts_summary(facts, frames=frames, shapes=shapes == LISTED))
+
+
+@reporting_errors
+def init(
+    robot: RobotSource,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.toml", help="Left out, <robot>.toml here.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Write a problem file for a robot: a flip from feet at rest to feet at rest, else the largest turn found.
+
+    The file plans as it stands: floatplan plan FILE.toml proves its flight, without warnings. It says what was found:
+    plane, joints with their ranges, couplings, feet, and the limits of the URDF. Of takeoff and landing the joint rates
+    at that instant are checked; whether the legs have the stroke, the force and the balance for it is not.
+    """
+    from floatplan.files import write_atomically
+    from floatplan.initial.flight import first_flight
+    from floatplan.initial.robots import chosen_robot
+    from floatplan.initial.text import problem_file_text
+
+    path = Path(f"{Path(robot).stem}.toml") if output is None else output
+    if path.suffix != ".toml":
+        raise InputError("a problem file ends in .toml", source=path, element="--output")
+    if path.exists() and not force:
+        raise InputError(
+            "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
+        )
+
+    chosen = chosen_robot(robot)
+    text = problem_file_text(chosen, first_flight(chosen, seed=seed, progress=tell(quiet)), path)
+    write_atomically(path, text)
+    if not quiet:
+        typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
+        typer.echo(f"next: floatplan plan {path}", err=True)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from floatplan.cli.common import PlanFile, Quiet, Urdf, print_path, reporting_errors
-from floatplan.cli.progress import Bar, progress
-
-if TYPE_CHECKING:
-    from floatplan.plans.plan import Plan
+from floatplan.cli.progress import progress
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
@@ -39,7 +36,7 @@ def show(
     quiet: Quiet = False,
 ) -> None:
     """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
-    from floatplan.cli.results import check_directory
+    from floatplan.cli.results import FILM, SCENE, check_directory, write_figures, write_page
     from floatplan.plans.plan import load_plan
 
     plan = load_plan(plan_file, urdf)
@@ -49,8 +46,14 @@ def show(
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
     with progress("drawing", quiet) as bar:
-        files = _pages(plan, directory, scene, report=not (scene or formats or films))
-        files += _pictures(plan, other, directory, formats, films, speed, bar)
+        files = [] if scene or formats or films else [write_page(plan, directory)]
+        if scene:
+            from floatplan.view.scene.scene import write_scene
+
+            files.append(write_scene(plan, directory / SCENE))
+        if formats:
+            files += write_figures(plan, directory, other, formats)
+        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
     if not quiet:
         for path in files:
             print_path(path)
@@ -58,30 +61,6 @@ def show(
         for path in files:
             if path.suffix == ".html":
                 webbrowser.open(path.resolve().as_uri())
-
-
-def _pages(plan: Plan, directory: Path, scene: bool, report: bool) -> list[Path]:
-    from floatplan.cli.results import SCENE, write_page
-
-    files = [write_page(plan, directory)] if report else []
-    if scene:
-        from floatplan.view.scene.scene import write_scene
-
-        files.append(write_scene(plan, directory / SCENE))
-    return files
-
-
-def _pictures(
-    plan: Plan, other: Plan | None, directory: Path, formats: list[str], films: list[str], speed: float, bar: Bar
-) -> list[Path]:
-    from floatplan.cli.results import FIGURES, FILM
-
-    files: list[Path] = []
-    if formats:
-        from floatplan.view.figures.figures import save_figures
-
-        files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-    return files + [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
 
 
 @reporting_errors

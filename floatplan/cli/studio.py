@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 import webbrowser
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.bundled import argument
-from floatplan.cli.common import DONE, Quiet, reporting_errors
+from floatplan.cli.common import DONE, Quiet, argument, reporting_errors, tell
 from floatplan.errors import escaped
 
 if TYPE_CHECKING:
@@ -38,12 +38,12 @@ def studio(
     """
     from floatplan.cli.results import default_directory
     from floatplan.errors import import_optional
-    from floatplan.studio.page import opened
+    from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")
     problem = _problem(source, quiet)
     directory = default_directory(problem) / "studio" if output is None else output
-    with opened(problem, folder=str(directory), port=port, with_map=around) as page:
+    with closing(Studio(problem, folder=str(directory), port=port, with_map=around)) as page:
         typer.echo(f"{escaped(problem.name)}: {page.address} (Ctrl-C ends it)", err=True)
         if open_page:
             webbrowser.open(page.address)
@@ -65,8 +65,4 @@ def _problem(source: str, quiet: bool) -> Problem:
     from floatplan.initial.flight import first_flight
     from floatplan.initial.robots import chosen_robot
 
-    def progress(message: str) -> None:
-        if not quiet:
-            typer.echo(message, err=True)
-
-    return first_flight(chosen_robot(source), seed=0, progress=progress).problem
+    return first_flight(chosen_robot(source), seed=0, progress=tell(quiet)).problem

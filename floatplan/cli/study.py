@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.bundled import argument
-from floatplan.cli.common import DONE, FAILED, Json, Quiet, print_json, print_path, reporting_errors
-from floatplan.cli.progress import Bar, progress
+from floatplan.cli.common import DONE, FAILED, Json, Quiet, argument, print_json, print_path, reporting_errors
+from floatplan.cli.progress import ProgressBar, progress
 
 if TYPE_CHECKING:
     from floatplan.studies.driver import Progress
@@ -81,7 +80,7 @@ def study(
     raise typer.Exit(DONE)
 
 
-def _teller(bar: Bar) -> Callable[[Progress], None]:
+def _teller(bar: ProgressBar) -> Callable[[Progress], None]:
     """Tell a bar how far it is; a line now and then where there is no terminal."""
     told = time.monotonic()
 

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
 from floatplan.errors import escaped
-from floatplan.plans.measures import Utilisation, told_limits
+from floatplan.plans.contact import Contact
+from floatplan.plans.measures import told_limits
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, verdict_in_words
 from floatplan.problem.problem import Problem
 from floatplan.robot.leak import WORTH_A_WARNING
 from floatplan.tables import OBJECTIVE_TABLE
+
+if TYPE_CHECKING:
+    from floatplan.inflight.authority import Authority
+    from floatplan.simulation.closed_loop import ClosedLoop
 
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
@@ -31,19 +37,27 @@ def plan_summary(plan: Plan, files: Sequence[Path], program: str = "floatplan") 
     record, problem = plan.record, plan.problem
     table = _two_columns()
     table.add_row("problem", _problem(problem))
-    table.add_row("start", _posture(problem.initial.orientation, problem.initial.positions))
-    table.add_row("goal", _posture(problem.final.orientation, problem.final.positions))
+    for name, end in (("start", problem.initial), ("goal", problem.final)):
+        joints = _listed(np.degrees(end.positions), digits=6)
+        table.add_row(name, f"{math.degrees(end.orientation):.6g}; {joints} deg")
     table.add_row("result" if plan.ok else "nearest", _result(plan))
-    table.add_row("momentum", _momentum(record.angular_momentum, record.angular_momentum_bounds))
+    low, high = record.angular_momentum_bounds
+    inside = "inside" if low <= record.angular_momentum <= high else "outside"
+    momentum = f"{record.angular_momentum:.6g} kg m^2/s, {inside} [{low:.5g}, {high:.5g}] of monotonic joints"
+    table.add_row("momentum", momentum)
     if record.clearance_min is not None:
         table.add_row("clearance", f"{record.clearance_min:.4g} m at least")
     if record.out_of_plane_leak is not None and record.out_of_plane_leak > WORTH_A_WARNING:
-        table.add_row("warning", Text(_leak(record.out_of_plane_leak), "yellow"))
+        leak = f"{record.out_of_plane_leak:.2g} times as much angular momentum out of the plane as in it"
+        table.add_row("warning", Text(f"the motion makes {leak}; see floatplan info", "yellow"))
     if plan.certificate is not None:
         table.add_row(plan.certificate.verdict, _proof(plan.certificate, record.orientation["goal"]))
     if plan.contacts:
         table.add_row("contact", "; ".join(escape(contact.brief) for contact in plan.contacts))
-    places = _places(files)
+    places: dict[str, Path] = {}  # by kind: pictures by their folder
+    for path in files:
+        drawn = path.suffix in (".png", ".svg")
+        places["figures" if drawn else path.stem] = path.parent if drawn else path
     for name, path in places.items():
         table.add_row(name, Text(escaped(str(path)), overflow="fold"))
     if "plan" in places and "report" not in places:
@@ -52,9 +66,7 @@ def plan_summary(plan: Plan, files: Sequence[Path], program: str = "floatplan") 
     if record.explanation:
         parts.append(Text(_shortened(record.explanation), style="" if plan.ok else "yellow"))
     parts += [Text(f"warning: {warning.message}", "yellow") for warning in plan.warnings[:MOST_WARNINGS_SHOWN]]
-    if len(plan.warnings) > MOST_WARNINGS_SHOWN:
-        parts.append(Text(f"and {len(plan.warnings) - MOST_WARNINGS_SHOWN} more warnings; --json has all", "dim"))
-    return Group(*parts)
+    return Group(*parts, *_more(len(plan.warnings) - MOST_WARNINGS_SHOWN, " warnings"))
 
 
 def _utilisation(plan: Plan) -> RenderableType:
@@ -63,24 +75,20 @@ def _utilisation(plan: Plan) -> RenderableType:
     limits = told_limits(rows)
     of_limits = [title for limit in limits for title in (limit.unit, "limit", "%")]
     titles = ("joint", *of_limits, "range, deg", "% of it", "at, s")
-    table = Table(*(Column(title, no_wrap=True) for title in titles), box=None, header_style="dim", pad_edge=False)
+    cells = []
     for row in rows[:MOST_JOINTS_SHOWN]:
-        table.add_row(
-            escape(row.joint),
-            *(cell for limit in limits for cell in _use(row, limit.key)),
-            f"{math.degrees(row.position_low):.0f} to {math.degrees(row.position_high):.0f}",
-            _percent(row.range_used),
-            f"{row.instant:.3g}",
-        )
-    if len(rows) > MOST_JOINTS_SHOWN:
-        return Group(table, Text(f"and {len(rows) - MOST_JOINTS_SHOWN} more; --json has all", "dim"))
-    return table
+        of_limits = []
+        for limit in limits:
+            peak, most, share = (getattr(row, f"{limit.key}_{name}") for name in ("peak", "limit", "utilisation"))
+            of_limits += [_number(peak), _number(most), _percent(share)]
+        moved = f"{math.degrees(row.position_low):.0f} to {math.degrees(row.position_high):.0f}"
+        cells.append((escape(row.joint), *of_limits, moved, _percent(row.range_used), f"{row.instant:.3g}"))
+    return Group(_table(titles, cells, whole=True), *_more(len(rows) - MOST_JOINTS_SHOWN))
 
 
-def _use(row: Utilisation, key: str) -> tuple[str, str, str]:
-    """Peak, limit and the share of it, of one limit."""
-    peak, limit, share = (getattr(row, f"{key}_{name}") for name in ("peak", "limit", "utilisation"))
-    return _number(peak), _number(limit), _percent(share)
+def _more(count: int, of: str = "") -> list[Text]:
+    """What is said of rows that are left out."""
+    return [Text(f"and {count} more{of}; --json has all", "dim")] if count > 0 else []
 
 
 def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool = False) -> RenderableType:
@@ -116,10 +124,9 @@ def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableTy
     outside = not isinstance(given, str) and not low <= given <= high
     text = given if isinstance(given, str) else f"{given} kg m^2/s"
     table.add_row("given", f"{text}, outside the interval: a joint or the base has to turn back" if outside else text)
-    extremes = Table("", "least", "largest", box=None, header_style="dim", pad_edge=False)
-    for index, (least, largest) in enumerate(zip(facts["D_min"], facts["D_max"], strict=True)):
-        extremes.add_row(f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2")
-    return Group(table, extremes)
+    extremes = enumerate(zip(facts["D_min"], facts["D_max"], strict=True))
+    rows = ((f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2") for index, (least, largest) in extremes)
+    return Group(table, _table(("", "least", "largest"), rows))
 
 
 def certificate_summary(certificate: Certificate) -> RenderableType:
@@ -128,12 +135,11 @@ def certificate_summary(certificate: Certificate) -> RenderableType:
     findings = sorted(certificate.findings, key=lambda finding: finding.verdict == "proved")
     verdict = Text(f"{certificate.verdict} in {certificate.seconds:.3g} s", colour[certificate.verdict])
     verdict.append(f", {certificate.subintervals} intervals of time, {len(findings)} constraints", "default")
-    table = Table("constraint", "", "bound", "limit", "at, s", box=None, header_style="dim", pad_edge=False)
+    table = _table(("constraint", "", "bound", "limit", "at, s"))
     for finding in findings[:MOST_FINDINGS_SHOWN]:
         numbers = map(_number, (finding.bound, finding.limit, finding.instant))
         table.add_row(escape(finding.label), Text(finding.verdict, colour[finding.verdict]), *numbers)
-    rest = len(findings) - MOST_FINDINGS_SHOWN
-    return Group(verdict, table, *([Text(f"and {rest} more; --json has all", "dim")] if rest > 0 else []))
+    return Group(verdict, table, *_more(len(findings) - MOST_FINDINGS_SHOWN))
 
 
 def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
@@ -152,13 +158,12 @@ def replay_summary(facts: Mapping[str, Any]) -> RenderableType:
     table.add_row("sensitivity", f"{_number(facts['orientation_sensitivity'])} rad per kg m^2/s of h")
     if facts["spatial"] is not None:
         table.add_row("in space", _spatial(facts["spatial"]))
-    growth = Table("after, s", "orientation, rad", "joints, rad", "CM, m", box=None, header_style="dim", pad_edge=False)
-    for row in zip(*(facts["growth"][name] for name in ("times", "orientation", "joints", "com")), strict=True):
-        growth.add_row(*(_number(value) for value in row))
+    titles = {"times": "after, s", "orientation": "orientation, rad", "joints": "joints, rad", "com": "CM, m"}
+    errors = zip(*(map(_number, facts["growth"][name]) for name in titles), strict=True)
     unstable = not facts["landed"] and not disturbed and facts["feedback"] is None
     advice = "with --feedback 30 an unstable motion lands all the same, a wrong plan does not"
     hint = [Text(advice, "dim")] if unstable else []
-    return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, growth, *hint)
+    return Group(Text(f"{landed} in {facts['seconds']:.3g} s", colour), table, _table(titles.values(), errors), *hint)
 
 
 def _spatial(landing: Mapping[str, Any]) -> str:
@@ -170,9 +175,85 @@ def _spatial(landing: Mapping[str, Any]) -> str:
     return f"{turned}; in the plane off by {_number(off)} rad{gains}"
 
 
+def contact_summary(ends: Sequence[Contact], disagreement: str | None) -> RenderableType:
+    """Return the result of ``floatplan takeoff``, for reading; ``disagreement`` of the ends about a free h."""
+    parts: list[RenderableType] = []
+    for contact in ends:
+        verdict, *advice = contact.sentences
+        parts.append(Text(verdict, "dim" if contact.found is None else "bold green" if contact.ok else "bold red"))
+        if contact.found is not None and contact.found.exist:
+            parts += [f"  angular momentum {contact.angular_momentum:.6g} kg m^2/s", _rates(contact)]
+        parts += [Text(f"  {sentence}") for sentence in advice]
+    return Group(*parts, *([] if disagreement is None else [Text(disagreement, "bold red")]))
+
+
+def _rates(contact: Contact) -> Table:
+    table = _table(("  joint", "rad/s", "limit", "%"), whole=True)
+    table.add_row("  base", f"{contact.orientation_rate:.4g}", "-", "-")
+    joints = contact.problem.robot.joints
+    for joint, rate, limit in zip(joints, contact.rates.tolist(), contact.limits.tolist(), strict=True):
+        limited = math.isfinite(limit)
+        share = f"{100 * abs(rate) / limit:.0f}" if limited else "-"
+        table.add_row(f"  {escape(joint)}", f"{rate + 0.0:.4g}", f"{limit:.4g}" if limited else "-", share)
+    return table
+
+
+REACHED = {
+    "angular_momentum": "h, kg m^2/s",
+    "horizontal_velocity": "horizontal, m/s",
+    "vertical_velocity": "vertical, m/s",
+}
+
+
+def reachable_summary(facts: Mapping[str, Any]) -> RenderableType:
+    """Return what rates within the limits reach at both ends, of ``floatplan bounds``; empty where none stands."""
+    ends = [end for end in ("takeoff", "landing") if facts[f"{end}_asked"] is not None]
+    if not ends:
+        return Text("no frame stands on the ground, so none has to be at rest", "dim")
+    table = _table(("", *REACHED.values()))
+    for end in ends:
+        table.add_row(f"{end}, asked", *(f"{value:.5g}" for value in facts[f"{end}_asked"]))
+        table.add_row("each alone, by joint rates", *(_interval(facts[f"{end}_{key}_bounds"]) for key in REACHED))
+    unlimited = all(None in (facts[f"{end}_{key}_bounds"] or ()) for end in ends for key in REACHED)
+    note = "joints without velocity limits reach anything: limits.velocity sets them"
+    return Group(table, *([Text(note, "dim")] if unlimited else []))
+
+
+def _interval(bounds: Sequence[float | None] | None) -> str:
+    if bounds is None:
+        return "none"
+    low, high = (None if end is None else f"{end:.5g}" for end in bounds)
+    if low is None and high is None:
+        return "any"
+    return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"
+
+
+def flights_summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:
+    """Return the result of ``floatplan replay`` with --replan and --authority, for reading."""
+    from floatplan.view.report.flights import authority_rows, landing_rows, summary
+
+    parts: list[RenderableType] = []
+    if flown is not None:
+        parts.append(Text(summary(flown), "bold"))
+        parts.append(_table(("", "with corrections", "without"), landing_rows(flown)))
+    if found is not None:
+        parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(found)))
+    if page is not None:
+        parts.append(Text(escaped(str(page)), overflow="fold"))
+    return Group(*parts)
+
+
 def print_summary(content: RenderableType, stderr: bool = False) -> None:
     """Print for people, without colours where nobody sees them."""
     Console(stderr=stderr, highlight=False, soft_wrap=False).print(content)
+
+
+def _table(titles: Iterable[str], rows: Iterable[Sequence[RenderableType]] = (), whole: bool = False) -> Table:
+    """A table without lines; where ``whole``, no cell is broken into lines."""
+    table = Table(*(Column(title, no_wrap=whole) for title in titles), box=None, header_style="dim", pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def _two_columns() -> Table:
@@ -202,19 +283,11 @@ def _problem(problem: Problem) -> str:
     return escape(", ".join([f"{problem.robot.name}, {joints}", f"{problem.flight.duration:g} s of flight", *extras]))
 
 
-def _posture(orientation: float, positions: Any) -> str:
-    return (
-        f"{math.degrees(orientation):.6g}; {_listed([math.degrees(position) for position in positions], digits=6)} deg"
-    )
-
-
 def _result(plan: Plan) -> str:
-    reached = plan.record.orientation
-    error = abs(reached["end"] - reached["goal"])
-    objective = plan.record.objective
-    name = objective["name"]
-    unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
-    return f"orientation off by {error:.1e} rad, {name} {float(objective['value']):.6g} {unit}".rstrip()
+    reached, objective = plan.record.orientation, plan.record.objective
+    unit = OBJECTIVE_TABLE[objective["name"]].unit.replace("mixed", "")
+    value = f"{objective['name']} {float(objective['value']):.6g} {unit}".rstrip()
+    return f"orientation off by {abs(reached['end'] - reached['goal']):.1e} rad, {value}"
 
 
 def _proof(certificate: Certificate, goal: float) -> Text:
@@ -231,29 +304,8 @@ def _proof(certificate: Certificate, goal: float) -> Text:
     return Text(f"for all times, {', '.join(parts)} ({took})")
 
 
-def _momentum(momentum: float, bounds: tuple[float, float]) -> str:
-    low, high = bounds
-    place = "inside" if low <= momentum <= high else "outside"
-    return f"{momentum:.6g} kg m^2/s, {place} [{low:.5g}, {high:.5g}] of monotonic joints"
-
-
-def _leak(leak: float) -> str:
-    return f"the motion makes {leak:.2g} times as much angular momentum out of the plane as in it; see floatplan info"
-
-
-def _places(files: Sequence[Path]) -> dict[str, Path]:
-    """File names by kind; pictures by their folder."""
-    places: dict[str, Path] = {}
-    for path in files:
-        if path.suffix in (".png", ".svg"):
-            places.setdefault("figures", path.parent)
-        else:
-            places[path.stem] = path
-    return places
-
-
 def _joint_table(facts: Mapping[str, Any]) -> Table:
-    table = Table("joint", "range, rad", "rad/s", "N m", "D_i, kg m^2", box=None, header_style="dim", pad_edge=False)
+    table = _table(("joint", "range, rad", "rad/s", "N m", "D_i, kg m^2"))
     for index, joint in enumerate(facts["joints"]):
         low, high = facts["position_limits"][index]
         table.add_row(

@@ -13,13 +13,13 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.export.ros_bag import write_mcap
-from floatplan.export.table import sample_times, write_full_csv, write_parquet, write_table
+from floatplan.export.ros_bag import mcap_content
+from floatplan.export.table import full_csv, gravity, parquet_content, sample_times, table_text, whole_nanoseconds
 from floatplan.files import write_atomically
 from floatplan.motion.planar.full_model import free_flyer
 from floatplan.plans.plan import Plan
 
-Writer: TypeAlias = Callable[[Plan, Path, float], Path]
+Content: TypeAlias = Callable[[Plan, float], str | bytes]  # of a file: a plan, and instants per second
 
 ARRAYS = (
     "orientation",
@@ -38,9 +38,9 @@ ARRAYS = (
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: its writer, the usual name of its files, and their usual rate, Hz."""
+    """A file format: the content of its files, their usual name, and their usual rate, Hz."""
 
-    write: Writer
+    content: Content
     file: str
     rate: float
 
@@ -48,7 +48,8 @@ class Format:
 def export(plan: Plan, form: str, path: str | Path | None = None, rate: float | None = None) -> Path:
     """Write a plan in a format of :data:`FORMATS`, whole or not at all; otherwise as ``plan.export``."""
     known = format_of(form)
-    return known.write(plan, Path(known.file if path is None else path), known.rate if rate is None else rate)
+    content = known.content(plan, known.rate if rate is None else rate)
+    return write_atomically(known.file if path is None else path, content)
 
 
 def format_of(name: str) -> Format:
@@ -58,54 +59,56 @@ def format_of(name: str) -> Format:
     return FORMATS[name]
 
 
-def write_npz(plan: Plan, path: Path, rate: float) -> Path:
-    """Write NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
+def npz_content(plan: Plan, rate: float) -> bytes:
+    """Return NumPy's archive: ``times``, ``joints``, ``motors`` (names), and the arrays of :class:`FlightState`."""
     state = plan.at(sample_times(plan.duration, rate))
     arrays = {name: getattr(state, name) for name in ARRAYS}
     names = {"joints": np.array(plan.robot.joints), "motors": np.array(plan.robot.motors)}
-    return _write_archive(path, {"times": state.times, **names, **arrays})
+    return _archive({"times": state.times, **names, **arrays})
 
 
-def write_pinocchio(plan: Plan, path: Path, rate: float) -> Path:
-    """Write NumPy's archive for ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
+def pinocchio_content(plan: Plan, rate: float) -> bytes:
+    """Return NumPy's archive for ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
     ``time`` (N,); ``q`` (N, nq), ``v``, ``a``, ``tau`` (N, nv) as of ``plan.q``, ``plan.v``, ``plan.a``, ``plan.tau``;
     ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out.
     """
-    times = sample_times(plan.duration, rate)
-    motion, place = plan.full_motion(times), free_flyer(plan.robot)
+    motion, place = plan.full_motion(sample_times(plan.duration, rate)), free_flyer(plan.robot)
     arrays = {
-        "time": times,
+        "time": motion.state.times,
         "q": place.configurations(motion),
         "v": place.velocities(motion),
         "a": place.accelerations(motion),
         "tau": place.torques(motion),
-        "gravity": -plan.ballistics.gravity * plan.robot.plane.vertical,
+        "gravity": gravity(plan),
         "joint_names": np.array(motion.joints),
     }
-    return _write_archive(path, arrays)
+    return _archive(arrays)
 
 
-def write_ros(plan: Plan, path: Path, rate: float) -> Path:
-    """Write a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds.
+def ros_content(plan: Plan, rate: float) -> str:
+    """Return a ``trajectory_msgs/JointTrajectory`` as YAML: all joints that can move, instants in whole nanoseconds.
 
     Efforts are the motors' own torques.
     """
-    nanoseconds = np.floor(sample_times(plan.duration, rate) * 1e9 + 1e-3).astype(np.int64)
+    nanoseconds = whole_nanoseconds(plan, rate)
     motion = plan.full_motion(nanoseconds / 1e9)
     names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
-    for index, instant in enumerate(nanoseconds.tolist()):
-        lines.append(f"- positions: {_yaml(motion.positions[index])}")
-        lines.append(f"  velocities: {_yaml(motion.velocities[index])}")
-        lines.append(f"  accelerations: {_yaml(motion.accelerations[index])}")
-        lines.append(f"  effort: {_yaml(motion.motor_torques[index])}")
-        lines.append(f"  time_from_start: {{sec: {instant // 10**9}, nanosec: {instant % 10**9}}}")
-    return write_atomically(path, "\n".join(lines) + "\n")
+    rows = zip(motion.positions, motion.velocities, motion.accelerations, motion.motor_torques, strict=True)
+    for instant, (positions, velocities, accelerations, effort) in zip(nanoseconds.tolist(), rows, strict=True):
+        lines += [
+            f"- positions: {_yaml(positions)}",
+            f"  velocities: {_yaml(velocities)}",
+            f"  accelerations: {_yaml(accelerations)}",
+            f"  effort: {_yaml(effort)}",
+            f"  time_from_start: {{sec: {instant // 10**9}, nanosec: {instant % 10**9}}}",
+        ]
+    return "\n".join(lines) + "\n"
 
 
-def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
-    """Write NumPy's archive for MuJoCo: a free joint at the root link, then one hinge (or slide) per joint.
+def mujoco_content(plan: Plan, rate: float) -> bytes:
+    """Return NumPy's archive for MuJoCo: a free joint at the root link, then one hinge (or slide) per joint.
 
     ``time`` (N,), ``qpos`` (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world,
     angular velocity in the body, joints; ``ctrl`` (N, J): the motors' own torques; ``joint_names`` (J). The order of a
@@ -119,13 +122,13 @@ def write_mujoco(plan: Plan, path: Path, rate: float) -> Path:
         "qvel": np.concatenate((motion.base_velocity, motion.base_angular_velocity, motion.velocities), axis=1),
         "ctrl": motion.motor_torques,
         "joint_names": np.array(motion.joints),
-        "gravity": -plan.ballistics.gravity * plan.robot.plane.vertical,
+        "gravity": gravity(plan),
     }
-    return _write_archive(path, arrays)
+    return _archive(arrays)
 
 
-def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
-    """Write CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
+def unitree_content(plan: Plan, rate: float) -> str:
+    """Return CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
 
     As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
     flight is not a whole number of steps, the last row is the landing, less than a step early.
@@ -135,13 +138,13 @@ def write_unitree(plan: Plan, path: Path, rate: float) -> Path:
     rows = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
     lines = [f"# column {number}: {' '.join(name.split())}" for number, name in enumerate(names)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]
-    return write_atomically(path, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
-def _write_archive(path: Path, arrays: Mapping[str, Array]) -> Path:
+def _archive(arrays: Mapping[str, Array]) -> bytes:
     stream = io.BytesIO()
     np.savez(stream, **arrays)  # type: ignore[arg-type]
-    return write_atomically(path, stream.getvalue())
+    return stream.getvalue()
 
 
 def _yaml(values: Array) -> str:
@@ -153,13 +156,13 @@ def _yaml(values: Array) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(write_table, "trajectory.csv", 1000.0),
-    "csv-full": Format(write_full_csv, "full_trajectory.csv", 1000.0),
-    "parquet": Format(write_parquet, "trajectory.parquet", 1000.0),
-    "npz": Format(write_npz, "trajectory.npz", 1000.0),
-    "pinocchio": Format(write_pinocchio, "pinocchio.npz", 1000.0),
-    "mujoco": Format(write_mujoco, "mujoco.npz", 1000.0),
-    "ros": Format(write_ros, "joint_trajectory.yaml", 100.0),
-    "mcap": Format(write_mcap, "flight.mcap", 100.0),
-    "unitree": Format(write_unitree, "unitree.csv", 50.0),
+    "csv": Format(table_text, "trajectory.csv", 1000.0),
+    "csv-full": Format(full_csv, "full_trajectory.csv", 1000.0),
+    "parquet": Format(parquet_content, "trajectory.parquet", 1000.0),
+    "npz": Format(npz_content, "trajectory.npz", 1000.0),
+    "pinocchio": Format(pinocchio_content, "pinocchio.npz", 1000.0),
+    "mujoco": Format(mujoco_content, "mujoco.npz", 1000.0),
+    "ros": Format(ros_content, "joint_trajectory.yaml", 100.0),
+    "mcap": Format(mcap_content, "flight.mcap", 100.0),
+    "unitree": Format(unitree_content, "unitree.csv", 50.0),
 }

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,12 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
-from floatplan.export.table import sample_times
-from floatplan.files import write_atomically
+from floatplan.export.table import whole_nanoseconds
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.plans.plan import Plan
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so
 MOST_TRANSFORMS = 1_000_000  # [-] moving links times instants: below 200 MB
-NANOSECONDS = 1e9  # [1/s]
 
 HEADER = "std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id"
 TIME = "builtin_interfaces/Time", "int32 sec\nuint32 nanosec"
@@ -60,8 +57,8 @@ TOPICS = {  # topic -> type, definition, types that it uses, whether its last me
 }
 
 
-def write_mcap(plan: Plan, path: Path, rate: float) -> Path:
-    """Write a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf`` and ``/joint_states``; time begins at takeoff.
+def mcap_content(plan: Plan, rate: float) -> bytes:
+    """Return a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf``, ``/joint_states``; time begins at takeoff.
 
     The frame ``world`` has the root link's axes at orientation 0; ``/tf`` has the root link in it, and every link that
     a joint moves in its parent; links that are fixed are in ``/tf_static``. Efforts are the motors' own torques.
@@ -73,45 +70,37 @@ def write_mcap(plan: Plan, path: Path, rate: float) -> Path:
     """
     writers = import_optional("mcap.writer", name="the package mcap", element="format", extra="mcap")
     tree = plan.robot.file_tree
-    nanoseconds = np.floor(sample_times(plan.duration, rate) * NANOSECONDS + 1e-3).astype(np.int64)
+    nanoseconds = whole_nanoseconds(plan, rate)
     moving = sum(joint.moves for joint in tree.joints)
     if len(nanoseconds) * moving > MOST_TRANSFORMS:
         reason = f"{rate} Hz for {plan.duration} s are more than {MOST_TRANSFORMS} transforms"
         raise InputError(reason, element="rate", advice="give a lower rate")
-    motion = plan.full_motion(nanoseconds / NANOSECONDS)
+    motion = plan.full_motion(nanoseconds / 1e9)
     transforms = _Transforms(plan, motion)
     stream = io.BytesIO()
-    bag = _Bag(writers, stream)
-    bag.write("/robot_description", 0, _Cdr().text(plan.robot.xml))
-    bag.write("/tf_static", 0, transforms.static())
+    writer = writers.Writer(stream)
+    writer.start(profile="ros2", library="floatplan")
+    channels = {topic: _channel(writer, topic) for topic in TOPICS}
+
+    def write(topic: str, instant: int, message: _Cdr) -> None:
+        writer.add_message(channels[topic], instant, message.content(), instant)
+
+    write("/robot_description", 0, _Cdr().text(plan.robot.xml))
+    write("/tf_static", 0, transforms.static())
     for index, instant in enumerate(nanoseconds.tolist()):
-        bag.write("/tf", instant, transforms.moving(index, instant))
-        bag.write("/joint_states", instant, _joint_state(motion, index, instant))
-    bag.finish()
-    return write_atomically(path, stream.getvalue())
+        write("/tf", instant, transforms.moving(index, instant))
+        write("/joint_states", instant, _joint_state(motion, index, instant))
+    writer.finish()
+    return stream.getvalue()
 
 
-class _Bag:
-    """An MCAP file of ROS 2 messages, with one channel for each topic."""
-
-    def __init__(self, writers: Any, stream: io.BytesIO) -> None:
-        self._writer = writers.Writer(stream)
-        self._writer.start(profile="ros2", library="floatplan")
-        self._channels = {topic: self._channel(topic) for topic in TOPICS}
-
-    def _channel(self, topic: str) -> int:
-        name, fields, uses, kept = TOPICS[topic]
-        rule = "=" * 80
-        text = "\n".join([fields, *(f"{rule}\nMSG: {used}\n{definition}" for used, definition in uses)])
-        schema = self._writer.register_schema(name, "ros2msg", text.encode())
-        qualities = {"offered_qos_profiles": LATCHED if kept else ""}
-        return int(self._writer.register_channel(topic, "cdr", schema, qualities))
-
-    def write(self, topic: str, instant: int, message: _Cdr) -> None:
-        self._writer.add_message(self._channels[topic], instant, message.content(), instant)
-
-    def finish(self) -> None:
-        self._writer.finish()
+def _channel(writer: Any, topic: str) -> int:
+    """Begin a topic."""
+    name, fields, uses, kept = TOPICS[topic]
+    rule = "=" * 80
+    text = "\n".join([fields, *(f"{rule}\nMSG: {used}\n{definition}" for used, definition in uses)])
+    schema = writer.register_schema(name, "ros2msg", text.encode())
+    return int(writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": LATCHED if kept else ""}))
 
 
 class _Cdr:

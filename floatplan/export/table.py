@@ -10,13 +10,11 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
-from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 
 SPACE = ("x", "y", "z")
@@ -41,9 +39,14 @@ def sample_times(duration: float, rate: float) -> Array:
     return np.append(np.arange(steps) / rate, duration)
 
 
-def write_table(plan: Plan, path: str | Path, rate: float = 1000.0) -> Path:
-    """Write the plan as CSV, as :func:`table_text` says it."""
-    return write_atomically(path, table_text(plan, rate))
+def whole_nanoseconds(plan: Plan, rate: float) -> IntArray:
+    """Instants of :func:`sample_times` in whole nanoseconds, as ROS has them."""
+    return np.floor(sample_times(plan.duration, rate) * 1e9 + 1e-3).astype(np.int64)
+
+
+def gravity(plan: Plan) -> Array:
+    """The acceleration of gravity (3,), m/s^2, in the world."""
+    return np.asarray(-plan.ballistics.gravity * plan.robot.plane.vertical)
 
 
 def table_text(plan: Plan, rate: float = 1000.0) -> str:
@@ -59,10 +62,9 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
     rate : float
         Rows per second, Hz; the end of the flight is always a row.
     """
-    times = sample_times(plan.duration, rate)
-    state = plan.at(times)
+    state = plan.at(sample_times(plan.duration, rate))
     header = ["time", "orientation", "orientation_rate", "com_x", "com_y"]
-    columns = [times, state.orientation, state.orientation_rate, *state.com_position.T]
+    columns = [state.times, state.orientation, state.orientation_rate, *state.com_position.T]
     ratios = plan.robot.motor_ratios
     offsets = [plan.robot.coupled[name].offset if name in plan.robot.coupled else 0.0 for name in plan.robot.motors]
     of_motors = {
@@ -116,15 +118,14 @@ def full_columns(plan: Plan, rate: float) -> list[Column]:
     return columns
 
 
-def write_full_csv(plan: Plan, path: Path, rate: float) -> Path:
-    """Write the columns of :func:`full_columns` as CSV, numbers that read back bit for bit."""
+def full_csv(plan: Plan, rate: float) -> str:
+    """Return the columns of :func:`full_columns` as CSV, numbers that read back bit for bit."""
     columns = full_columns(plan, rate)
-    header = [column.name for column in columns]
-    return write_atomically(path, csv_text(header, np.column_stack([column.values for column in columns])))
+    return csv_text([column.name for column in columns], np.column_stack([column.values for column in columns]))
 
 
-def write_parquet(plan: Plan, path: Path, rate: float) -> Path:
-    """Write the columns of :func:`full_columns` as Parquet; each has its unit in its metadata.
+def parquet_content(plan: Plan, rate: float) -> bytes:
+    """Return the columns of :func:`full_columns` as Parquet; each has its unit in its metadata.
 
     The file's metadata has ``problem``, ``robot``, ``duration``, ``angular_momentum`` and ``gravity`` (x y z).
 
@@ -137,29 +138,23 @@ def write_parquet(plan: Plan, path: Path, rate: float) -> Path:
     parquet = import_optional("pyarrow.parquet", name="PyArrow", element="format", extra="parquet")
     columns = full_columns(plan, rate)
     fields = [arrow.field(column.name, arrow.float64(), False, {"unit": column.unit}) for column in columns]
-    gravity = -plan.ballistics.gravity * plan.robot.plane.vertical
     about = {
         "problem": plan.problem.name,
         "robot": plan.robot.name,
         "duration": repr(plan.duration),
         "angular_momentum": repr(plan.angular_momentum),
-        "gravity": " ".join(repr(float(value) + 0.0) for value in gravity),
+        "gravity": " ".join(repr(float(value) + 0.0) for value in gravity(plan)),
     }
     table = arrow.table([arrow.array(column.values) for column in columns], schema=arrow.schema(fields, about))
     stream = io.BytesIO()
     parquet.write_table(table, stream)
-    return write_atomically(path, stream.getvalue())
+    return stream.getvalue()
 
 
 def csv_text(header: Sequence[str], rows: Array) -> str:
-    """CSV of rows (N, C) under a header (C), of which no spreadsheet takes a name for a formula."""
+    """CSV of rows (N, C) under a header (C), of which no spreadsheet takes a name, from a URDF, for a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(map(_no_formula, header))
+    writer.writerow(f"'{name}" if name.startswith(("=", "+", "-", "@")) else name for name in header)
     writer.writerows(rows.tolist())
     return text.getvalue()
-
-
-def _no_formula(heading: str) -> str:
-    """A heading that no spreadsheet takes for a formula: names come from the URDF."""
-    return f"'{heading}" if heading.startswith(("=", "+", "-", "@")) else heading

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
 from floatplan.inflight.correction import REACHED
-from floatplan.inflight.prediction import Prediction, Present
+from floatplan.inflight.estimate import Estimate
+from floatplan.inflight.motion import Rewriting
 from floatplan.inflight.replanner import Replanner
-from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
+from floatplan.inflight.update import Update
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
@@ -87,12 +86,15 @@ def authority(plan: Plan | str | Path) -> Authority:
     replanner = Replanner(plan, RATE / plan.duration)
     times = plan.duration * np.array(SHARES)
 
+    real = Update(plan.robot.tree, replanner.views, Rewriting(plan), 1.0, 1.0)
+    links = np.ones(len(plan.robot.tree.mass))
+    links[0] = 0.0
+
     def with_momentum(error: float, begin: float) -> bool:
-        momentum = plan.angular_momentum * (1 + error)
-        return _lands(replanner, replanner.views.flight.equations, momentum, begin)
+        return _lands(replanner, real, plan.angular_momentum * (1 + error), 0.0 * links, begin)
 
     def with_inertia(error: float, begin: float) -> bool:
-        return _lands(replanner, _heavier(replanner, error), plan.angular_momentum, begin)
+        return _lands(replanner, real, plan.angular_momentum, error * links, begin)
 
     return Authority(
         read_only(times), _intervals(with_momentum, times), _intervals(with_inertia, times), LARGEST, REACHED
@@ -127,49 +129,33 @@ def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, 
     return low
 
 
-def _heavier(replanner: Replanner, error: float) -> Dynamics:
-    """The robot with other masses and inertias of all bodies but the base."""
-    tree = replanner.plan.robot.tree
-    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    factor = np.full(len(tree.mass), error)
-    factor[0] = 0.0
-    coupling = centroidal_coupling(tree) + weights.conj().T @ ((factor * tree.mass)[:, None] * weights)
-    return replanner.views.flight.equations.adapted(coupling, tree.inertia * (1 + factor))
+def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, begin: float) -> bool:
+    """Whether a robot reaches the goal within all limits, corrected from ``begin`` on.
 
-
-def _lands(replanner: Replanner, robot: Dynamics, momentum: float, begin: float) -> bool:
-    """Whether a robot with a momentum reaches the goal within all limits, corrected from ``begin`` on."""
+    It has a momentum, kg m^2/s, and relative ``errors`` of its links' masses and inertias; ``real`` says how it flies.
+    """
     plan = replanner.plan
     replanner.reset()
-    orientation, time, step = plan.problem.initial.orientation, 0.0, plan.duration / RATE
+    inertial = replanner.identification(momentum)
+    inertial.state[2:] = np.tile(errors, 2)
+    inertial.has_changed()
+    path, robot = plan.ballistics, inertial.dynamics
+    real.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
+    time, step = 0.0, plan.duration / RATE
     quadrature = gauss_legendre(NODES)
     for number in range(RATE):
         following = (number + 1) * step
         if time >= begin - 1e-9 * plan.duration:
             positions, velocities, _ = replanner.motion.at(time)
             rate = float(robot.base_rate(positions, velocities, momentum)[0])
-            replanner.update(time, orientation, rate, positions[0], velocities[0])
-        present = Present(time, orientation, momentum, partial(_path, plan, time), lambda: robot)
-        if not _within(replanner, present, following):
-            return False
+            replanner.update(time, inertial.orientation, rate, positions[0], velocities[0])
+        if replanner.views.rows:
+            real.predicted(replanner.rest(time))
+            if not (real.row_values.T[real.times <= following] >= -ALLOWED).all():
+                return False
         times = time + (following - time) * quadrature.nodes
         positions, velocities, _ = replanner.motion.at(times)
-        orientation += (following - time) * float(quadrature.weights @ robot.base_rate(positions, velocities, momentum))
+        rates = robot.base_rate(positions, velocities, momentum)
+        inertial.state[0] += (following - time) * float(quadrature.weights @ rates)
         time = following
-    return abs(orientation - plan.problem.final.orientation) <= REACHED
-
-
-def _path(plan: Plan, time: float) -> Ballistics:
-    """Path of the centre of mass from a time on."""
-    path, now = plan.ballistics, np.array([time])
-    return Ballistics(path.positions(now)[0], path.velocities(now)[0], path.gravity)
-
-
-def _within(replanner: Replanner, present: Present, following: float) -> bool:
-    """Whether the present motion keeps all limits until a following time."""
-    views = replanner.views
-    if not views.rows:
-        return True
-    prediction = Prediction(views, replanner.rest(present.time), present)
-    soon = prediction.times <= following
-    return all((block[soon[-len(block) :]] >= -ALLOWED).all() for block in prediction.values)
+    return abs(inertial.orientation - plan.problem.final.orientation) <= REACHED

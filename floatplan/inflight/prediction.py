@@ -1,64 +1,150 @@
-"""What will come of a motion: the rest of a flight from the present orientation, momentum and place, and its limits."""
+"""What is looked at in the rest of a flight: instants, and rows of the problem's limits.
+
+A row is kept where its value is at least zero: one minus the share of a limit that is used, or a clearance less its
+margin over ``LENGTH_SCALE``, as in the planner's constraints.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.inflight.limits import distance_rows, limit_rows, sensible_rows
-from floatplan.inflight.motion import RemainingMotion
+from floatplan.errors import InputError
+from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, ShareRows, can_write
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.ballistics import Ballistics
-from floatplan.motion.planar.clearance import LinkShapes, Segments
-from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.flight import GaussGrid, PlanarBaseMotion, PlanarFlight, gauss_grid, planar_flight
+from floatplan.motion.planar.clearance import LinkShapes
+from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import Form, basis, joint_motion
+from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
+from floatplan.problem.problem import Problem
 from floatplan.robot.robot import LinkCapsule, PlanarTree
+from floatplan.tables import JOINT_LIMITS
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
-WATCHED = 40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
-MOST_WATCHED = 160  # [-] where an obstacle could be passed unseen between so few
+LEAST_INSTANTS = (
+    40  # [-] instants besides the nodes at which limits are looked at; with 8, torques between were 5 % beyond
+)
+MOST_INSTANTS = 160  # [-] where an obstacle could be passed unseen between so few
 LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
 OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
 THINNEST = 1e-3  # [m] of what is passed
 SAME = 1e-9  # [m] shapes that are nowhere further apart are one
+SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
+LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
+SHARE_AIM, SHARE_SOFTNESS = 0.02, 0.01  # [-] of limits, see :class:`LimitRows`
+DISTANCE_AIM, DISTANCE_SOFTNESS = 0.1, 0.02  # [LENGTH_SCALE]
+ALWAYS = (-np.inf, np.inf)
 
 
-@dataclass(eq=False)  # not frozen, for its speed: there is one per update
-class Present:
-    """The robot now: ``time`` s since takeoff, orientation rad, h kg m^2/s.
+@dataclass(frozen=True, eq=False)
+class LimitRows:
+    """A block of rows that applies within a window, s since takeoff.
 
-    ``path`` gives the path of the CM from now on, ``adapted`` the dynamics of its masses, when they are asked for.
+    Corrections aim at values of ``aim``, above zero; a row may miss that by ``softness`` where the landing may miss the
+    goal by sigma.
     """
 
-    time: float
-    orientation: float
-    angular_momentum: float
-    path: Callable[[], Ballistics]
-    adapted: Callable[[], Dynamics]
+    block: Block
+    aim: float
+    softness: float
+    window: tuple[float, float] = ALWAYS
 
-    @cached_property
-    def com(self) -> Ballistics:
-        """Path of the centre of mass from now on."""
-        return self.path()
 
-    @cached_property
-    def dynamics(self) -> Dynamics:
-        """With the masses that the robot is believed to have."""
-        return self.adapted()
+def _share(used: dict[str, Array], also: dict[str, Array]) -> LimitRows:
+    return LimitRows(ShareRows(used, also), SHARE_AIM, SHARE_SOFTNESS)
+
+
+def _distance(block: Block, window: tuple[float, float] = ALWAYS) -> LimitRows:
+    return LimitRows(block, DISTANCE_AIM, DISTANCE_SOFTNESS, window)
+
+
+def _selected(limit: Array) -> Array:
+    """Rows (r, n) that pick quantities (n,) over their limits, where these are finite."""
+    return np.diag(1 / limit)[np.isfinite(limit)]
+
+
+def limit_rows(problem: Problem) -> list[LimitRows]:
+    """Return the rows of all limits of a problem but distances; joint ranges need none.
+
+    Of torques those of each motor, alone and with its rate; generalised ones where they have a limit of their own.
+
+    Raises
+    ------
+    InputError
+        Corrections in flight do not know a limit.
+    """
+    robot = problem.robot
+    motors = np.isfinite(problem.motor_torque_limits)
+    implied = ((robot.motor_ratios == 0) | motors[:, None]).all(axis=0)
+    shares: list[tuple[dict[str, Array], dict[str, Array]]] = [
+        ({"motor_torques": _selected(problem.motor_torque_limits)}, {}),
+        (
+            {"motor_torques": _selected(problem.motor_stall)},
+            {"velocities": _selected(problem.motor_stall) @ (problem.motor_slope[:, None] * robot.motor_ratios)},
+        ),
+        ({"torques": _selected(np.where(implied, np.inf, problem.torque_limits))}, {}),
+    ]
+    limits = {row.quantity: problem.joint_limits[row.key] for row in JOINT_LIMITS}
+    for row in JOINT_LIMITS:
+        if row.quantity not in QUANTITIES and np.isfinite(limits[row.quantity]).any():
+            raise InputError(
+                f"corrections in flight do not know limits of {row.quantity}",
+                element=f"limits.{row.key}",
+                advice="leave it out, or fly without corrections",
+            )
+    if problem.limits.orientation_rate is not None:
+        limits["orientation_rate"] = np.array([problem.limits.orientation_rate])
+    shares += [({name: _selected(limit)}, {}) for name, limit in limits.items() if name in QUANTITIES]
+    return [_share(used, also) for used, also in shares if len(next(iter(used.values())))]
+
+
+def sensible_rows(plan: Plan) -> list[LimitRows]:
+    """Return a bound of the accelerations of joints that the problem does not limit: a multiple of the plan's largest.
+
+    Without it a goal that cannot be reached any more would be chased harder and harder until the landing.
+    """
+    problem, ratios = plan.problem, plan.robot.motor_ratios != 0
+    held = np.isfinite(np.minimum(problem.motor_torque_limits, problem.motor_stall))
+    limited = (~ratios | held[:, None]).all(axis=0) | np.isfinite(problem.joint_limits["acceleration"])
+    free = ~limited & ~np.isfinite(problem.torque_limits)
+    largest = float(plan.peaks.joints["acceleration"].max())
+    if not free.any() or not largest:
+        return []
+    return [_share({"accelerations": _selected(np.where(free, SENSIBLE * largest, np.inf))}, {})]
+
+
+def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[LimitRows]:
+    """Return the rows of all obstacles and pairs of links, measured to ``shapes``.
+
+    Raises
+    ------
+    InputError
+        Corrections in flight do not know a kind of obstacle.
+    """
+    rows = []
+    for obstacle in [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]:
+        if not can_write(obstacle):
+            raise InputError(
+                f"corrections in flight do not know obstacles of kind {obstacle.kind!r}",
+                element="obstacles",
+                advice="leave it out, or fly without corrections",
+            )
+        rows.append(_distance(ObstacleRows(obstacle, obstacle.margin, LENGTH_SCALE), obstacle.window or ALWAYS))
+    for pair in problem.self_clearances:
+        first, second = ([i for i, shape in enumerate(shapes) if shape.link == name] for name in pair.links)
+        rows.append(_distance(PairRows(first, second, pair.margin, LENGTH_SCALE)))
+    return rows
 
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Where a motion is looked at, as shares of what remains: the nodes, then the W watched ones.
+    """Where a motion is looked at, as shares of what remains: the nodes, then W beside them.
 
     ``values`` are those of the basis and its two derivatives there, (K, 6+m) each; ``free`` (K, m) of changes y.
     """
@@ -67,14 +153,9 @@ class Instants:
     values: tuple[Array, Array, Array]
     free: tuple[Array, ...]
 
-    @property
-    def watched(self) -> Array:
-        """Shares (W,)."""
-        return self.grid.s[self.grid.nodes :]
-
 
 class Views:
-    """What all predictions of a plan's flight have in common: the instants and the rows.
+    """Instants and rows of a plan's flight.
 
     Changes y (m, n) of the free polynomials, ``whitening @ y / amplitude`` of their coefficients, are in rad and make a
     second derivative of the positions by u whose root mean square is at most ``|y|``.
@@ -88,17 +169,16 @@ class Views:
         self.flight = replace(flight, link_shapes=LinkShapes(flight.tree, shapes, hulls))
         distances = distance_rows(problem, shapes)
         self.has_distances = bool(distances)
-        self.rows = (*distances, *limit_rows(problem), *sensible_rows(plan))
+        self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self._functions = basis(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(_second_derivatives(form))).T
-        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _watched(plan, self.flight, obstacles)
+        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _instants_needed(plan, self.flight, obstacles)
         count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
         self._always = nodes.also(np.linspace(0.0, 1.0, count))
         self.instants = self._at(self._always)
         self.instants = self.between(0.0, plan.duration)
-        self.motor_turns = plan.robot.tree.motor_turns
 
     def _at(self, grid: GaussGrid) -> Instants:
         values = self._functions.values(grid.s)
@@ -113,11 +193,11 @@ class Views:
         return self._at(self._always.also((times.ravel() - begin) / (end - begin)))
 
 
-def _watched(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:
+def _instants_needed(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:
     """Number of instants between which, on the plan, no link passes an obstacle from one side to the other."""
     if not obstacles:
-        return WATCHED
-    times = np.linspace(0.0, plan.duration, MOST_WATCHED)
+        return LEAST_INSTANTS
+    times = np.linspace(0.0, plan.duration, MOST_INSTANTS)
     state, com = plan.at(times), flight.ballistics.positions(times)
     angles = flight.tree.absolute_angles(state.orientation, state.positions)
     shapes = flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
@@ -126,7 +206,7 @@ def _watched(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) ->
         moved = times[:, None] * complex(*obstacle.velocity)
         step = np.maximum(*(np.abs(np.diff(ends - moved, axis=0)).max(axis=0) for ends in (shapes.start, shapes.end)))
         passes.append(float((step / np.maximum(obstacle.thickness + 2 * shapes.radius, THINNEST)).max()))
-    return min(max(WATCHED, math.ceil(MOST_WATCHED * max(passes))), MOST_WATCHED)
+    return min(max(LEAST_INSTANTS, math.ceil(MOST_INSTANTS * max(passes))), MOST_INSTANTS)
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
@@ -157,84 +237,3 @@ def _second_derivatives(form: Form) -> Array:
     quadrature = gauss_grid(NODE_COUNTS[-1] if form.width > 20 else 48).quadrature
     second = basis(form).values(quadrature.nodes)[2][:, CONDITIONS:]
     return np.asarray(second.T @ (quadrature.weights[:, None] * second))
-
-
-class Prediction:
-    """The rest of a flight under a motion, evaluated when asked."""
-
-    def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
-        self._views, self.motion, self._present = views, motion, present
-
-    def __reduce__(self) -> tuple[type[Prediction], tuple[Views, RemainingMotion, Present]]:
-        """To what it is made of: a copy evaluates anew."""
-        return Prediction, (self._views, self.motion, self._present)
-
-    @cached_property
-    def _instants(self) -> Instants:
-        return self._views.between(self.motion.begin, self.motion.end)
-
-    @cached_property
-    def _flight(self) -> PlanarFlight:
-        flight, present = self._views.flight, self._present
-        return PlanarFlight(
-            flight.tree,
-            present.dynamics,
-            flight.link_shapes,
-            present.com,
-            present.orientation,
-            flight.final_orientation,
-            self.motion.remaining,
-            flight.final_orientation - present.orientation,
-        )
-
-    @property
-    def watched(self) -> Array:
-        """Times (W,), s since takeoff, at which distances are watched."""
-        return self.motion.begin + self.motion.remaining * self._instants.watched
-
-    @property
-    def times(self) -> Array:
-        """Times (K,), s since takeoff, at which all else is looked at."""
-        return self.motion.begin + self.motion.remaining * self._instants.grid.s
-
-    @cached_property
-    def shapes(self) -> Segments:
-        """The links' shapes at the watched instants."""
-        grid, flight = self._instants.grid, self._flight
-        turned = self.motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
-        positions = self.flown.joints.positions[grid.nodes :]
-        angles = flight.tree.absolute_angles(flight.initial_orientation + turned, positions)
-        com = flight.ballistics.positions(self.watched - self.motion.begin)
-        return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
-
-    @cached_property
-    def flown(self) -> PlanarBaseMotion:
-        """How the base turns."""
-        motion, instants = self.motion, self._instants
-        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, instants.values)
-        return PlanarBaseMotion(self._flight, instants.grid, joints, np.array([[self._present.angular_momentum]]))
-
-    @property
-    def present(self) -> Present:
-        """The robot now."""
-        return self._present
-
-    @cached_property
-    def miss(self) -> float:
-        """Orientation at landing less the goal, rad."""
-        return float(self.flown.residual[0, 0])
-
-    @cached_property
-    def values(self) -> tuple[Array, ...]:
-        """Values (K, r) or (W, r) of each block of rows."""
-        return tuple(block.values(self) for block in self._views.rows)
-
-    @cached_property
-    def worst(self) -> Array:
-        """Least value of each block."""
-        return np.array([values.min() for values in self.values])
-
-    @cached_property
-    def torque_peak(self) -> Array:
-        """Largest torque (m,) of each motor for the rest of the flight, N m."""
-        return np.asarray(np.abs(self.flown.moments @ self._views.motor_turns).max(axis=0))

@@ -12,13 +12,19 @@ import numpy.typing as npt
 from floatplan.arguments import optional, outline, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.correction import REACHED, Correction, Reference, Status
-from floatplan.inflight.estimate import Estimate, Identification
-from floatplan.inflight.measurement import Measurement, Plausibility, Recovery, read, unwrapped
+from floatplan.inflight.correction import REACHED, Correction, Reference, Status, WarmStarts
+from floatplan.inflight.estimate import (
+    Estimate,
+    Identification,
+    Measurement,
+    Plausibility,
+    Recovery,
+    read,
+    unwrapped,
+)
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.prediction import Prediction, Views
+from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS, KEPT, Corrected, Update
-from floatplan.inflight.warm_start import WarmStarts
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
@@ -93,10 +99,8 @@ class Replanner:
         """Forget all measurements and corrections: for another flight of the same plan."""
         plan = self.plan
         path = plan.ballistics
-        nominal = self.views.flight.equations
-        start = float(nominal.momentum_map(plan.problem.initial.positions[None, :])[0, 0])
-        orientation, momentum = plan.problem.initial.orientation, plan.angular_momentum
-        inertial = Identification(plan.robot.tree, nominal, orientation, momentum, start)
+        momentum = plan.angular_momentum
+        inertial = self.identification(momentum)
         self._recovery = Recovery()
         self._estimate = Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity)
         self._measured = -math.inf
@@ -104,16 +108,21 @@ class Replanner:
         self._corrected = -math.inf
         self._landing = plan.duration
         self._update.begin(self._estimate)
-        prediction = Prediction(self.views, self.motion, self._update.present(0.0, orientation))
-        corrected = Corrected(prediction, prediction.miss, prediction.worst, 1.0)
+        corrected = self._update.predicted(self.motion)
         self._last = Correction("applied", "", corrected, plan.duration, momentum)
+
+    def identification(self, angular_momentum: float) -> Identification:
+        """Return what is known at takeoff, with an angular momentum, kg m^2/s."""
+        initial, nominal = self.plan.problem.initial, self.views.flight.equations
+        inertia = float(nominal.momentum_map(initial.positions[None, :])[0, 0])
+        return Identification(self.plan.robot.tree, nominal, initial.orientation, angular_momentum, inertia)
 
     def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
         """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""
         self.reset()
         self._estimate.inertial.state[1] = angular_momentum
         self._update.remember(motion)
-        return self._update.corrected(0.0, self._estimate.orientation, self.plan.duration, evaluations)
+        return self._update.corrected(0.0, self.plan.duration, evaluations)
 
     def _takeoff_rates(self) -> tuple[float, Array, Array]:
         positions, velocities, _ = self.motion.at(0.0)
@@ -184,7 +193,7 @@ class Replanner:
         self._now = present
         if present - self._corrected < (1 - EARLY) / self.rate:
             return self._last
-        return self._correct(present, self._estimate.orientation + self._update.turned)
+        return self._correct(present)
 
     def _learned(self, measured: Measurement, now: float) -> str:
         """Take in a measurement; why not, where it cannot be one."""
@@ -208,14 +217,14 @@ class Replanner:
         self._measured = measured.time
         return ""
 
-    def _correct(self, now: float, orientation: float) -> Correction:
+    def _correct(self, now: float) -> Correction:
         first, self._corrected = self._corrected < 0.0, now
         landing = self._landing_estimate(now)
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         warm_start = self._warm_starts.at(now, self._estimate.angular_momentum) if first else None
         evaluations = FIRST if first else EVALUATIONS
-        corrected = self._update.corrected(now, orientation, landing, evaluations, warm_start)
+        corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
         status, reason = _judged(corrected)
         self._last = Correction(status, reason, corrected, landing, self._estimate.angular_momentum)

@@ -1,6 +1,6 @@
 """An update of a flight's corrections: the state that is expected, the filter, the rest of the flight corrected.
 
-All of it is computed by the kernel, ``flight.hpp``, ``law.hpp`` and ``rest.hpp``; this fills what these read.
+All of it is computed by the kernel, ``flight.hpp``, ``law.hpp`` and ``prediction.hpp``; this fills what these read.
 """
 
 from __future__ import annotations
@@ -12,22 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate as filtering
-from floatplan.inflight.estimate import Estimate
-from floatplan.inflight.limits import LENGTH_SCALE, ROUNDING, DistanceRows, JointRows, Rows, TorqueRows
-from floatplan.inflight.measurement import Expected, Measurement
+from floatplan.inflight.estimate import Estimate, Expected, Measurement
 from floatplan.inflight.motion import RemainingMotion, Rewriting
-from floatplan.inflight.prediction import Instants, Prediction, Present, Views
-from floatplan.kernel.filled import Filled
-from floatplan.kernel.layout import ENUMERATIONS
-from floatplan.kernel.library import Kernel, kernel
-from floatplan.kernel.watch import PAIR, written_obstacle
+from floatplan.inflight.prediction import Instants, LimitRows, Views
+from floatplan.kernel.bodies import Bodies, filled_robot
+from floatplan.kernel.constraints import CompiledConstraints
+from floatplan.kernel.layout import ENUMERATIONS, Filled
+from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.closed_form import TurningBodies, centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.problem.parts import Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 
 EVALUATIONS = 1  # [-] of changed motions at most
@@ -41,28 +36,44 @@ KEPT = 1e-3  # [-] a row that is less below zero counts as kept
 SCALES = (0.5, 0.25)  # [-] shares of a correction that are tried where the whole breaks a limit
 MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
+ROUNDING = 1e-9  # [s] of instants at the ends of a window
 STEPS = ENUMERATIONS["Step"].__members__
-KINDS = {"velocities": 0, "accelerations": 1, "orientation_rate": 2}
-TORQUE, DISTANCE = 3, 4
-ALWAYS = (-np.inf, np.inf)
+
+
+def _constants() -> dict[str, Any]:
+    """Of law and filter, as the kernel names them."""
+    return {
+        "gap_nodes": GAP_NODES,
+        "memory": MEMORY,
+        "most_rows": MOST_ROWS,
+        "far": FAR,
+        "weighed": WEIGHED,
+        "settled": SETTLED,
+        "shorter": SHORTER,
+        "kept": KEPT,
+        "scales": SCALES,
+        "evaluations_near": EVALUATIONS,
+        "evaluations_far": EVALUATIONS_FAR,
+        "angle_variance": filtering.ANGLE_NOISE**2,
+        "rate_variance": filtering.RATE_NOISE**2,
+        "largest_error": filtering.LARGEST_ERROR,
+        "surprising": filtering.SURPRISING,
+        "most_surprises": filtering.SURPRISES,
+    }
 
 
 @dataclass(eq=False)
 class Corrected:
     """The motion that was chosen and what it leads to: its miss, rad, the least value of each block of rows.
 
-    ``share`` of the correction was taken.
+    ``torque_peak`` (m,) N m is each motor's largest; ``share`` of the correction was taken.
     """
 
-    prediction: Prediction
+    motion: RemainingMotion
     miss: float
     worst: Array
+    torque_peak: Array
     share: float
-
-    @property
-    def motion(self) -> RemainingMotion:
-        """The joints' motion."""
-        return self.prediction.motion
 
 
 class Update:
@@ -72,65 +83,74 @@ class Update:
     """
 
     def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
-        self.views, self._first = views, rewriting.first
+        self.views, self._first, self._instants = views, rewriting.first, views.instants
         self.motions: deque[RemainingMotion] = deque(maxlen=MEMORY)
-        self._kernel: Kernel = kernel()
-        n, m, width = len(rewriting.first.amplitude), len(tree.mass), len(views.whitening)
-        groups, columns = len(TurningBodies.of(tree).turns), CONDITIONS + width
-        shapes = views.flight.link_shapes if views.has_distances else LinkShapes(tree, ())
-        instants, capsules, blocks = len(views.instants.grid.s), len(shapes.radius), len(views.rows)
-        rows = _rows(views.rows, shapes, m, n)
-        of_instant = 8 * n + 8 * groups + 2 * m + 6 + 4 * capsules + 2 * len(rows["row_kind"])
+        blocks = views.rows
+        constraints = CompiledConstraints(views.flight, [rows.block for rows in blocks])
+        bodies, n, width = constraints.bodies, constraints.joints, len(views.whitening)
+        columns = CONDITIONS + width
+        self._constraints, self._path = constraints.filled, constraints.path
+        # Of the masses found: the robot's too.
+        found = {
+            "real": np.zeros_like(bodies.real),
+            "imaginary": np.zeros_like(bodies.imaginary),
+            "link_real": np.zeros(bodies.links.shape),
+            "link_imaginary": np.zeros(bodies.links.shape),
+        }
+        self._robot = filled_robot(bodies, [width] * n)
+        self._robot.point_to(**found)
+        self._robot.structure.is_real = False
         self._called = {
             "positions": np.zeros(n),
             "velocities": np.zeros(n),
             "map": np.zeros(n + 1),
-            "path": np.zeros(5),
             "measured_positions": np.zeros(n),
             "measured_velocities": np.zeros(n),
             "coefficients": np.zeros((columns, n)),
             "warm_start": np.zeros((width, n)),
-            "worst": np.zeros(blocks),
+            "worst": np.zeros(len(blocks)),
+            "torque_peak": np.zeros(tree.motor_turns.shape[1]),
+            "row_values": np.zeros((constraints.rows, len(views.instants.grid.s))),
         }
         self._filled = Filled(
             "Flight",
-            joints=n,
-            groups=groups,
-            bodies=m,
             width=width,
-            instants=instants,
+            instants=len(views.instants.grid.s),
             nodes=views.instants.grid.nodes,
-            gap_nodes=GAP_NODES,
-            memory=MEMORY,
-            most_rows=MOST_ROWS,
-            most_rows_of_all=1 + MOST_ROWS * blocks,
-            capsules=capsules,
-            length_scale=LENGTH_SCALE,
             goal=views.flight.final_orientation,
+            motors=tree.motor_turns.shape[1],
+            motor_turns=tree.motor_turns,
             **_of_motions(views, rewriting),
-            **_of_instants(views.instants),
-            **_of_bodies(tree),
-            **_of_capsules(tree, shapes),
-            **rows,
-            **_of_law(),
+            **self._of_instants(views.instants),
+            columns=width * np.arange(n + 1),
+            **_of_masses(tree, bodies),
+            **_of_limits(blocks, constraints.block_first),
             sigma=sigma,
             acceleration=acceleration,
-            **_of_filter(),
+            **_constants(),
             **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
+            **found,
             **self._called,
-            **_memory(n, groups, m, width, blocks),
-            ahead_memory=np.zeros(2 * (columns * n + of_instant * instants + 8 * 40)),
-            drift=np.zeros(views.instants.grid.nodes * n * width),
+            motions=np.zeros((MEMORY, 2 + 3 * columns * n)),
+            room=None,
         )
-        self._flight = self._filled.structure
+        self._attach()
+        room = np.zeros(self._kernel.flight_room(*self._structures))
+        self._filled.point_to(room=room)
+
+    def _attach(self) -> None:
+        """Find the kernel, and where numbers lie in memory."""
+        self._kernel, self._flight = kernel(), self._filled.structure
+        self._structures = self._robot.structure, self._constraints.structure, self._flight
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the kernel, and where numbers lie in memory."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_kernel", "_flight")}
+        """All but what :meth:`_attach` finds."""
+        found = ("_kernel", "_flight", "_structures")
+        return {name: value for name, value in self.__dict__.items() if name not in found}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._kernel, self._flight = kernel(), self._filled.structure
+        self._attach()
 
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
@@ -177,32 +197,51 @@ class Update:
         """By how much the base turns from the measurement that was learnt from last until ``now``, rad."""
         return float(self._flight.turn_after)
 
-    def corrected(
-        self, now: float, orientation: float, landing: float, evaluations: int, warm_start: Array | None = None
-    ) -> Corrected:
+    def corrected(self, now: float, landing: float, evaluations: int, warm_start: Array | None = None) -> Corrected:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
-        flight, present = self._flight, self.present(now, orientation)
-        if self.views.has_distances:
-            com = present.com
-            self._called["path"][:] = (*com.position0, *com.velocity0, com.gravity)
-            instants = self.views.between(now, landing)
-            if instants is not self.views.instants:
-                self._filled.point_to(**{k: np.ascontiguousarray(part) for k, part in _of_instants(instants).items()})
-        flight.now, flight.landing, flight.evaluations = now, landing, evaluations
-        flight.is_warm = warm_start is not None
+        flight = self._flight
+        self._look_at(now, landing)
+        flight.evaluations, flight.is_warm = evaluations, warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
-        prediction = Prediction(self.views, motion, present)
-        return Corrected(prediction, flight.corrected.miss, self._called["worst"].copy(), flight.corrected.share)
+        return self._judged(motion)
 
-    def present(self, now: float, orientation: float) -> Present:
-        """The robot at a time not before the last measurement, at which its orientation is known, rad."""
-        estimate = self.estimate
-        inertial = estimate.inertial
-        return Present(now, orientation, inertial.angular_momentum, estimate.path_from(now), inertial.as_found())
+    def predicted(self, motion: RemainingMotion) -> Corrected:
+        """Return what comes of a motion as it is; the estimate is that when it begins."""
+        self._look_at(motion.begin, motion.end)
+        self._called["coefficients"][:] = motion.coefficients
+        self._step(STEPS["predict_motion"])
+        return self._judged(motion)
+
+    @property
+    def times(self) -> Array:
+        """Times (K,), s since takeoff, at which the rest of the flight was looked at last."""
+        begin, end = self._flight.now, self._flight.landing
+        return np.asarray(begin + (end - begin) * self._instants.grid.s)
+
+    @property
+    def row_values(self) -> Array:
+        """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
+        return self._called["row_values"]
+
+    def _look_at(self, now: float, landing: float) -> None:
+        """Look at the rest of a flight, from now to a landing, s."""
+        self._flight.now, self._flight.landing = now, landing
+        if not self.views.has_distances:
+            return
+        place, velocity = self.estimate.place(now)
+        self._path[:] = (*place, *velocity, self.estimate.gravity)
+        instants = self.views.between(now, landing)
+        if instants is not self._instants:
+            self._instants, arrays = instants, self._of_instants(instants)
+            self._filled.point_to(**{name: np.ascontiguousarray(part) for name, part in arrays.items()})
+
+    def _judged(self, motion: RemainingMotion) -> Corrected:
+        found, called = self._flight.corrected, self._called
+        return Corrected(motion, found.miss, called["worst"].copy(), called["torque_peak"].copy(), found.share)
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
@@ -223,35 +262,17 @@ class Update:
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
-        self._kernel.flight(self._flight, step, self._kernel.instructions)
+        self._kernel.flight(*self._structures, step, self._kernel.instructions)
 
-
-def _memory(joints: int, groups: int, bodies: int, width: int, blocks: int) -> dict[str, Array]:
-    """What the kernel works in, but for what is of each instant."""
-    size, columns, states, most = joints * width, CONDITIONS + width, 2 + 2 * bodies, 1 + MOST_ROWS * blocks
-    counts = {
-        "rows_real": bodies * groups,
-        "rows_imaginary": bodies * groups,
-        "merged_real": groups * groups,
-        "merged_imaginary": groups * groups,
-        "inertia": bodies,
-        "motions": MEMORY * (2 + 3 * columns * joints),
-        "scratch": 2 * bodies + 3 * groups,
-        "law_memory": (4 + size + most) * size + most + columns * joints + blocks,
-        "filter_memory": 3 * states + max(3 * groups, (columns + 1) * joints),
-        "gap_memory": (2 * GAP_NODES + 1) * (2 * joints + 3 * groups),
-    }
-    return {name: np.zeros(count) for name, count in counts.items()}
-
-
-def _of_instants(instants: Instants) -> dict[str, Array]:
-    grid = instants.grid
-    return {
-        "s": grid.s,
-        "integrals": grid.integrals[grid.nodes :],
-        **{name: part.T for name, part in zip(("value", "first", "second"), instants.values, strict=True)},
-        **dict(zip(("free_value", "free_first", "free_second"), instants.free, strict=True)),
-    }
+    def _of_instants(self, instants: Instants) -> dict[str, Array]:
+        grid, free = instants.grid, np.stack(instants.free)
+        basis = free[:, :, None, :] / self._first.amplitude[:, None]
+        return {
+            "s": grid.s,
+            "integrals": grid.integrals[grid.nodes :],
+            "basis": basis.reshape(*free.shape[:2], -1),
+            **{name: part.T for name, part in zip(("value", "first", "second"), instants.values, strict=True)},
+        }
 
 
 def _of_motions(views: Views, rewriting: Rewriting) -> dict[str, Any]:
@@ -270,90 +291,29 @@ def _of_motions(views: Views, rewriting: Rewriting) -> dict[str, Any]:
     }
 
 
-def _of_bodies(tree: PlanarTree) -> dict[str, Any]:
-    """C and the places of the centres of mass, by the rotations of the groups of bodies that turn alike."""
-    bodies = TurningBodies.of(tree)
-    group = np.abs(bodies.rotations).argmax(axis=1)
-    own = bodies.rotations[np.arange(len(group)), group]
-    weights = tree.point_weights(np.arange(len(group)), tree.center)
-    coupling = own.conj()[:, None] * (centroidal_coupling(tree) @ bodies.rotations)
-    return {
-        "turn": tree.turn,
-        "turns": bodies.turns,
-        "group": group,
-        "mass": tree.mass,
-        "nominal_inertia": tree.inertia,
-        **_parts("own", weights * own),
-        **_parts("weights", weights @ bodies.rotations),
-        **_parts("nominal", coupling),
-    }
-
-
-def _parts(name: str, values: Any) -> dict[str, Array]:
-    return {f"{name}_real": values.real, f"{name}_imaginary": values.imag}
-
-
-def _of_capsules(tree: PlanarTree, shapes: LinkShapes) -> dict[str, Any]:
-    """Places of the capsules' ends by the rotations of the groups."""
-    ends = np.stack(shapes.weights, axis=1) @ TurningBodies.of(tree).rotations
-    return {"radius": shapes.radius, **_parts("ends", ends)}
-
-
-def _rows(blocks: Sequence[Rows], capsules: LinkShapes, bodies: int, joints: int) -> dict[str, Any]:
-    """Rows of limits, block after block: kind, joint or capsule, shape, other, limit, slope, window, turns, ratios."""
-    written: list[tuple[Any, ...]] = []
-    obstacles: list[list[float]] = []
-    first = [0]
-    nothing = np.zeros(bodies), np.zeros(joints)
-    for block in blocks:
-        if isinstance(block, TorqueRows):
-            parts = zip(block.limit, block.slope, block.turns.T, block.ratios, strict=True)
-            written += [(TORQUE, 0, 0, 0, limit, slope, ALWAYS, *weights) for limit, slope, *weights in parts]
-        elif isinstance(block, JointRows):
-            limited = zip(block.limited, block.limit, strict=True)
-            written += [(KINDS[block.quantity], i, 0, 0, limit, 0.0, ALWAYS, *nothing) for i, limit in limited]
-        else:
-            assert isinstance(block, DistanceRows), "the blocks that there are"
-            window = block.window[0] - ROUNDING, block.window[1] + ROUNDING
-            if isinstance(block.of, Obstacle):
-                shapes, numbers = written_obstacle(block.of)
-                pairs = [(shape, i, len(obstacles)) for shape in shapes for i in capsules.facing(block.of)]
-                obstacles.append(numbers)
-            else:
-                pairs = [(PAIR, i, j) for i in block.of[0] for j in block.of[1]]
-            written += [(DISTANCE, i, shape, j, block.margin, 0.0, window, *nothing) for shape, i, j in pairs]
-        first.append(len(written))
-    names = ("row_kind", "row_joint", "row_shape", "row_other", "row_limit", "row_slope", "row_window", "row_turns")
-    columns = zip(*written, strict=True) if written else [()] * (len(names) + 1)
+def _of_limits(blocks: Sequence[LimitRows], first: IntArray) -> dict[str, Any]:
+    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
     return {
         "blocks": len(blocks),
-        "torque_rows": sum(row[0] == TORQUE for row in written),
-        "block_first": np.array(first),
-        "aim": np.array([block.aim for block in blocks]),
-        "softness": np.array([block.softness for block in blocks]),
-        "obstacles": np.array(obstacles),
-        **{name: np.array(column) for name, column in zip((*names, "row_ratios"), columns, strict=True)},
+        "block_first": first,
+        "aim": np.array([rows.aim for rows in blocks]),
+        "softness": np.array([rows.softness for rows in blocks]),
+        "row_window": np.repeat(windows, np.diff(first), axis=0),
     }
 
 
-def _of_law() -> dict[str, Any]:
-    return {
-        "far": FAR,
-        "weighed": WEIGHED,
-        "settled": SETTLED,
-        "shorter": SHORTER,
-        "kept": KEPT,
-        "scales": SCALES,
-        "evaluations_near": EVALUATIONS,
-        "evaluations_far": EVALUATIONS_FAR,
+def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
+    """C and the places of the centres of mass, by the rotations of the links and of the bodies that turn alike."""
+    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
+    own = weights * bodies.rotations.sum(axis=0)
+    parts = {
+        "own": own.conj() if bodies.is_mirrored else own,
+        "weights": bodies.of_points(weights),
+        "nominal": bodies.links,
     }
-
-
-def _of_filter() -> dict[str, Any]:
     return {
-        "angle_variance": filtering.ANGLE_NOISE**2,
-        "rate_variance": filtering.RATE_NOISE**2,
-        "largest_error": filtering.LARGEST_ERROR,
-        "surprising": filtering.SURPRISING,
-        "most_surprises": filtering.SURPRISES,
+        "mass": tree.mass,
+        "inertia": tree.inertia,
+        **{f"{name}_real": part.real for name, part in parts.items()},
+        **{f"{name}_imaginary": part.imag for name, part in parts.items()},
     }

@@ -1,23 +1,10 @@
 // A batch of problems: from starts to judged answers.
 
-struct Arena {
-    char *memory = nullptr;
-    std::size_t used = 0;
-    template <typename T> void take(T *&array, std::int64_t count) {
-        if (memory) array = reinterpret_cast<T *>(memory + used);
-        used += (count * sizeof(T) + 63) / 64 * 64;
-    }
-};
-
 static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Settings &settings, std::int64_t nodes,
                            std::int64_t size) {
-    std::int64_t n = robot.joints, bodies = robot.bodies, width = robot.width, columns = 6 + width;
-    for (double **each : {&m.sine, &m.cosine, &m.rate, &m.speed, &m.fixed, &m.fixed_rate}) arena.take(*each, n * nodes);
-    for (double **each : {&m.body_cosine, &m.body_sine, &m.turned, &m.inertia, &m.swing, &m.angle})
-        arena.take(*each, bodies * nodes);
-    for (double **each : {&m.base_rate, &m.inverse}) arena.take(*each, nodes);
-    for (double **each : {&m.by_angle, &m.by_swing, &m.moving_cosine, &m.moving_sine}) arena.take(*each, bodies * LANES);
-    for (double **each : {&m.by_joint, &m.by_joint_rate}) arena.take(*each, n * LANES);
+    std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
+    lay_out_turn(arena, m.motion, robot, nodes);
+    for (double **each : {&m.fixed, &m.fixed_rate}) arena.take(*each, n * nodes);
     arena.take(m.by_z, n * width * LANES);
     for (double **each : {&m.z, &m.z_gradient}) arena.take(*each, n * width);
     arena.take(m.scaling, (width + 1) * width * width);
@@ -34,22 +21,6 @@ static inline void lay_out(Arena &arena, Memory &m, const Robot &robot, const Se
     arena.take(m.merit, settings.candidates);
     arena.take(m.candidate, settings.candidates);
 }
-
-// Memory for one call.
-struct Room {
-    void *memory = nullptr;
-
-    // Room for what a function takes of an arena.
-    template <typename LayOut> bool make(LayOut lay_out) {
-        Arena measure;
-        lay_out(measure);
-        if (posix_memalign(&memory, 64, measure.used) != 0) return false;
-        Arena arena{static_cast<char *>(memory)};
-        lay_out(arena);
-        return true;
-    }
-    ~Room() { std::free(memory); }
-};
 
 static inline std::int64_t plan_batch(const Robot &robot, const Grid *grids, const std::int64_t *nodes,
                                       const Powers &powers, const Settings &settings, Batch &batch) {

@@ -11,18 +11,33 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel import stages
-from floatplan.kernel.bodies import merged_bodies
-from floatplan.kernel.filled import Filled, FilledArray, filled_grid, filled_robot
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Structure, address
+from floatplan.kernel.bodies import filled_grid, filled_robot, merged_bodies
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, FilledArray, Structure, address
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.planar.flight import LARGEST_TAIL, SMALLEST_TAIL
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization import sqp
+from floatplan.optimization.nonlinear_program import Settings
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.tables import ORIENTATION
 
+# Of every search, compiled or not.
+QUADRATURE_ERROR = 1e-13  # rad, of the attitude at landing, at which the nodes are enough
+NEARLY_RESOLVED = 1e-6  # rad, error of the attitude at landing that nodes may leave before the last stage
+COARSELY_RESOLVED = 0.02  # what the nodes may miss of the motion, relative to its size
+UNRESOLVED = 1e-6  # the same of a plan: its square is lost
+MOST_ROUNDS = 24
+MOST_ITERATIONS = 240  # in all rounds together
+HOPELESS = 0.1  # of violation after the coarse search: then the fine one would be wasted
+COARSE = Settings(feasibility=1e-6, optimality=1e-5, iterations=50, polish=False)
+ROUGH = replace(COARSE, feasibility=1e-2, optimality=1e-1)
+FINE = Settings(feasibility=1e-9, optimality=1e-9, iterations=80)
+EASY_ITERATIONS = 40  # [-] of a plain start: with fewer of them other starts promise little
+WANTED_AFTER_FAILURE = 4  # [-] solutions to choose from where the plain start did not converge quickly
+SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # of random motions
+SECANT_STEPS = 4  # towards a start that meets (14), between two motions
+# Of the compiled one alone.
 FINER = 2  # levels of grids, from one to the next with twice the nodes
 USUAL_NODES = 128  # grids of more are made where they are needed
 FIRST_LEVEL = 2  # of grids: with fewer nodes the search is hardly faster, and ends elsewhere more often
@@ -43,6 +58,11 @@ TOO_WILD = 0.3  # what these nodes may miss of a random motion, relative to its 
 INFEASIBLE, FEASIBLE, OPTIMAL, NEEDS_GRID = ENUMERATIONS["Status"]
 
 
+def nearly_resolved(settings: Settings) -> Settings:
+    """Return the settings of the stage before the last."""
+    return replace(settings, feasibility=NEARLY_RESOLVED, polish=False)
+
+
 @dataclass(frozen=True)
 class Search:
     """How many starts to follow, and how.
@@ -60,7 +80,7 @@ class Search:
     starts: int = 1
     most_starts: int = 1
     seed: int = 0
-    longest_step: float = stages.FINE.longest_step
+    longest_step: float = FINE.longest_step
     first_start: int = 0
     only_draws: bool = False
 
@@ -189,62 +209,21 @@ def _doubles(fractions: Any) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def _settings(search: Search) -> Structure:
-    """Every constant of the search; those that the solver of programs with constraints has too, from there."""
-    fine = replace(stages.FINE, longest_step=search.longest_step)
+    """Every number of the search: the constant of its name here, or in the solver of programs with constraints."""
+    fine = replace(FINE, longest_step=search.longest_step)
     steps = (
-        (stages.ROUGH, stages.NEARLY_RESOLVED),
-        (stages.nearly_resolved(fine), stages.NEARLY_RESOLVED),
-        (fine, stages.QUADRATURE_ERROR),
+        (ROUGH, NEARLY_RESOLVED),
+        (nearly_resolved(fine), NEARLY_RESOLVED),
+        (fine, QUADRATURE_ERROR),
     )
-    least, most = sqp.SHORTENING
-    return STRUCTURES["Settings"](
-        stages=tuple(
-            (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations)
-            for each, error in steps
-        ),
-        longest_step=search.longest_step,
-        coarsely_resolved=stages.COARSELY_RESOLVED,
-        too_wild=TOO_WILD,
-        hopeless=stages.HOPELESS,
-        tolerance=ORIENTATION,
-        unresolved=stages.UNRESOLVED,
-        smallest_tail=SMALLEST_TAIL,
-        largest_tail=LARGEST_TAIL,
-        armijo=sqp.ARMIJO,
-        penalty_factor=sqp.PENALTY_FACTOR,
-        penalty_kept=sqp.PENALTY_KEPT,
-        shortest_step=sqp.SHORTEST_STEP,
-        shortening_least=least,
-        shortening_most=most,
-        largest_multiplier=sqp.LARGEST_MULTIPLIER,
-        damping=sqp.DAMPING,
-        slack_penalty=sqp.SLACK_PENALTY,
-        largest_curvature=sqp.LARGEST_CURVATURE,
-        polished=sqp.POLISHED,
-        slow_evaluations=sqp.SLOW_EVALUATIONS,
-        slow_steps=sqp.SLOW_STEPS,
-        polishing_steps=0 if search.only_draws else sqp.POLISHING_STEPS,
-        most_rounds=stages.MOST_ROUNDS,
-        most_iterations=stages.MOST_ITERATIONS,
-        first_level=FIRST_LEVEL,
-        levels=len(NODE_COUNTS),
-        finer=FINER,
-        level_of_starts=LEVEL_OF_STARTS,
-        candidates=CANDIDATES,
-        followed=FOLLOWED,
-        hopeless_way=HOPELESS_WAY,
-        changed_branches=CHANGED_BRANCHES,
-        step_to_rank=STEP_TO_RANK,
-        ranked_rounds=RANKED_ROUNDS,
-        steps_to_rank=STEPS_TO_RANK,
-        agreement=AGREEMENT,
-        starts_to_agree=STARTS_TO_AGREE,
-        agreeing=AGREEING,
-        starts=search.starts,
-        first_start=search.first_start,
-        most_starts=search.most_starts,
-        easy_iterations=stages.EASY_ITERATIONS,
-        wanted_after_failure=stages.WANTED_AFTER_FAILURE,
-        seed=search.seed,
-        spreads=SPREADS_OF_STARTS,
+    numbers = {name.lower(): value for name, value in {**vars(sqp), **globals()}.items() if name.isupper()}
+    numbers["shortening_least"], numbers["shortening_most"] = sqp.SHORTENING
+    numbers |= {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "spreads": SPREADS_OF_STARTS}
+    numbers["smallest_tail"], numbers["largest_tail"] = SMALLEST_TAIL, LARGEST_TAIL
+    numbers["stages"] = tuple(
+        (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations) for each, error in steps
     )
+    if search.only_draws:
+        numbers["polishing_steps"] = 0
+    kind = STRUCTURES["Settings"]
+    return kind(**{name: numbers[name] for name, *_ in kind._fields_})

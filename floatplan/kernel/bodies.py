@@ -8,12 +8,17 @@ are then one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.kernel.layout import Filled
 from floatplan.motion.planar.closed_form import centroidal_coupling
+from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree
 
 NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
@@ -33,7 +38,11 @@ class Bodies:
         Where the terms ``ratio[e] sin p`` of ``joint[e]`` of each body begin.
     joint, ratio : (E,) int, (E,) rad
     rotations : (m, M) complex
-        What takes the tree's M bodies to these: ``rotations^* C rotations^T`` is theirs.
+        What takes the tree's M bodies, its links, to these: ``rotations^* C rotations^T`` is theirs.
+    group : (M,) int
+        As which of these bodies each link turns.
+    links : (M, m) complex, kg m^2
+        Of each link alone, the row of C by these bodies.
     is_mirrored : whether angles count the other way
     """
 
@@ -44,12 +53,19 @@ class Bodies:
     joint: IntArray
     ratio: Array
     rotations: ComplexArray
+    group: IntArray
+    links: ComplexArray
     is_mirrored: bool
 
     @property
     def is_real(self) -> bool:
         """Whether C has no imaginary part, but for rounding."""
         return bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
+
+    def of_points(self, weights: ComplexArray) -> ComplexArray:
+        """Weights (.., m) that give points by the rotations of these bodies, from those (.., M) by the tree's."""
+        points = weights @ self.rotations.T
+        return np.asarray(points.conj() if self.is_mirrored else points)
 
 
 def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
@@ -61,9 +77,11 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
     rotations = np.eye(len(turns))[group].T * constant
     coupling = rotations.conj() @ (centroidal_coupling(tree) + np.diag(tree.inertia)) @ rotations.T
+    links = (constant.conj()[:, None] * centroidal_coupling(tree)) @ rotations.T
+    links[np.arange(len(group)), group] += tree.inertia
     is_mirrored = tree.turn < 0
     if is_mirrored:
-        coupling = coupling.conj()
+        coupling, links = coupling.conj(), links.conj()
     return Bodies(
         np.ascontiguousarray(coupling.real),
         np.ascontiguousarray(coupling.imag),
@@ -72,6 +90,8 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
         np.array([joint for joint, _ in entries], dtype=np.int64),
         np.array([ratio for _, ratio in entries], dtype=np.float64),
         rotations,
+        group,
+        links,
         is_mirrored,
     )
 
@@ -93,3 +113,40 @@ def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
         parent.append(nearest)
         terms.append(list(zip(joints.tolist(), differences[nearest, joints].tolist(), strict=True)))
     return parent, terms
+
+
+def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
+    """Return a robot whose joints have so many free polynomials."""
+    return Filled(
+        "Robot",
+        joints=len(free),
+        bodies=len(bodies.real),
+        width=max(free),
+        free=np.array(free, dtype=np.int64),
+        real=bodies.real,
+        imaginary=bodies.imaginary,
+        is_real=bodies.is_real,
+        parent=bodies.parent,
+        first=bodies.first,
+        joint=bodies.joint,
+        ratio=bodies.ratio,
+        links=len(bodies.group),
+        group=bodies.group,
+        link_real=bodies.links.real,
+        link_imaginary=bodies.links.imag,
+    )
+
+
+@lru_cache(maxsize=64)
+def filled_grid(width: int, count: int) -> Filled:
+    """Return the basis at so many nodes."""
+    quadrature = gauss_legendre(count)
+    value, slope, _ = basis(Form(width)).values(quadrature.nodes)
+    return Filled(
+        "Grid",
+        nodes=count,
+        weights=quadrature.weights,
+        value=value.T,
+        slope=slope.T,
+        tail=quadrature.transform[-3:],
+    )

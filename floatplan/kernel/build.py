@@ -16,12 +16,7 @@ import tempfile
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-SOURCES = (
-    *("kernel.hpp", "all.hpp", "lanes.hpp", "doubles.hpp", "planner.hpp", "scaling.hpp", "momentum.hpp", "sqp.hpp"),
-    *("starts.hpp", "batch.hpp", "rest.hpp", "law.hpp", "flight.hpp", "peaks.hpp"),
-    *("watch_kernel.hpp", "distances.hpp", "watch.hpp", "watch_slopes.hpp", "minima.hpp"),
-    *("quadratic_kernel.hpp", "quadratic.hpp", "kernel.cpp"),
-)
+SOURCES = tuple(sorted(path.name for kind in ("*.hpp", "*.cpp") for path in FOLDER.glob(kind)))
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
 COMPILERS = ("c++", "g++", "clang++")
 WHEEL = "ziglang"  # a package that is a compiler, for machines that have none

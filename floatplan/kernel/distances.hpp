@@ -1,4 +1,4 @@
-// Points, segments, and where they are nearest to one another; sines and cosines of many angles.
+// Points, segments, and where they are nearest to one another.
 
 struct Place {
     double x, y;
@@ -16,23 +16,6 @@ struct Nearest {
     Place direction;
     double own, other;
 };
-
-static inline void sines_cosines(std::int64_t count, const double *angle, double *sine, double *cosine) {
-    Vector s, c;
-    std::int64_t i = 0;
-    for (; i + LANES <= count; i += LANES) {
-        sine_cosine(load(angle + i), s, c);
-        store(sine + i, s);
-        store(cosine + i, c);
-    }
-    double rest[LANES] = {};
-    for (std::int64_t j = i; j < count; ++j) rest[j - i] = angle[j];
-    sine_cosine(load(rest), s, c);
-    for (std::int64_t j = i; j < count; ++j) {
-        sine[j] = s[j - i];
-        cosine[j] = c[j - i];
-    }
-}
 
 static inline Nearest point_to_segment(Place point, Place start, Place end) {
     Place along = end - start;

@@ -3,8 +3,17 @@
 
 class FlightUpdate {
   public:
-    explicit FlightUpdate(Flight &flight)
-        : f(flight), n(f.joints), g(f.groups), m(f.bodies), columns(6 + f.width), state_size(2 + 2 * f.bodies) {}
+    FlightUpdate(const Robot &robot, const Constraints &constraints, Flight &flight, double *memory)
+        : robot(robot), f(flight), n(robot.joints), g(robot.bodies), m(robot.links), columns(6 + f.width),
+          state_size(2 + 2 * m), rest(robot, constraints, flight), law(flight, rest, n), arena(aligned(memory)) {
+        lay_out_motion(arena, look, robot, 0, 2 * f.gap_nodes + 2);
+        for (double **each : {&row, &other, &gain}) arena.take(*each, state_size);
+        arena.take(values, (columns + 1) * n);
+        rest.lay_out(arena);
+        law.lay_out(arena);
+    }
+
+    std::int64_t room() const { return arena.numbers(); }
 
     // Takes in a motion from `begin` to `end`, s; the oldest is forgotten.
     void remember(double begin, double end, const double *coefficients) {
@@ -23,30 +32,36 @@ class FlightUpdate {
                 }
     }
 
-    // Joints and base at the time of a measurement, if they were on their reference, and how well the orientation is known.
+    // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
     void expect() {
-        const std::int64_t nodes = f.gap_nodes;
+        const std::int64_t nodes = f.gap_nodes, here = nodes, measured = 2 * nodes + 1;
         for (std::int64_t k = 0; k < nodes; ++k) {
-            look(k, f.began + (f.measured - f.began) * f.gap[k]);
-            look(nodes + 1 + k, f.measured + (f.now - f.measured) * f.gap[k]);
+            look_at(k, f.began + (f.measured - f.began) * f.gap[k]);
+            look_at(nodes + 1 + k, f.measured + (f.now - f.measured) * f.gap[k]);
         }
-        look(nodes, f.measured);
-        f.turn_before = turned(0, f.measured - f.began);
-        inertia_at(nodes, f.map);
-        double rate = f.state[1], aside = 0;
+        look_at(here, f.measured);
         for (std::int64_t i = 0; i < n; ++i) {
-            f.positions[i] = positions(nodes)[i];
-            f.velocities[i] = speeds(nodes)[i];
-            rate -= f.map[1 + i] * f.velocities[i];
-            aside -= f.map[1 + i] * (f.measured_positions[i] - f.positions[i]);
+            look.position[i * look.stride + measured] = f.measured_positions[i];
+            look.speed[i * look.stride + measured] = f.measured_velocities[i];
         }
-        f.expected_rate = rate / f.map[0];
-        f.aside = aside / f.map[0];
-        double *row = f.filter_memory;
-        momentum_row(f.expected_rate, f.positions, f.velocities, row);
+        turn(robot, look, f.state[1]);
+        f.turn_before = turned(0, f.measured - f.began);
+        double *inertia = other;
+        for (std::int64_t b = 0; b < g; ++b) inertia[b] = look.inertia[b * look.stride + here];
+        gather(robot, inertia, f.map + 1);
+        f.map[0] = inertia[0];
+        f.expected_rate = look.rate[here];
+        f.aside = 0;
+        f.noise = 1;
+        for (std::int64_t i = 0; i < n; ++i) {
+            f.positions[i] = look.position[i * look.stride + here];
+            f.velocities[i] = look.speed[i * look.stride + here];
+            const double ratio = f.map[1 + i] / f.map[0];
+            f.aside -= ratio * (f.measured_positions[i] - f.positions[i]);
+            f.noise += ratio * ratio;
+        }
+        momentum_row(f.expected_rate, here, row);
         const double per_row = (f.measured - f.began) / f.map[0];
-        f.noise = 0;
-        for (std::int64_t i = 0; i <= n; ++i) f.noise += f.map[i] * f.map[i] / (f.map[0] * f.map[0]);
         f.variance = f.covariance[0];
         for (std::int64_t e = 0; e < state_size; ++e) {
             double part = 2 * f.covariance[e];
@@ -59,8 +74,7 @@ class FlightUpdate {
     void learn() {
         const double dt = f.measured - f.began;
         f.state[0] += f.turn_before;
-        double *row = f.filter_memory, *other = row + state_size, *gain = other + state_size;
-        momentum_row(f.measured_rate, f.measured_positions, f.measured_velocities, other);
+        momentum_row(f.measured_rate, 2 * f.gap_nodes + 1, other);
         double momentum = 0;
         for (std::int64_t e = 2; e < state_size; ++e) momentum -= other[e];
         predict(row, dt / f.map[0], dt, gain);
@@ -78,39 +92,35 @@ class FlightUpdate {
         for (std::int64_t e = 2; e < state_size; ++e)
             f.state[e] = smaller(larger(f.state[e], -f.largest_error), f.largest_error);
         adapt();
+        turn(robot, look, f.state[1]);
         f.turn_after = turned(f.gap_nodes + 1, f.now - f.measured);
     }
 
-    // C of the masses found.
+    // C of the masses found, and of the bodies that turn alike.
     void adapt() {
         const double *masses = f.state + 2, *inertias = masses + m;
-        for (std::int64_t b = 0; b < m; ++b)
+        for (std::int64_t e = 0; e < g * g; ++e) f.real[e] = f.imaginary[e] = 0;
+        for (std::int64_t b = 0; b < m; ++b) {
+            const std::int64_t own = robot.group[b];
             for (std::int64_t o = 0; o < g; ++o) {
-                double x = 0, y = 0;
+                double x = f.nominal_real[b * g + o], y = f.nominal_imaginary[b * g + o];
                 for (std::int64_t e = 0; e < m; ++e) {
                     double part = masses[e] * f.mass[e], re = f.own_real[e * m + b], im = -f.own_imaginary[e * m + b];
-                    double group_re = f.weights_real[e * g + o], group_im = f.weights_imaginary[e * g + o];
-                    x += part * (re * group_re - im * group_im);
-                    y += part * (re * group_im + im * group_re);
+                    double body_re = f.weights_real[e * g + o], body_im = f.weights_imaginary[e * g + o];
+                    x += part * (re * body_re - im * body_im);
+                    y += part * (re * body_im + im * body_re);
                 }
-                f.rows_real[b * g + o] = f.nominal_real[b * g + o] + x;
-                f.rows_imaginary[b * g + o] = f.nominal_imaginary[b * g + o] + y;
+                if (o == own) x += f.inertia[b] * inertias[b];
+                f.link_real[b * g + o] = x;
+                f.link_imaginary[b * g + o] = y;
+                f.real[own * g + o] += x;
+                f.imaginary[own * g + o] += y;
             }
-        for (std::int64_t e = 0; e < g * g; ++e) f.merged_real[e] = f.merged_imaginary[e] = 0;
-        for (std::int64_t b = 0; b < m; ++b) {
-            const std::int64_t own = f.group[b];
-            f.inertia[b] = f.nominal_inertia[b] * (1 + inertias[b]);
-            for (std::int64_t o = 0; o < g; ++o) {
-                f.merged_real[own * g + o] += f.rows_real[b * g + o];
-                f.merged_imaginary[own * g + o] += f.rows_imaginary[b * g + o];
-            }
-            f.merged_real[own * g + own] += f.inertia[b];
         }
     }
 
     // The present motion from now to the landing, written anew.
     void rewrite() {
-        double *values = f.filter_memory;  // (columns + 1, n)
         const double left = f.landing - f.now;
         const double *motion = motion_at(f.now);
         for (std::int64_t r = 0; r < columns; ++r)
@@ -131,46 +141,29 @@ class FlightUpdate {
         }
     }
 
-    void correct() {
-        rewrite();
-        RestOfFlight rest(f);
+    // What comes of the motion whose coefficients are given, or of the present one, corrected.
+    void follow(bool corrected) {
+        if (corrected) rewrite();
         rest.T = f.landing - f.now;
         rest.h = f.state[1];
         rest.orientation = f.state[0] + f.turn_after;
         rest.change = f.goal - rest.orientation;
-        Ahead two[2];
-        double *memory = f.ahead_memory;
-        for (Ahead &a : two) lay_out(a, memory);
-        Correcting law(f, rest, two);
+        if (!corrected) return law.predict(f.coefficients, f.corrected);
         law.correct(f.coefficients, f.evaluations, f.corrected);
         remember(f.now, f.landing, f.coefficients);
     }
 
   private:
+    const Robot &robot;
     Flight &f;
     const std::int64_t n, g, m, columns, state_size;
+    RestOfFlight rest;
+    Correcting law;
+    Arena arena;
+    Motion look{};  // between measurements, at the last one, and where that says the joints are
+    double *row, *other, *gain, *values;  // (state_size), the last one (columns + 1, n)
 
     std::int64_t motion_size() const { return 2 + 3 * columns * n; }
-
-    void lay_out(Ahead &a, double *&memory) const {
-        const std::int64_t K = f.instants;
-        auto take = [&](double *&array, std::int64_t count) {
-            array = memory;
-            memory += (count + 7) / 8 * 8;
-        };
-        take(a.coefficients, columns * n);
-        for (double **each : {&a.sine, &a.cosine, &a.p_rate, &a.p_curvature, &a.speed, &a.acceleration, &a.by_position,
-                              &a.by_speed})
-            take(*each, n * K);
-        for (double **each : {&a.c, &a.s, &a.swing, &a.inertia, &a.turned, &a.relative, &a.x, &a.y}) take(*each, g * K);
-        for (double **each : {&a.moment, &a.locked_part}) take(*each, m * K);
-        for (double **each : {&a.rate, &a.inverse, &a.base_acceleration}) take(*each, K);
-        for (double **each : {&a.value, &a.violation}) take(*each, f.block_first[f.blocks] * K);
-        take(a.worst, f.blocks);
-        if (!f.capsules) return;
-        for (double **each : {&a.angle, &a.turn_c, &a.turn_s}) take(*each, K);
-        for (double **each : {&a.end_x, &a.end_y}) take(*each, 2 * f.capsules * K);
-    }
 
     const double *motion_at(double time) const {
         for (std::int64_t back = 0; back < f.known; ++back) {
@@ -194,54 +187,15 @@ class FlightUpdate {
         }
     }
 
-    double *positions(std::int64_t k) const { return f.gap_memory + k * (2 * n + 3 * g); }
-    double *speeds(std::int64_t k) const { return positions(k) + n; }
-    double *cosines(std::int64_t k) const { return positions(k) + 2 * n; }  // then sines and rates, of groups
-
-    void look(std::int64_t k, double time) const {
+    void look_at(std::int64_t k, double time) {
         const double *motion = motion_at(time);
-        double *q = positions(k), *v = speeds(k);
-        argument(motion, time, 0, q);
-        argument(motion, time, 1, v);
-        bool outside = time > motion[1] || time < motion[0];
+        double *p = values, *rate = values + n;
+        argument(motion, time, 0, p);
+        argument(motion, time, 1, rate);
+        const bool outside = time > motion[1] || time < motion[0];
         for (std::int64_t i = 0; i < n; ++i) {
-            v[i] = outside ? 0 : f.amplitude[i] * std::cos(q[i]) * v[i];
-            q[i] = f.centre[i] + f.amplitude[i] * std::sin(q[i]);
-        }
-        turn_groups(q, v, cosines(k));
-    }
-
-    void turn_groups(const double *q, const double *v, double *of) const {
-        for (std::int64_t b = 0; b < g; ++b) {
-            double angle = 0, rate = 0;
-            for (std::int64_t i = 0; i < n; ++i) {
-                angle += f.turns[b * n + i] * q[i];
-                rate += f.turns[b * n + i] * v[i];
-            }
-            of[b] = std::cos(angle);
-            of[g + b] = f.turn * std::sin(angle);
-            of[2 * g + b] = rate;
-        }
-    }
-
-    // Re conj(E) C E of a group, C of the masses found.
-    double group_inertia(const double *of, std::int64_t b) const {
-        double x = 0, y = 0;
-        for (std::int64_t o = 0; o < g; ++o) {
-            double re = f.merged_real[b * g + o], im = f.merged_imaginary[b * g + o];
-            x += re * of[o] - im * of[g + o];
-            y += re * of[g + o] + im * of[o];
-        }
-        return of[b] * x + of[g + b] * y;
-    }
-
-    // D (n+1) at a node.
-    void inertia_at(std::int64_t k, double *map) const {
-        for (std::int64_t i = 0; i <= n; ++i) map[i] = 0;
-        for (std::int64_t b = 0; b < g; ++b) {
-            double inertia = group_inertia(cosines(k), b);
-            map[0] += inertia;
-            for (std::int64_t i = 0; i < n; ++i) map[1 + i] += f.turns[b * n + i] * inertia;
+            look.position[i * look.stride + k] = f.centre[i] + f.amplitude[i] * std::sin(p[i]);
+            look.speed[i * look.stride + k] = outside ? 0 : f.amplitude[i] * std::cos(p[i]) * rate[i];
         }
     }
 
@@ -249,37 +203,28 @@ class FlightUpdate {
     double turned(std::int64_t from, double dt) const {
         if (dt == 0) return 0;
         double total = 0;
-        for (std::int64_t k = 0; k < f.gap_nodes; ++k) {
-            const double *of = cosines(from + k);
-            double locked = 0, moving = 0;
-            for (std::int64_t b = 0; b < g; ++b) {
-                double inertia = group_inertia(of, b);
-                locked += inertia;
-                moving += inertia * of[2 * g + b];
-            }
-            total += f.gap_weights[k] * (f.state[1] - moving) / locked;
-        }
+        for (std::int64_t k = 0; k < f.gap_nodes; ++k) total += f.gap_weights[k] * look.rate[from + k];
         return dt * total;
     }
 
-    // How h less the momentum with the plan's masses depends on the state.
-    void momentum_row(double rate, const double *q, const double *v, double *row) const {
-        double *of = f.filter_memory + 3 * state_size;
-        turn_groups(q, v, of);
+    // How h less the momentum with the plan's masses depends on the state, at instant k and a rate of the base.
+    void momentum_row(double rate, std::int64_t k, double *row) const {
         row[0] = 0;
         row[1] = 1;
         for (std::int64_t e = 0; e < m; ++e) {
             double x = 0, y = 0, moving_x = 0, moving_y = 0;
             for (std::int64_t o = 0; o < g; ++o) {
+                const std::int64_t at = o * look.stride + k;
                 double re = f.weights_real[e * g + o], im = f.weights_imaginary[e * g + o];
-                double part_x = re * of[o] - im * of[g + o], part_y = re * of[g + o] + im * of[o];
+                double part_x = re * look.body_cosine[at] - im * look.body_sine[at];
+                double part_y = re * look.body_sine[at] + im * look.body_cosine[at];
                 x += part_x;
                 y += part_y;
-                moving_x += part_x * (of[2 * g + o] + rate);
-                moving_y += part_y * (of[2 * g + o] + rate);
+                moving_x += part_x * (look.swing[at] + rate);
+                moving_y += part_y * (look.swing[at] + rate);
             }
             row[2 + e] = -f.mass[e] * (x * moving_x + y * moving_y);
-            row[2 + m + e] = -f.nominal_inertia[e] * (of[2 * g + f.group[e]] + rate);
+            row[2 + m + e] = -f.inertia[e] * (look.swing[robot.group[e] * look.stride + k] + rate);
         }
     }
 
@@ -288,7 +233,8 @@ class FlightUpdate {
         for (std::int64_t e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
         for (std::int64_t e = 0; e < state_size; ++e) {
             change[e] = 0;
-            for (std::int64_t o = 0; o < state_size; ++o) change[e] += covariance[e * state_size + o] * row[o] * per_row;
+            for (std::int64_t o = 0; o < state_size; ++o)
+                change[e] += covariance[e * state_size + o] * row[o] * per_row;
         }
         for (std::int64_t e = 0; e < state_size; ++e) {
             covariance[e] += change[e];
@@ -331,14 +277,16 @@ class FlightUpdate {
     }
 };
 
-static inline void update_flight(Flight &flight, std::int64_t what) {
-    FlightUpdate update(flight);
+static inline void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight,
+                                 std::int64_t what) {
+    FlightUpdate update(robot, constraints, flight, flight.room);
     switch (what) {
     case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);
     case expect_state: return update.expect();
     case learn_state: return update.learn();
     case adapt_masses: return update.adapt();
     case rewrite_motion: return update.rewrite();
-    default: update.correct();
+    case predict_motion: return update.follow(false);
+    default: update.follow(true);
     }
 }

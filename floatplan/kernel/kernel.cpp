@@ -3,8 +3,6 @@
 // What all.hpp includes is compiled for each set of instructions; which one runs is chosen when the library is called.
 // Nothing here relies on unsafe floating-point transformations: compile with -ffp-contract=off.
 #include "kernel.hpp"
-#include "quadratic_kernel.hpp"
-#include "watch_kernel.hpp"
 
 #include <cmath>
 #include <initializer_list>
@@ -35,6 +33,40 @@ struct Random {
 };
 
 }  // namespace
+
+// ---- memory
+
+// Arrays one after the other in memory; without any, how much they take.
+struct Arena {
+    char *memory = nullptr;
+    std::size_t used = 0;
+    template <typename T> void take(T *&array, std::int64_t count) {
+        if (memory) array = reinterpret_cast<T *>(memory + used);
+        used += (count * sizeof(T) + 63) / 64 * 64;
+    }
+    std::int64_t numbers() const { return used / sizeof(double) + 8; }  // some are left out, see aligned()
+};
+
+// In memory that Python gives, from where whole vectors may begin.
+inline Arena aligned(double *memory) {
+    return {reinterpret_cast<char *>((reinterpret_cast<std::uintptr_t>(memory) + 63) / 64 * 64)};
+}
+
+// Memory for one call.
+struct Room {
+    void *memory = nullptr;
+
+    // Room for what a function takes of an arena.
+    template <typename LayOut> bool make(LayOut lay_out) {
+        Arena measure;
+        lay_out(measure);
+        if (posix_memalign(&memory, 64, measure.used) != 0) return false;
+        Arena arena{static_cast<char *>(memory)};
+        lay_out(arena);
+        return true;
+    }
+    ~Room() { std::free(memory); }
+};
 
 // ---- the planner for each set of instructions
 
@@ -141,41 +173,47 @@ EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const 
     return CHOSEN(plan_batch(*robot, grids, nodes, *powers, *settings, *batch));
 }
 
-// One step of an update of a flight's corrections.
-EXPORT void floatplan_flight(Flight *flight, std::int64_t step, std::int64_t instructions) {
-    CHOSEN(update_flight(*flight, step));
-}
-
 // Measures a batch of plans; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Moments *moments, const Grid *grids,
-                                    const Interpolation *interpolations, const Settings *settings, Peaks *peaks,
-                                    std::int64_t instructions) {
-    return CHOSEN(measure_batch(*robot, *moments, grids, interpolations, *settings, *peaks));
+EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Grid *grids, const Interpolation *interpolations,
+                                    const Settings *settings, Peaks *peaks, std::int64_t instructions) {
+    return CHOSEN(measure_batch(*robot, grids, interpolations, *settings, *peaks));
 }
 
 // Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.
-EXPORT std::int64_t floatplan_watch_room(const Watch *watch, Watched *at, std::int64_t wanted, double *memory) {
-    baseline::Arena arena{reinterpret_cast<char *>(memory)};
-    baseline::watch_room(arena, *watch, *at, wanted);
-    return arena.used / sizeof(double);
+EXPORT std::int64_t floatplan_motion_room(const Robot *robot, const Constraints *constraints, Evaluation *at,
+                                          double *memory) {
+    Arena arena = aligned(memory);
+    baseline::lay_out_motion(arena, at->motion, *robot, constraints->capsules, at->motion.instants);
+    return arena.numbers();
 }
 
-// Rows watched during a flight, see watch.hpp.
-EXPORT void floatplan_watch(const Watch *watch, Watched *at, std::int64_t asked, const double *given,
-                            std::int64_t count, double *result, std::int64_t instructions) {
-    switch (static_cast<Asked>(asked)) {
-    case Asked::rates: return CHOSEN(watch_rates(*watch, *at));
-    case Asked::values: return CHOSEN(watch_values(*watch, *at, result));
-    case Asked::drift: return CHOSEN(watch_drift(*watch, *at, count, result));
-    case Asked::jacobian: return CHOSEN(watch_jacobian(*watch, *at, result));
-    default: return CHOSEN(watch_gradient(*watch, *at, given, count, result));
+// Rows of constraints, see rows.hpp.
+EXPORT void floatplan_rows(const Robot *robot, const Constraints *constraints, Evaluation *at, std::int64_t wanted,
+                           const double *given, std::int64_t count, double *result, std::int64_t instructions) {
+    switch (static_cast<Wanted>(wanted)) {
+    case Wanted::rates: return CHOSEN(evaluate_rates(*robot, *at));
+    case Wanted::values: return CHOSEN(evaluate_rows(*robot, *constraints, *at, result));
+    case Wanted::drift: return CHOSEN(evaluate_drift(*robot, *at, count, result));
+    case Wanted::jacobian: return CHOSEN(evaluate_jacobian(*robot, *constraints, *at, result));
+    default: return CHOSEN(evaluate_gradient(*robot, *constraints, *at, given, count, result));
     }
 }
 
-// Local minima of rows watched over a whole flight; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_minima(const Watch *watch, const Course *course, Minima *minima,
-                                     std::int64_t instructions) {
-    return CHOSEN(watch_minima(*watch, *course, *minima));
+// Local minima of rows over a whole flight; returns 0, or 1 where there was no memory for it.
+EXPORT std::int64_t floatplan_minima(const Robot *robot, const Constraints *constraints, const Series *series,
+                                     Minima *minima, std::int64_t instructions) {
+    return CHOSEN(find_minima(*robot, *constraints, *series, *minima));
+}
+
+// How many numbers an update of a flight's corrections works in.
+EXPORT std::int64_t floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight) {
+    return baseline::FlightUpdate(*robot, *constraints, *flight, nullptr).room();
+}
+
+// One step of an update of a flight's corrections.
+EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, std::int64_t step,
+                             std::int64_t instructions) {
+    CHOSEN(update_flight(*robot, *constraints, *flight, step));
 }
 
 // Solves a quadratic program; returns 1, or 0 where it does not.

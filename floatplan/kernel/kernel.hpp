@@ -1,4 +1,4 @@
-// What the kernel is given and gives back; layout.py reads it from here, and from the other headers *_kernel.hpp.
+// What the kernel is given and gives back; layout.py reads it from here.
 #pragma once
 #include <cstdint>
 
@@ -6,7 +6,7 @@
 using Eights = std::int64_t;
 using ThirtyTwos = std::int64_t;
 
-// A planar tree as its momentum needs it. Bodies that turn alike are one; body 0 is the base and turns by nothing.
+// A planar tree, see bodies.py. Bodies that turn alike are one; body 0 is the base and turns by nothing.
 struct Robot {
     std::int64_t joints, bodies, width;  // width: free polynomials of the joint that has most
     const std::int64_t *free;            // (joints)
@@ -15,6 +15,25 @@ struct Robot {
     // The angle of body a is that of body parent[a] < a, and ratio[e] sin p of joint[e], e from first[a] to first[a+1].
     const std::int64_t *parent, *first, *joint;
     const double *ratio;
+    // Each link on its own, for the moments that turn them: link i turns as body group[i].
+    std::int64_t links;
+    const std::int64_t *group;
+    const double *link_real, *link_imaginary;  // (links, bodies): rows of C, moments of inertia with the own body
+};
+
+// A motion at some instants: arrays (.., stride), stride a multiple of 8 so that several instants are computed at once.
+struct Motion {
+    std::int64_t instants, stride;
+    double per_second;
+    double *position, *sine, *cosine, *p_rate, *p_curvature, *speed, *acceleration;  // (joints), see swing_joints()
+    double *angle, *body_cosine, *body_sine, *swing, *inertia, *turned;  // (bodies), see turn() of tree.hpp
+    double *relative, *x, *y, *moment;           // (bodies), the last one (links), see move_bodies()
+    double *rate, *inverse, *base_acceleration;  // theta0', 1 / D_0, theta0''
+    double *by_position, *by_speed;              // (joints): of theta0'
+    double *time, *attitude, *attitude_cosine, *attitude_sine, *end_x, *end_y;  // the last two (capsules, 2)
+    double *by_angle, *by_swing, *moving_cosine, *moving_sine;  // to work in: (bodies, 8)
+    double *by_joint, *by_joint_rate;                           // (joints, 8)
+    double *weights, *gathered, *by, *value;                    // (terms), (links), (3 joints + 1), ()
 };
 
 // Gauss-Legendre nodes on [0, 1]; a grid that there is not has no nodes.
@@ -60,84 +79,6 @@ struct Batch {
     double *objective, *residual, *z, *coefficients;
 };
 
-// What a law of corrections foresees of the motion that it chose.
-struct Corrected {
-    double miss, share;
-    std::int64_t evaluated;
-};
-
-// A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
-// n joints, g groups of the m bodies: those that turn alike; K instants, first the nodes; 6 + width columns of the basis of p.
-struct Flight {
-    Eights instants;
-    std::int64_t joints, groups, bodies, width, nodes, gap_nodes, memory, blocks, torque_rows, most_rows;
-    std::int64_t most_rows_of_all, capsules;
-    double turn, goal, length_scale;
-    const double *centre, *amplitude;                // (n)
-    const double *turns;                             // (g, n)
-    const std::int64_t *group;                       // (m)
-    const double *weights;                           // (nodes)
-    const double *value, *first, *second;            // (columns, K)
-    const double *free_value, *free_first, *free_second;  // (K, width), of changes y
-    const double *whitening;                         // (width, width)
-    const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
-    const double *at_landing;                        // (3, n)
-    const double *gap, *gap_weights;                 // (gap_nodes)
-    // Rows of limits, block by block.
-    const std::int64_t *block_first;                 // (blocks + 1)
-    const double *aim, *softness;                    // (blocks)
-    const std::int64_t *row_kind, *row_joint;        // (rows)
-    const double *row_limit, *row_slope;             // (rows)
-    const double *row_turns, *row_ratios;            // (rows, m), (rows, n)
-    // Distances: row_joint is a capsule, row_limit the margin.
-    const std::int64_t *row_shape, *row_other;       // (rows): of watch_kernel.hpp; obstacle or capsule
-    const double *row_window;                        // (rows, 2)
-    const double *obstacles, *radius;                // (obstacles, 7) as in watch_kernel.hpp, (capsules)
-    const double *ends_real, *ends_imaginary;        // (capsules, 2, g): places from the CM by the groups' rotations
-    const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
-    // The law's constants.
-    double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
-    std::int64_t evaluations_near, evaluations_far;
-    // The filter's.
-    const double *mass, *nominal_inertia;            // (m)
-    const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the bodies' rotations
-    const double *weights_real, *weights_imaginary;  // (m, g): the same by the groups'
-    const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
-    const double *wander, *deviations;               // (2 + 2 m)
-    double angle_variance, rate_variance, largest_error, surprising;
-    std::int64_t most_surprises;
-    // What changes.
-    double *state, *covariance;                      // (2 + 2 m), square
-    std::int64_t *surprises;
-    double *rows_real, *rows_imaginary;              // (m, g): C of the masses found
-    double *merged_real, *merged_imaginary;          // (g, g): the same, moments of inertia on the diagonal
-    double *inertia;                                 // (m)
-    double *motions;                                 // (memory, 2 + 3 columns n): begin, end, p and two derivatives
-    std::int64_t newest, known;
-    // Of one call: what is measured and when, s, and what comes of it.
-    double began, measured, now, landing, measured_orientation, measured_rate;
-    double *measured_positions, *measured_velocities;  // (n)
-    double *positions, *velocities, *map, *path;     // (n), (n), (n + 1); of the CM: place, velocity, gravity
-    double turn_before, turn_after, expected_rate, aside, variance, noise;
-    std::int64_t evaluations, is_warm;
-    double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
-    Corrected corrected;
-    double *scratch, *law_memory, *ahead_memory, *filter_memory, *gap_memory, *drift;  // drift: (nodes, n width)
-};
-
-enum Step : std::int64_t {
-    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, correct_motion
-};
-
-// How the bodies of a tree are turned by moments, and these by its motors. Body i turns as body group[i] of the robot.
-struct Moments {
-    std::int64_t bodies, motors;
-    const std::int64_t *group;
-    const double *real, *imaginary;  // (bodies, those of the robot), kg m^2: C, moments of inertia on the diagonal
-    const double *turns;             // (bodies, motors)
-    const double *amplitude;         // (joints), rad
-};
-
 // Chebyshev nodes on [0, 1], and a finer grid to look for the largest value on.
 struct Interpolation {
     ThirtyTwos nodes;
@@ -149,10 +90,136 @@ struct Interpolation {
 
 // One row for each plan; coefficients (joints, 6 + width) in powers of seconds.
 struct Peaks {
-    std::int64_t count, levels, velocities;  // velocities: whether they are measured too
+    std::int64_t count, levels, motors, velocities;  // velocities: whether they are measured too
     double resolved;
+    const double *turns, *amplitude;  // (links, motors), (joints), rad
     const double *duration, *momentum, *coefficients;
     double *peaks;  // (motors), or (motors + joints)
+};
+
+enum RowKind : std::int64_t {
+    sum_row, share_row, circle_row, bar_row, half_plane_start_row, half_plane_end_row, pair_row
+};
+
+// Rows of constraints of a robot's flights: distances of its capsules, sums of moments and rates, and what two sums'
+// magnitudes leave of 1. Units m, kg, s, rad.
+struct Constraints {
+    std::int64_t capsules, rows, needs_moments, needs_accelerations, needs_places;
+    double turn;                                     // 1, or -1 where the robot's bodies are mirrored
+    const double *ends_real, *ends_imaginary;        // (capsules, 2, bodies): weights of start and end
+    const double *radius;                            // (capsules)
+    const double *path;                              // of the CM: place, velocity, gravity
+    const double *obstacles;                         // (obstacles, 7): place, end or normal, velocity, radius
+    const std::int64_t *kind, *first, *second;       // (rows): capsule or sum; obstacle, capsule, or sum (-1: none)
+    const std::int64_t *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
+    const double *least, *per_scale;                 // (rows) of distances
+    const double *sums;  // (sums, 2 + 2 joints + links): constant, of theta0', velocities, accelerations, moments
+};
+
+// What is wanted of a motion's rows.
+enum class Wanted : std::int64_t { rates, values, drift, jacobian, gradient };
+
+// One motion of a search at some instants, and by what its rows change.
+struct Evaluation {
+    std::int64_t size;
+    double momentum, back_off;
+    const double *positions, *velocities, *accelerations;  // (instants, joints)
+    const double *times, *attitude;                        // (instants)
+    const std::int64_t *target;                            // (instants, rows): where a row goes, negative: nowhere
+    const double *sine, *cosine, *p_rate, *p_curvature;    // (instants, joints) of JointMotion
+    const double *basis;                                   // (3, instants, size): by x, of p and its derivatives
+    const std::int64_t *columns;                           // (joints + 1): where each joint's x begin; then h
+    const double *axes;                                    // of h, by the rest of x
+    const double *attitude_slopes;                         // (instants, size)
+    Motion motion;
+};
+
+// A whole motion, as sums of Chebyshev polynomials in 2 s - 1; of the orientation too.
+struct Series {
+    std::int64_t terms, turned_terms;
+    double duration, momentum;
+    const double *p, *p_rate, *p_curvature;  // (terms, joints)
+    const double *turned;                    // (turned_terms)
+    const double *centre, *amplitude;        // (joints)
+};
+
+// Local minima of rows: those of each row between low and high, from a look at a grid of instants.
+struct Minima {
+    std::int64_t instants;
+    double near, span;
+    const double *grid, *low, *high;  // (instants), (rows), (rows)
+    std::int64_t found, looked;  // looked: at so many instants beside the grid
+    std::int64_t *row;  // (found), of instants times rows
+    double *s, *least;  // (found), the same
+};
+
+// minimise x H x / 2 + g x subject to c + A x = 0 and d + C x >= 0, from rows of C that may be active.
+struct Quadratic {
+    std::int64_t size, equalities, rows, changes;
+    double accuracy, tolerance;
+    const double *hessian, *gradient, *equality, *equality_rows, *inequality, *inequality_rows;
+    std::int64_t count;     // of the active rows
+    std::int64_t *active;   // (size + 1)
+    double *solution;       // (2 size + equalities): x and multipliers, those of active rows <= 0
+};
+
+// What a correction leads to.
+struct Corrected {
+    double miss, share;
+    std::int64_t evaluated;
+};
+
+// A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
+// n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p.
+struct Flight {
+    Eights instants;
+    std::int64_t width, nodes, gap_nodes, memory, blocks, most_rows, motors;
+    double goal;
+    const double *centre, *amplitude;                // (n)
+    const double *weights;                           // (nodes)
+    const double *value, *first, *second;            // (columns, K)
+    const double *basis;                             // (3, K, n width), of changes y
+    const std::int64_t *columns;                     // (n + 1): where each joint's y begin
+    const double *whitening;                         // (width, width)
+    const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
+    const double *at_landing;                        // (3, n)
+    const double *gap, *gap_weights;                 // (gap_nodes)
+    const std::int64_t *block_first;                 // (blocks + 1): rows of the constraints, block by block
+    const double *aim, *softness;                    // (blocks)
+    const double *row_window;                        // (rows, 2), s
+    const double *motor_turns;                       // (m, motors)
+    const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
+    // The law's constants.
+    double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
+    std::int64_t evaluations_near, evaluations_far;
+    // The filter's.
+    const double *mass, *inertia;                    // (m)
+    const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the links' rotations
+    const double *weights_real, *weights_imaginary;  // (m, g): the same by the bodies'
+    const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
+    const double *wander, *deviations;               // (2 + 2 m)
+    double angle_variance, rate_variance, largest_error, surprising;
+    std::int64_t most_surprises;
+    // What changes.
+    double *state, *covariance;                      // (2 + 2 m), square
+    std::int64_t *surprises;
+    double *link_real, *link_imaginary, *real, *imaginary;  // the robot's, of the masses found
+    double *motions;                                 // (memory, 2 + 3 columns n): begin, end, p and two derivatives
+    std::int64_t newest, known;
+    // Of one call: what is measured and when, s, and what comes of it.
+    double began, measured, now, landing, measured_orientation, measured_rate;
+    double *measured_positions, *measured_velocities;  // (n)
+    double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double turn_before, turn_after, expected_rate, aside, variance, noise;
+    std::int64_t evaluations, is_warm;
+    double *warm_start, *coefficients, *worst;       // (width, n), (columns, n), (blocks)
+    double *row_values, *torque_peak;                // (rows, K), (motors)
+    Corrected corrected;
+    double *room;                                    // what floatplan_flight_room() says
+};
+
+enum Step : std::int64_t {
+    remember_motion, expect_state, learn_state, adapt_masses, rewrite_motion, predict_motion, correct_motion
 };
 
 enum Status : std::int64_t { infeasible, feasible, optimal, needs_grid };

@@ -9,15 +9,27 @@
 
 class Correcting {
   public:
-    Correcting(const Flight &flight, RestOfFlight &rest, Ahead *two) : f(flight), rest(rest), present(two), tried(two + 1) {
-        n = f.joints, width = f.width, size = n * width;
-        double *memory = f.law_memory;
-        for (double **each : {&best, &y, &step, &gradient}) *each = memory, memory += size;
-        hessian = memory, memory += size * size;
-        jacobian = memory, memory += f.most_rows_of_all * size;
-        residual = memory, memory += f.most_rows_of_all;
-        first = memory, memory += (6 + width) * n;
-        worst = memory;
+    Correcting(const Flight &flight, RestOfFlight &rest, std::int64_t joints)
+        : f(flight), rest(rest), n(joints), width(f.width), size(n * width) {}
+
+    void lay_out(Arena &arena) {
+        const std::int64_t most = 1 + f.most_rows * f.blocks;
+        for (double **each : {&best, &y, &step, &gradient}) arena.take(*each, size);
+        arena.take(hessian, size * size);
+        arena.take(jacobian, most * size);
+        arena.take(residual, most);
+        arena.take(first, (6 + width) * n);
+        arena.take(worst, f.blocks);
+        for (Predicted *each : {present, tried}) rest.lay_out(arena, *each);
+    }
+
+    // What comes of a motion as it is.
+    void predict(const double *coefficients, Corrected &found) {
+        std::memcpy(present->coefficients, coefficients, (6 + width) * n * sizeof(double));
+        rest.evaluate(*present);
+        found.share = found.evaluated = 1;
+        std::memcpy(f.row_values, present->value, f.block_first[f.blocks] * f.instants * sizeof(double));
+        report(found);
     }
 
     // Corrects the motion whose coefficients are given; leaves the new ones, and what comes of them, in `f`.
@@ -31,8 +43,8 @@ class Correcting {
         const double missed = present->miss;
         const bool far = f.blocks && std::fabs(missed) > f.far;
         if (far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
-        const bool landed = far && f.capsules && solve_as_landed(evaluations, missed, found);
-        if (far && f.capsules) evaluations = f.evaluations_near;
+        const bool landed = far && rest.has_distances && solve_as_landed(evaluations, missed, found);
+        if (far && rest.has_distances) evaluations = f.evaluations_near;
         if (!landed) solve(evaluations, found);
         found.share = 1;
         if (!landed && !keeps(*present)) {
@@ -44,7 +56,7 @@ class Correcting {
                 if (!keeps(*tried) || !(std::fabs(tried->miss) < std::fabs(missed))) continue;
                 found.share = scale;
                 std::memcpy(best, step, size * sizeof(double));
-                swap();
+                std::swap(present, tried);
                 break;
             }
             if (found.share == 0) {
@@ -53,23 +65,22 @@ class Correcting {
                 found.share = warm;
             }
         }
-        found.miss = present->miss;
         std::memcpy(f.coefficients, present->coefficients, (6 + width) * n * sizeof(double));
-        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
+        report(found);
     }
 
   private:
     const Flight &f;
     RestOfFlight &rest;
-    Ahead *present, *tried;
+    Predicted two[2] = {}, *present = two, *tried = two + 1;
     std::int64_t n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
     double *best, *y, *step, *gradient, *hessian, *jacobian, *residual, *first, *worst;
 
-    void swap() {
-        Ahead *other = present;
-        present = tried;
-        tried = other;
+    void report(Corrected &found) {
+        found.miss = present->miss;
+        std::memcpy(f.worst, present->worst, f.blocks * sizeof(double));
+        rest.find_torque_peaks(*present);
     }
 
     // Begins at the motion that is prepared, where that lands nearer; what is left is corrected from there.
@@ -79,7 +90,7 @@ class Correcting {
         rest.evaluate(*tried);
         ++found.evaluated;
         if (!(std::fabs(tried->miss) < smaller(std::fabs(present->miss), f.far) && keeps(*tried))) return false;
-        swap();
+        std::swap(present, tried);
         std::memcpy(first, present->coefficients, (6 + width) * n * sizeof(double));
         std::memcpy(worst, present->worst, f.blocks * sizeof(double));
         return true;
@@ -100,13 +111,13 @@ class Correcting {
         return false;
     }
 
-    bool keeps(const Ahead &a) const {
+    bool keeps(const Predicted &a) const {
         for (std::int64_t b = 0; b < f.blocks; ++b)
             if (!(a.worst[b] >= -f.kept || worst[b] < -f.kept)) return false;
         return true;
     }
 
-    void change(Ahead &a, const double *by, Corrected &found) const {
+    void change(Predicted &a, const double *by, Corrected &found) const {
         for (std::int64_t c = 0; c < 6 + width; ++c)
             for (std::int64_t i = 0; i < n; ++i) {
                 double part = 0;
@@ -122,7 +133,7 @@ class Correcting {
         return f.blocks ? larger(f.sigma, std::fabs(miss) / f.weighed) : f.sigma;
     }
 
-    double cost(const Ahead &a, const double *of, double sigma) const {
+    double cost(const Predicted &a, const double *of, double sigma) const {
         double length = 0, part = a.miss / sigma;
         for (std::int64_t k = 0; k < size; ++k) length += of[k] * of[k];
         return part * part + stiffness * length + a.square;
@@ -148,7 +159,7 @@ class Correcting {
             }
             bool settled = now - expected <= f.settled * now + enough;
             std::memcpy(best, y, size * sizeof(double));
-            swap();
+            std::swap(present, tried);
             double nearer = tolerance(present->miss);
             if (settled && nearer > sigma / 2) break;
             sigma = nearer;
@@ -159,7 +170,7 @@ class Correcting {
 
     // The step, and the cost that it would have if everything were linear.
     void next_step(double sigma) {
-        rest.miss_by_y(*present, jacobian);
+        rest.differentiate_miss(*present, jacobian);
         for (std::int64_t k = 0; k < size; ++k) jacobian[k] /= sigma;
         residual[0] = present->miss / sigma;
         rows = 1;
@@ -211,7 +222,7 @@ class Correcting {
                 if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
                 --left;
                 double *row = jacobian + rows * size;
-                rest.row_by_y(*present, e / K, e % K, row);
+                rest.differentiate(*present, e / K, e % K, row);
                 for (std::int64_t a = 0; a < size; ++a) row[a] /= f.softness[block];
                 residual[rows++] = -violation[e];
             }

@@ -1,9 +1,10 @@
-"""What crosses to C++, read from the kernel's own headers: structures, enumerations and functions are written there."""
+"""What crosses to C++, read from the kernel's own header: structures, enumerations and functions are written there."""
 
 from __future__ import annotations
 
 import ctypes
 import re
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, ClassVar
 
@@ -12,7 +13,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import FOLDER
 
-HEADERS = ("kernel.hpp", "quadratic_kernel.hpp", "watch_kernel.hpp")
+HEADER = "kernel.hpp"
 NUMBERS: dict[str, Any] = {"double": ctypes.c_double, "std::int64_t": ctypes.c_int64, "std::uint64_t": ctypes.c_uint64}
 ARRAYS = {"double": np.dtype(np.float64), "std::int64_t": np.dtype(np.int64)}
 MULTIPLES = {"Eights": 8, "ThirtyTwos": 32}  # kinds of counts
@@ -64,9 +65,9 @@ def address(values: np.ndarray[Any, Any]) -> int:
     return _begins(id(values) + HEAD).value or 0
 
 
-def _read(*names: str) -> str:
-    """Text of some sources, without comments."""
-    return "\n".join(re.sub("//.*", "", (FOLDER / name).read_text(encoding="utf-8")) for name in names)
+def _read(name: str) -> str:
+    """Text of a source, without comments."""
+    return re.sub("//.*", "", (FOLDER / name).read_text(encoding="utf-8"))
 
 
 def structures(text: str) -> dict[str, type[Structure]]:
@@ -113,6 +114,51 @@ def functions(text: str, known: dict[str, type[Structure]]) -> dict[str, tuple[A
     }
 
 
-STRUCTURES = structures(_read(*HEADERS))
-ENUMERATIONS = enumerations(_read(*HEADERS))
+STRUCTURES = structures(_read(HEADER))
+ENUMERATIONS = enumerations(_read(HEADER))
 FUNCTIONS = functions(_read("kernel.cpp"), STRUCTURES)
+
+
+class Filled:
+    """A structure of the headers with what it points to: each of its arrays, or None where there is none."""
+
+    def __init__(self, name: str, **values: Any) -> None:
+        kind = STRUCTURES[name]
+        numbers: dict[str, Any] = {}
+        arrays: dict[str, Array | IntArray] = {}
+        for field, value in values.items():
+            if isinstance(value, np.ndarray):
+                dtype, is_read = kind.arrays[field]
+                arrays[field] = np.ascontiguousarray(value, dtype=dtype) if is_read else value
+            else:
+                numbers[field] = value
+        if not kind.arrays.keys() <= values.keys():
+            raise TypeError(f"{name} needs {', '.join(sorted(kind.arrays.keys() - values.keys()))}")
+        self.structure: Any = kind(**numbers)
+        self.structure.point_to(**arrays)
+        self._kept = arrays
+
+    def point_to(self, **arrays: Array | IntArray) -> None:
+        """Point to other arrays, as they are."""
+        self.structure.point_to(**arrays)
+        self._kept.update(arrays)
+
+    def __getstate__(self) -> tuple[str, bytes, dict[str, Array | IntArray]]:
+        """Its numbers and arrays: a copy has its own."""
+        return type(self.structure).__name__, bytes(self.structure), self._kept
+
+    def __setstate__(self, state: tuple[str, bytes, dict[str, Array | IntArray]]) -> None:
+        name, content, self._kept = state
+        self.structure = STRUCTURES[name].from_buffer_copy(content)
+        self.structure.point_to(**self._kept)
+
+
+class FilledArray:
+    """An array of structures of one name with what they point to; empty where there is None."""
+
+    def __init__(self, name: str, filled: Sequence[Filled | None]) -> None:
+        self._kept = filled
+        self.structures: Any = (STRUCTURES[name] * len(filled))()
+        for index, each in enumerate(filled):
+            if each:
+                self.structures[index] = each.structure

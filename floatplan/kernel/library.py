@@ -22,8 +22,9 @@ class Kernel:
     plan: Callable[..., int]
     flight: Callable[..., None]
     peaks: Callable[..., int]
-    watch_room: Callable[..., int]
-    watch: Callable[..., None]
+    motion_room: Callable[..., int]
+    rows: Callable[..., None]
+    flight_room: Callable[..., int]
     minima: Callable[..., int]
     quadratic: Callable[..., int]
 

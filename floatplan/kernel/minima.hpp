@@ -1,7 +1,8 @@
-// Local minima of the rows of watch.hpp over the whole flight.
+// Local minima of rows of constraints over the whole flight.
 
-// Sums of Chebyshev polynomials at s in [0, 1]: series (terms, count).
-static inline void chebyshev_sums(const double *series, std::int64_t terms, std::int64_t count, double s, double *sums) {
+// Sums of Chebyshev polynomials at s in [0, 1]: series (terms, count), one sum every `stride` numbers.
+static inline void chebyshev_sums(const double *series, std::int64_t terms, std::int64_t count, double s,
+                                  std::int64_t stride, double *sums) {
     const double x = 4 * s - 2;
     for (std::int64_t i = 0; i < count; ++i) {
         double next = 0, after = 0;
@@ -10,61 +11,28 @@ static inline void chebyshev_sums(const double *series, std::int64_t terms, std:
             after = next;
             next = now;
         }
-        sums[i] = series[i] + x / 2 * next - after;
+        sums[i * stride] = series[i] + x / 2 * next - after;
     }
 }
 
-// A motion on its course, where it is looked at.
-struct Look {
-    Watched at;
-    double *positions, *velocities, *accelerations, *cosines;  // (instants, joints)
-    double *times, *attitude;                                  // (instants)
-    double *values;                                            // (instants, rows)
-    std::int64_t *wanted, *single;                             // (instants, rows), (rows)
-
-    Look(const Course &course, std::int64_t instants) : at{} {
-        at.instants = instants;
-        at.momentum = course.momentum;
-        at.per_second = 1 / course.duration;
+// The motion at so many instants s, as far as the rows need it.
+static inline void follow(const Robot &robot, const Constraints &constraints, const Series &series, const double *s,
+                          std::int64_t instants, Motion &m) {
+    const std::int64_t n = robot.joints;
+    m.instants = instants;
+    for (std::int64_t k = 0; k < instants; ++k) {
+        chebyshev_sums(series.p, series.terms, n, s[k], m.stride, m.sine + k);
+        chebyshev_sums(series.p_rate, series.terms, n, s[k], m.stride, m.p_rate + k);
+        if (constraints.needs_accelerations)
+            chebyshev_sums(series.p_curvature, series.terms, n, s[k], m.stride, m.p_curvature + k);
+        if (constraints.needs_places) chebyshev_sums(series.turned, series.turned_terms, 1, s[k], 1, m.attitude + k);
+        m.time[k] = s[k] * series.duration;
     }
-
-    void lay_out(Arena &arena, const Watch &watch) {
-        watch_room(arena, watch, at, at.instants * watch.rows);
-        for (double **each : {&positions, &velocities, &accelerations, &cosines}) arena.take(*each, at.instants * watch.joints);
-        for (double **each : {&times, &attitude}) arena.take(*each, at.instants);
-        arena.take(values, at.instants * watch.rows);
-        arena.take(wanted, at.instants * watch.rows);
-        arena.take(single, watch.rows);
-        at.positions = positions, at.velocities = velocities, at.accelerations = accelerations;
-        at.times = times, at.attitude = attitude, at.wanted = wanted;
-    }
-
-    // The motion at instants s (instants), as far as the rows need it.
-    void follow(const Watch &watch, const Course &course, const double *s) {
-        const std::int64_t n = watch.joints;
-        for (std::int64_t k = 0; k < at.instants; ++k) {
-            double *p = positions + k * n, *rate = velocities + k * n, *curvature = accelerations + k * n;
-            chebyshev_sums(course.p, course.terms, n, s[k], p);
-            chebyshev_sums(course.p_rate, course.terms, n, s[k], rate);
-            if (watch.needs_accelerations) chebyshev_sums(course.p_curvature, course.terms, n, s[k], curvature);
-            if (watch.needs_places) chebyshev_sums(course.turned, course.turned_terms, 1, s[k], attitude + k);
-            times[k] = s[k] * course.duration;
-        }
-        sines_cosines(at.instants * n, positions, positions, cosines);
-        for (std::int64_t k = 0; k < at.instants; ++k)
-            for (std::int64_t i = 0; i < n; ++i) {
-                const std::int64_t entry = k * n + i;
-                double sine = course.amplitude[i] * positions[entry], cosine = course.amplitude[i] * cosines[entry];
-                double rate = velocities[entry];
-                positions[entry] = course.centre[i] + sine;
-                velocities[entry] = at.per_second * cosine * rate;
-                if (watch.needs_accelerations)
-                    accelerations[entry] =
-                        at.per_second * at.per_second * (cosine * accelerations[entry] - sine * rate * rate);
-            }
-        watch_rates(watch, at);
-    }
-};
+    swing_joints(robot, m, series.centre, series.amplitude);
+    turn(robot, m, series.momentum);
+    if (constraints.needs_moments) move_bodies(robot, m);
+    if (constraints.needs_places) place(robot, constraints, m, 0, 0);
+}
 
 // Brent's minimum within [low, high] (Algorithms for Minimization without Derivatives, 1973, chapter 5), from its
 // lowest value known.
@@ -110,26 +78,36 @@ static inline void narrow(Value value_at, double low, double high, double &where
 }
 
 // Local minima, lower than near but for what a row falls between two instants of the grid, and where; 1 without memory.
-static inline std::int64_t watch_minima(const Watch &watch, const Course &course, Minima &minima) {
+static inline std::int64_t find_minima(const Robot &robot, const Constraints &constraints, const Series &series,
+                                       Minima &minima) {
     constexpr int around = 17;
-    const std::int64_t rows = watch.rows, count = minima.instants;
-    Look look(course, count);
+    const std::int64_t rows = constraints.rows, count = minima.instants;
+    Motion m{}, close{};
+    double *values;  // (rows, stride)
     Room room;
-    if (!room.make([&](Arena &arena) { look.lay_out(arena, watch); })) return 1;
-    Watched &at = look.at;
-    double *values = look.values;
-    for (std::int64_t entry = 0; entry < count * rows; ++entry) look.wanted[entry] = entry;
-    look.follow(watch, course, minima.grid);
-    watch_values(watch, at, values);
-    for (std::int64_t k = 0; k < count; ++k)
-        for (std::int64_t row = 0; row < rows; ++row)
-            if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) values[k * rows + row] = HUGE_VAL;
+    if (!room.make([&](Arena &arena) {
+            lay_out_motion(arena, m, robot, constraints.capsules, count);
+            lay_out_motion(arena, close, robot, constraints.capsules, around);
+            arena.take(values, rows * m.stride);
+        }))
+        return 1;
+    for (Motion *each : {&m, &close}) {
+        each->per_second = 1 / series.duration;
+        std::memset(each->p_curvature, 0, robot.joints * each->stride * sizeof(double));
+    }
+    auto everywhere = [](std::int64_t) { return true; };
+    follow(robot, constraints, series, minima.grid, count, m);
+    for (std::int64_t row = 0; row < rows; ++row) {
+        double *value = values + row * m.stride;
+        row_values(robot, constraints, m, row, everywhere, value);
+        for (std::int64_t k = 0; k < count; ++k)
+            if (minima.grid[k] < minima.low[row] || minima.grid[k] > minima.high[row]) value[k] = HUGE_VAL;
+    }
     minima.found = minima.looked = 0;
     for (std::int64_t k = 0; k < count; ++k)
         for (std::int64_t row = 0; row < rows; ++row) {
-            double here = values[k * rows + row];
-            double before = k > 0 ? values[(k - 1) * rows + row] : HUGE_VAL;
-            double after = k + 1 < count ? values[(k + 1) * rows + row] : HUGE_VAL;
+            const double *value = values + row * m.stride + k;
+            double here = value[0], before = k > 0 ? value[-1] : HUGE_VAL, after = k + 1 < count ? value[1] : HUGE_VAL;
             if (!(std::isfinite(here) && here <= before && here <= after)) continue;
             double rise = larger(std::isfinite(before) ? before - here : 0, std::isfinite(after) ? after - here : 0);
             if (!(here - rise < minima.near)) continue;
@@ -137,32 +115,29 @@ static inline std::int64_t watch_minima(const Watch &watch, const Course &course
             minima.s[minima.found] = minima.grid[k];
             minima.least[minima.found++] = here;
         }
-    at.wanted = look.single;
-    for (std::int64_t row = 0; row < rows; ++row) look.single[row] = -1;
     for (std::int64_t found = 0; found < minima.found; ++found) {
         const std::int64_t row = minima.row[found];
-        double &where = minima.s[found], &least = minima.least[found], value;
-        double low = larger(where - minima.span, minima.low[row]), high = smaller(where + minima.span, minima.high[row]);
-        at.instants = 1;
-        look.single[row] = 0;
+        double &where = minima.s[found], &least = minima.least[found], s[around];
+        const double low = larger(where - minima.span, minima.low[row]);
+        const double high = smaller(where + minima.span, minima.high[row]);
+        const double step = (high - low) / (around - 1), center = where;
+        auto look = [&](const double *s, std::int64_t instants) {
+            follow(robot, constraints, series, s, instants, close);
+            row_values(robot, constraints, close, row, everywhere, close.value);
+        };
+        for (int index = 0; index < around; ++index) s[index] = index == around - 1 ? high : low + index * step;
+        look(s, around);
+        for (int index = 0; index < around; ++index) {
+            if (s[index] == center) continue;
+            ++minima.looked;
+            if (close.value[index] < least) least = close.value[index], where = s[index];
+        }
         auto value_at = [&](double s) {
             ++minima.looked;
-            look.follow(watch, course, &s);
-            watch_values(watch, at, &value);
-            return value;
+            look(&s, 1);
+            return close.value[0];
         };
-        double step = (high - low) / (around - 1), center = where;
-        for (int index = 0; index < around; ++index) {
-            double s = index == around - 1 ? high : low + index * step;
-            if (s == center) continue;
-            double now = value_at(s);
-            if (now < least) {
-                least = now;
-                where = s;
-            }
-        }
         narrow(value_at, larger(where - step, low), smaller(where + step, high), where, least);
-        look.single[row] = -1;
     }
     return 0;
 }

@@ -2,66 +2,45 @@
 
 class Measured {
   public:
-    Measured(const Robot &robot, const Moments &moments, Memory &memory) : robot(robot), moments(moments), m(memory) {}
+    Measured(const Robot &robot, const Peaks &peaks, Memory &memory) : robot(robot), peaks(peaks), m(memory) {}
 
     void lay_out(Arena &arena, std::int64_t quantities, const Interpolation &finest) {
+        Motion &motion = m.motion;
         for (double **each : {&values, &cosines}) arena.take(*each, quantities * finest.nodes);
+        arena.take(motion.acceleration, robot.joints * finest.nodes);
+        for (double **each : {&motion.relative, &motion.x, &motion.y}) arena.take(*each, robot.bodies * finest.nodes);
+        arena.take(motion.moment, robot.links * finest.nodes);
+        arena.take(motion.base_acceleration, finest.nodes);
     }
 
-    // Torques of the motors, then rates of the joints where they are asked for, at the nodes of the motion flown last.
-    void evaluate(double duration, const Interpolation &at, bool velocities) {
-        const std::int64_t n = robot.joints, bodies = robot.bodies, columns = 6 + robot.width, nodes = at.nodes;
+    // Torques of the motors, then rates of the joints where they are wanted, at the nodes of the motion flown last.
+    void evaluate(double duration, const Interpolation &at) {
+        const std::int64_t columns = 6 + robot.width, nodes = at.nodes;
         const Vector per_second = all(1 / duration);
-        Vector *joint = (Vector *)m.by_joint, *real = (Vector *)m.by_angle, *imaginary = (Vector *)m.by_swing;
-        for (std::int64_t k = 0; k < nodes; k += LANES) {
-            for (std::int64_t i = 0; i < n; ++i) {
+        const Motion &motion = m.motion;
+        for (std::int64_t i = 0; i < robot.joints; ++i)
+            for (std::int64_t k = 0; k < nodes; k += LANES) {
                 Vector curvature = all(0);
                 for (std::int64_t c = 2; c < columns; ++c) {
                     double b = c < 6 ? m.boundary[6 * i + c] : m.z[i * robot.width + c - 6];
                     curvature = multiply_add(all(b), load(at.curvature + c * nodes + k), curvature);
                 }
-                Vector rate = load(m.rate + i * nodes + k), cosine = load(m.cosine + i * nodes + k);
-                Vector swing = cosine * curvature - load(m.sine + i * nodes + k) * rate * rate;
-                joint[i] = swing * per_second * per_second;
-                if (velocities)
-                    store(values + (moments.motors + i) * nodes + k,
-                          all(moments.amplitude[i]) * cosine * rate * per_second);
+                Vector rate = load(motion.p_rate + i * nodes + k), cosine = load(motion.cosine + i * nodes + k);
+                Vector swing = cosine * curvature - load(motion.sine + i * nodes + k) * rate * rate;
+                store(motion.acceleration + i * nodes + k, swing * per_second * per_second);
+                if (peaks.velocities)
+                    store(values + (peaks.motors + i) * nodes + k,
+                          all(peaks.amplitude[i]) * cosine * rate * per_second);
             }
-            // Of each body the acceleration against the base, and the square of its rate.
-            Vector base_rate = load(m.base_rate + k), pull = all(0);
-            for (std::int64_t a = 0; a < bodies; ++a) {
-                Vector relative = a ? real[robot.parent[a]] : all(0), rate = load(m.swing + a * nodes + k) + base_rate;
-                for (std::int64_t e = robot.first[a]; e < robot.first[a + 1]; ++e)
-                    relative = multiply_add(all(robot.ratio[e]), joint[robot.joint[e]], relative);
-                real[a] = relative;
-                imaginary[a] = rate * rate;
-                pull = multiply_add(load(m.inertia + a * nodes + k), relative, pull);
-                pull = multiply_add(load(m.turned + a * nodes + k), imaginary[a], pull);
-            }
-            Vector base_acceleration = -pull * load(m.inverse + k);
-            for (std::int64_t a = 0; a < bodies; ++a) {
-                Vector c = load(m.body_cosine + a * nodes + k), s = load(m.body_sine + a * nodes + k);
-                Vector x = real[a] + base_acceleration, y = imaginary[a];
-                real[a] = c * x - s * y;
-                imaginary[a] = s * x + c * y;
-            }
-            for (std::int64_t motor = 0; motor < moments.motors; ++motor) store(values + motor * nodes + k, all(0));
-            for (std::int64_t i = 0; i < moments.bodies; ++i) {
-                const double *re = moments.real + i * bodies, *im = moments.imaginary + i * bodies;
-                Vector x = all(0), y = all(0);
-                for (std::int64_t a = 0; a < bodies; ++a) {
-                    x = multiply_add(all(re[a]), real[a], multiply_add(all(-im[a]), imaginary[a], x));
-                    y = multiply_add(all(re[a]), imaginary[a], multiply_add(all(im[a]), real[a], y));
-                }
-                const std::int64_t group = moments.group[i];
-                Vector c = load(m.body_cosine + group * nodes + k), s = load(m.body_sine + group * nodes + k);
-                Vector moment = multiply_add(c, x, s * y);
-                for (std::int64_t motor = 0; motor < moments.motors; ++motor) {
-                    double turn = moments.turns[i * moments.motors + motor];
-                    if (turn == 0) continue;
-                    double *torque = values + motor * nodes + k;
-                    store(torque, multiply_add(all(turn), moment, load(torque)));
-                }
+        move_bodies(robot, m.motion);
+        for (std::int64_t motor = 0; motor < peaks.motors; ++motor) {
+            double *torque = values + motor * nodes;
+            for (std::int64_t k = 0; k < nodes; ++k) torque[k] = 0;
+            for (std::int64_t link = 0; link < robot.links; ++link) {
+                const double turns = peaks.turns[link * peaks.motors + motor], *moment = motion.moment + link * nodes;
+                if (turns == 0) continue;
+                for (std::int64_t k = 0; k < nodes; k += LANES)
+                    store(torque + k, add_product(turns, load(moment + k), load(torque + k)));
             }
         }
     }
@@ -129,7 +108,7 @@ class Measured {
 
   private:
     const Robot &robot;
-    const Moments &moments;
+    const Peaks &peaks;
     Memory &m;
     double *values = nullptr, *cosines = nullptr;
 
@@ -158,15 +137,15 @@ class Measured {
     }
 };
 
-static inline std::int64_t measure_batch(const Robot &robot, const Moments &moments, const Grid *grids,
-                                         const Interpolation *interpolations, const Settings &settings, Peaks &peaks) {
+static inline std::int64_t measure_batch(const Robot &robot, const Grid *grids, const Interpolation *interpolations,
+                                         const Settings &settings, Peaks &peaks) {
     const std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
-    const std::int64_t quantities = moments.motors + (peaks.velocities ? n : 0);
+    const std::int64_t quantities = peaks.motors + (peaks.velocities ? n : 0);
     const Interpolation &finest = interpolations[peaks.levels - 1];
     Memory m;
     Room motion, interpolation;
     Planner planner(robot, grids, settings, m);
-    Measured measured(robot, moments, m);
+    Measured measured(robot, peaks, m);
     if (!motion.make([&](Arena &arena) { lay_out(arena, m, robot, settings, finest.nodes, n * width); }) ||
         !interpolation.make([&](Arena &arena) { measured.lay_out(arena, quantities, finest); }))
         return 1;
@@ -183,7 +162,7 @@ static inline std::int64_t measure_batch(const Robot &robot, const Moments &mome
             const Interpolation &at = interpolations[level];
             planner.begin(duration, m.b, level);
             planner.evaluate_z();
-            measured.evaluate(duration, at, peaks.velocities);
+            measured.evaluate(duration, at);
             for (std::int64_t quantity = 0; quantity < quantities; ++quantity) measured.transform(quantity, at);
             // The torques are resolved where their largest tail is small against the largest of them; so are the rates.
             auto resolves = [&](auto size) {
@@ -195,7 +174,7 @@ static inline std::int64_t measure_batch(const Robot &robot, const Moments &mome
                     }
                     return left <= peaks.resolved * most;
                 };
-                return group(0, moments.motors) && group(moments.motors, quantities);
+                return group(0, peaks.motors) && group(peaks.motors, quantities);
             };
             bool is_last = level + 1 == peaks.levels;
             if (!is_last && !resolves([&](std::int64_t quantity) { return measured.bound(quantity, at); })) continue;

@@ -8,15 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.kernel.bodies import Bodies, merged_bodies
-from floatplan.kernel.filled import Filled, FilledArray, filled_robot
-from floatplan.kernel.layout import STRUCTURES
+from floatplan.kernel.bodies import filled_robot, merged_bodies
+from floatplan.kernel.layout import STRUCTURES, Filled, FilledArray
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.quadrature import chebyshev_nodes
 from floatplan.problem.problem import Problem
-from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Robot
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
@@ -49,14 +46,17 @@ def many_peaks(
     count, n, size = coefficients.shape
     motors = len(like.robot.motors)
     peaks = np.empty((count, motors + n if velocities else motors))
-    robot, moments = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
-    grids, interpolations = _grids(size, NODES), _interpolations(size, NODES)
+    robot, turns, amplitude = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
+    grids, interpolations = _grids(size, NODES)
     batch = Filled(
         "Peaks",
         count=count,
         levels=len(grids.structures),
+        motors=motors,
         velocities=velocities,
         resolved=RESOLVED,
+        turns=turns,
+        amplitude=amplitude,
         duration=duration,
         momentum=angular_momentum,
         coefficients=np.nan_to_num(coefficients, nan=0.0),
@@ -64,7 +64,6 @@ def many_peaks(
     )
     failed = found.peaks(
         robot.structure,
-        moments.structure,
         grids.structures,
         interpolations.structures,
         STRUCTURES["Settings"](),
@@ -77,77 +76,30 @@ def many_peaks(
 
 
 @lru_cache(maxsize=8)
-def _measured(robot: Robot, ranges: tuple[tuple[float, float], ...], size: int) -> tuple[Filled, Filled]:
+def _measured(robot: Robot, ranges: tuple[tuple[float, float], ...], size: int) -> tuple[Filled, Array, Array]:
+    """Return the robot, how motors turn its links, and the joints' amplitudes."""
     low, high = np.array(ranges).T
     amplitude = (high - low) / 2
     bodies = merged_bodies(robot.tree, (low + high) / 2, amplitude)
-    filled = filled_robot(bodies, [size - CONDITIONS] * len(ranges))
-    return filled, _filled_moments(robot.tree, bodies, amplitude)
-
-
-def _filled_moments(tree: PlanarTree, bodies: Bodies, amplitude: Array) -> Filled:
-    """Each of the tree's bodies on its own: those that turn alike have motors of their own."""
-    group = np.abs(bodies.rotations).argmax(axis=0)
-    constant = bodies.rotations.sum(axis=0)
-    coupling = (constant.conj()[:, None] * centroidal_coupling(tree)) @ bodies.rotations.T
-    coupling[np.arange(len(group)), group] += tree.inertia
-    if bodies.is_mirrored:
-        coupling = coupling.conj()
-    return Filled(
-        "Moments",
-        bodies=len(group),
-        motors=tree.motor_turns.shape[1],
-        group=group,
-        real=coupling.real,
-        imaginary=coupling.imag,
-        turns=tree.motor_turns,
-        amplitude=amplitude,
-    )
+    return filled_robot(bodies, [size - CONDITIONS] * len(ranges)), robot.tree.motor_turns, amplitude
 
 
 @lru_cache(maxsize=16)
-def _grids(size: int, counts: tuple[int, ...]) -> FilledArray:
-    """Powers of s at the nodes: (14) is not integrated here, so without weights."""
-    return FilledArray("Grid", [_filled_grid(nodes, size) for nodes in counts])
-
-
-def _filled_grid(nodes: int, size: int) -> Filled:
-    value, slope, _ = (part.T for part in _powers(nodes, size))
-    none = np.zeros((1, nodes))
-    return Filled(
-        "Grid",
-        nodes=nodes,
-        weights=none,
-        value=value,
-        slope=np.concatenate((none, slope)),
-        tail=np.zeros((3, nodes)),
-    )
-
-
-@lru_cache(maxsize=16)
-def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
-    return FilledArray("Interpolation", [_filled_interpolation(nodes, size) for nodes in counts])
-
-
-def _filled_interpolation(nodes: int, size: int) -> Filled:
-    curvature = _powers(nodes, size)[2].T
-    to_cosines, to_fine = _cosine_maps(nodes)
-    return Filled(
-        "Interpolation",
-        nodes=nodes,
-        points=len(to_fine),
-        curvature=np.concatenate((np.zeros((2, nodes)), curvature)),
-        to_cosines=to_cosines.T,
-        to_fine=to_fine,
-    )
-
-
-@lru_cache(maxsize=16)
-def _powers(nodes: int, size: int) -> tuple[Array, Array, Array]:
-    """Powers of s, and their first and second derivatives, at the nodes: (nodes, size), one column less for each."""
-    powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
+def _grids(size: int, counts: tuple[int, ...]) -> tuple[FilledArray, FilledArray]:
+    """Powers of s and their derivatives at the nodes, without weights, since (14) is not integrated; interpolations."""
+    grids, interpolations = [], []
     k = np.arange(size)
-    return powers, powers[:, : size - 1] * k[1:], powers[:, : size - 2] * (k[2:] * (k[2:] - 1))
+    for nodes in counts:
+        powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
+        slope, curvature = np.zeros((2, *powers.shape))
+        slope[:, 1:] = powers[:, :-1] * k[1:]
+        curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
+        without = {"weights": np.zeros(nodes), "tail": np.zeros((3, nodes))}
+        grids.append(Filled("Grid", nodes=nodes, value=powers.T, slope=slope.T, **without))
+        to_cosines, to_fine = _cosine_maps(nodes)
+        maps = {"curvature": curvature.T, "to_cosines": to_cosines.T, "to_fine": to_fine}
+        interpolations.append(Filled("Interpolation", nodes=nodes, points=len(to_fine), **maps))
+    return FilledArray("Grid", grids), FilledArray("Interpolation", interpolations)
 
 
 @lru_cache(maxsize=8)

@@ -2,13 +2,8 @@
 
 // Memory of one call, for any of its problems.
 struct Memory {
-    double *sine, *cosine, *rate, *speed;                  // (joints, nodes): sin p, cos p, dp/ds, d(sin p)/dt
+    Motion motion;                                         // sine and cosine without the amplitudes, which ratios hold
     double *fixed, *fixed_rate;                            // (joints, nodes): p and dp/ds of the motion with z = 0
-    double *body_cosine, *body_sine, *turned, *inertia, *swing;  // (bodies, nodes): E, Im, Re conj(E) C E, rate
-    double *angle;                                         // (bodies, nodes)
-    double *base_rate, *inverse;                           // (nodes): theta0', 1/D_0
-    double *by_angle, *by_swing, *moving_cosine, *moving_sine;  // (bodies, LANES)
-    double *by_joint, *by_joint_rate;                      // (joints, LANES)
     double *by_z;                                          // (joints, width, LANES)
     double *z, *z_gradient;                                // (joints, width)
     // By number of free polynomials: (width, width), (width, 6), (columns, 6).
@@ -38,8 +33,8 @@ struct Solution {
 class Planner {
   public:
     Planner(const Robot &robot, const Grid *grids, const Settings &settings, Memory &memory)
-        : robot(robot), grids(grids), settings(settings), m(memory), n(robot.joints), bodies(robot.bodies),
-          width(robot.width), columns(6 + robot.width) {
+        : robot(robot), grids(grids), settings(settings), m(memory), n(robot.joints), width(robot.width),
+          columns(6 + robot.width) {
         for (std::int64_t i = 0; i < n; ++i) size += robot.free[i];
     }
 
@@ -62,7 +57,7 @@ class Planner {
         if (wanted == level) return true;
         level = wanted;
         const Grid &grid = grids[level];
-        std::int64_t nodes = grid.nodes;
+        const std::int64_t nodes = m.motion.instants = m.motion.stride = grid.nodes;
         for (std::int64_t i = 0; i < n; ++i)
             for (std::int64_t k = 0; k < nodes; k += LANES) {
                 Vector p = all(0), rate = all(0);
@@ -88,7 +83,7 @@ class Planner {
     // The motion of m.z, without the objective.
     Point evaluate_z() {
         Point point;
-        point.equality = T * (robot.is_real ? fly<true>() : fly<false>()) - change;
+        point.equality = T * fly() - change;
         point.number = ++evaluations;
         instants += grids[level].nodes;
         return point;
@@ -126,7 +121,7 @@ class Planner {
         const std::int64_t nodes = grid.nodes;
         Vector most = all(0), last = all(0), next = all(0), third = all(0);
         for (std::int64_t k = 0; k < nodes; k += LANES) {
-            Vector rate = load(m.base_rate + k);
+            Vector rate = load(m.motion.rate + k);
             most = larger(magnitude(rate), most);
             last = multiply_add(load(grid.tail + k), rate, last);
             next = multiply_add(load(grid.tail + nodes + k), rate, next);
@@ -159,15 +154,64 @@ class Planner {
     const Grid *grids;
     const Settings &settings;
     Memory &m;
-    std::int64_t n, bodies, width, columns, level = -1;
+    std::int64_t n, width, columns, level = -1;
     double T = 0, unit = 1, metric_norm = 1, fastest = 0, least = 0;
 
-    // momentum.hpp
-    template <bool is_real> double fly();
-    template <bool is_real> void backward();
-    template <bool is_real>
-    void couple(std::int64_t a, const double *cosine, const double *sine, std::int64_t stride, Vector &x,
-                Vector &y) const;
+    // Integral of theta0' over [0, 1]; keeps what its derivatives need.
+    double fly() {
+        const Grid &grid = grids[level];
+        const std::int64_t nodes = grid.nodes;
+        Motion &motion = m.motion;
+        const Vector per_second = all(1 / T);
+        for (std::int64_t i = 0; i < n; ++i) {
+            const std::int64_t free = robot.free[i];
+            const double *z = m.z + i * width;
+            for (std::int64_t k = 0; k < nodes; k += LANES) {
+                Vector p = load(m.fixed + i * nodes + k), rate = load(m.fixed_rate + i * nodes + k), s, c;
+                const double *value = grid.value + 6 * nodes + k, *slope = grid.slope + 6 * nodes + k;
+                for (std::int64_t f = 0; f < free; ++f, value += nodes, slope += nodes) {
+                    p = multiply_add(all(z[f]), load(value), p);
+                    rate = multiply_add(all(z[f]), load(slope), rate);
+                }
+                sine_cosine(p, s, c);
+                store(motion.sine + i * nodes + k, s);
+                store(motion.cosine + i * nodes + k, c);
+                store(motion.p_rate + i * nodes + k, rate);
+                store(motion.speed + i * nodes + k, c * rate * per_second);
+            }
+        }
+        robot.is_real ? turn<true>(robot, motion, motion.sine, h0) : turn<false>(robot, motion, motion.sine, h0);
+        Vector total = all(0);
+        for (std::int64_t k = 0; k < nodes; k += LANES)
+            total = multiply_add(load(grid.weights + k), load(motion.rate + k), total);
+        return sum(total);
+    }
+
+    // Adjoint of fly(): z_gradient, times the duration.
+    template <bool is_real> void backward() {
+        const Grid &grid = grids[level];
+        const std::int64_t nodes = grid.nodes;
+        Motion &motion = m.motion;
+        const Vector per_second = all(1 / T);
+        Vector *by_sine = (Vector *)motion.by_joint, *by_rate = (Vector *)motion.by_joint_rate, *by_z = (Vector *)m.by_z;
+        for (std::int64_t e = 0; e < n * width; ++e) by_z[e] = all(0);
+        for (std::int64_t k = 0; k < nodes; k += LANES) {
+            Vector factor = -all(T) * load(grid.weights + k) * load(motion.inverse + k);
+            differentiate_turn<is_real>(robot, motion, k, factor);
+            for (std::int64_t i = 0; i < n; ++i) {
+                Vector s = load(motion.sine + i * nodes + k), c = load(motion.cosine + i * nodes + k);
+                Vector rate = by_rate[i] * per_second;
+                Vector by_p = multiply_add(by_sine[i], c, -rate * s * load(motion.p_rate + i * nodes + k));
+                rate = rate * c;
+                const double *value = grid.value + 6 * nodes + k, *slope = grid.slope + 6 * nodes + k;
+                for (std::int64_t f = 0; f < robot.free[i]; ++f, value += nodes, slope += nodes)
+                    by_z[i * width + f] =
+                        multiply_add(by_p, load(value), multiply_add(rate, load(slope), by_z[i * width + f]));
+            }
+        }
+        for (std::int64_t e = 0; e < n * width; ++e) m.z_gradient[e] = sum(by_z[e]);
+    }
+
     void factor(std::int64_t f, const Powers &powers);
     double norm(const double *matrix, std::int64_t f) const;
 };

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.filled import Filled
+from floatplan.kernel.layout import Filled
 from floatplan.kernel.library import kernel
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.optimization.quadratic_program import (

@@ -14,7 +14,7 @@ from itertools import islice
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.stages import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
+from floatplan.kernel.batch import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
 from floatplan.optimization.feasibility import LeastViolation, reduce_violations

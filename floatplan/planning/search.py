@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
-from floatplan.kernel.stages import WANTED_AFTER_FAILURE
+from floatplan.kernel.batch import WANTED_AFTER_FAILURE
 from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome, best
 from floatplan.planning.compiled import Followed
 from floatplan.planning.runner import expiry, runner

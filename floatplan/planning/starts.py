@@ -15,9 +15,8 @@ from itertools import count
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.batch import Search
+from floatplan.kernel.batch import SECANT_STEPS, SPREADS, Search
 from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
-from floatplan.kernel.stages import SECANT_STEPS, SPREADS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
 from floatplan.planning.transcription.program import decision_variables

@@ -197,6 +197,15 @@ def landing(problem: Problem | str | Path, angular_momentum: float | None = None
     return _contact(problem, "landing", angular_momentum)
 
 
+def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) -> tuple[Momentum, float]:
+    """Return h as given, or asked for, and in kg m^2/s; where it is free, the one that suits both ends best."""
+    asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
+    if asked == "free":
+        shared = shared_momentum(problem)
+        asked = "midpoint" if shared is None else shared
+    return asked, sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
+
+
 def no_common_momentum(problem: Problem) -> str | None:
     """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
     if problem.flight.angular_momentum != "free":
@@ -217,15 +226,10 @@ def no_common_momentum(problem: Problem) -> str | None:
 
 def _contact(given: Problem | str | Path, end: End, angular_momentum: float | None) -> Contact:
     problem = given_problem(given)
-    angular_momentum = optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
-    asked = problem.flight.angular_momentum if angular_momentum is None else angular_momentum
-    if asked == "free":
-        shared = shared_momentum(problem)
-        asked = "midpoint" if shared is None else shared
-    if not has_contact(problem, end):
-        return Contact(problem, end, asked, None)
-    momentum = sum(angular_momentum_interval(problem)) / 2 if asked == "midpoint" else float(asked)
-    return Contact(problem, end, asked, contact_rates(problem, end, momentum))
+    asked, momentum = momentum_of_ends(
+        problem, optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
+    )
+    return Contact(problem, end, asked, contact_rates(problem, end, momentum) if has_contact(problem, end) else None)
 
 
 def _why_none(problem: Problem, found: ContactRates) -> str:

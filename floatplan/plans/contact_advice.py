@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -52,9 +52,6 @@ class _Trial:
     duration: float
     positions: Array
     free: bool
-
-
-Change: TypeAlias = Callable[[Problem, _Trial, ContactRates], str]
 
 
 class _Trials:
@@ -121,6 +118,18 @@ class _Trials:
             low, high = (low, outer) if cost(inner) <= cost(outer) else (inner, high)
         return replace(self.asked, duration=min((durations[index], (low + high) / 2), key=cost))
 
+    def changes(self, trial: _Trial, rates: ContactRates) -> Iterator[str]:
+        """What is other than asked, in words."""
+        problem = self._problem
+        if trial.duration != self.asked.duration:
+            yield f"a duration of {trial.duration:.3g} s"
+        if trial.positions is not self.asked.positions:
+            degrees = np.rad2deg(trial.positions).tolist()
+            joints = (f"{joint} at {angle:.4g}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
+            yield f"{', '.join(joints)} degrees"
+        if trial.free or problem.flight.angular_momentum == "free":
+            yield f"an angular momentum of {rates.angular_momentum:.5g} kg m^2/s"
+
     def postures(self, begin: _Trial, *, durations: bool) -> _Trial:
         """Return the best of seeded steps from a trial: of the joints, and of the duration where asked for."""
         low, high = self._problem.position_limits.T
@@ -152,33 +161,11 @@ def advice(problem: Problem, end: End, momentum: Momentum) -> Iterator[str]:
     asked = trials.asked
     least = _share(trials.rates(asked))
     longer = trials.longer_or_shorter()
-    alone = [replace(asked, free=True), longer, trials.postures(asked, durations=False)]
-    kept = (_momentum,) if problem.flight.angular_momentum == "free" else ()
-    for trial, changes in zip(alone, ((_momentum,), (_duration, *kept), (_posture, *kept)), strict=True):
-        found = trials.rates(trial)
-        if _share(found) < WORTH_TELLING * least:
-            yield f"With {_listed(changes, problem, trial, found)} it takes {told(found)}."
-    if min(_share(trials.rates(trial)) for trial in alone) <= 1:
-        return
-    together = trials.postures(replace(longer, free=True), durations=True)
-    found = trials.rates(together)
-    if _share(found) < WORTH_TELLING * least:
-        yield f"With {_listed((_momentum, _duration, _posture), problem, together, found)} it takes {told(found)}."
-
-
-def _listed(changes: tuple[Change, ...], problem: Problem, trial: _Trial, found: ContactRates) -> str:
-    return ", ".join(change(problem, trial, found) for change in changes)
-
-
-def _momentum(_problem: Problem, _trial: _Trial, found: ContactRates) -> str:
-    return f"an angular momentum of {found.angular_momentum:.5g} kg m^2/s"
-
-
-def _duration(_problem: Problem, trial: _Trial, _found: ContactRates) -> str:
-    return f"a duration of {trial.duration:.3g} s"
-
-
-def _posture(problem: Problem, trial: _Trial, _found: ContactRates) -> str:
-    degrees = np.rad2deg(trial.positions).tolist()
-    joints = (f"{joint} at {angle:.4g}" for joint, angle in zip(problem.robot.joints, degrees, strict=True))
-    return f"{', '.join(joints)} degrees"
+    tried = [replace(asked, free=True), longer, trials.postures(asked, durations=False)]
+    shares = [_share(trials.rates(trial)) for trial in tried]
+    if min(shares) > 1:
+        tried.append(trials.postures(replace(longer, free=True), durations=True))
+    for trial in tried:
+        rates = trials.rates(trial)
+        if _share(rates) < WORTH_TELLING * least:
+            yield f"With {', '.join(trials.changes(trial, rates))} it takes {told(rates)}."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from types import MappingProxyType
 
 import numpy as np
@@ -38,6 +38,13 @@ from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
 PEAK_NODES = (33, 65, 129, 257)
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
+
+
+def least_distances(segments: Segments, obstacle: Obstacle, instants: Array) -> Array:
+    """Least distances (N,) m of shapes placed at N instants, s, to an obstacle; infinite while it does not exist."""
+    low, high = obstacle.window or (-np.inf, np.inf)
+    distances = obstacle_distances(segments, obstacle, instants).values.min(axis=1)
+    return np.where((instants >= low) & (instants <= high), distances, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,12 +217,9 @@ class PlannedMotion:
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
         chosen = self.problem.obstacles if obstacles is None else obstacles
         segments = self.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
-        least = np.full(len(instants), np.inf)
-        for obstacle in chosen:
-            distance = obstacle_distances(segments, obstacle, instants).values.min(axis=1)
-            low, high = obstacle.window or (-np.inf, np.inf)
-            least = np.minimum(least, np.where((instants >= low) & (instants <= high), distance, np.inf))
-        return least
+        return reduce(
+            np.minimum, (least_distances(segments, each, instants) for each in chosen), np.full(len(instants), np.inf)
+        )
 
     @one_thread
     def segments(self, instants: Array, hulls: bool = False) -> Segments:

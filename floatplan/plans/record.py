@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -110,10 +110,9 @@ class PlanRecord:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what the file holds, as plain lists, numbers and ``None``."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        values["robot"] = vars(self.robot)
-        ordered = ["format", "floatplan", *(name for name in values if name not in ("format", "floatplan"))]
-        return {name: plain(values[name]) for name in ordered}
+        first = {"format": self.format, "floatplan": self.floatplan}
+        content: dict[str, Any] = plain({**first, **vars(self), "robot": vars(self.robot)})
+        return content
 
     def to_json(self) -> str:
         """The content of the plan file."""

@@ -331,7 +331,7 @@ def surroundings_errors(
         )
     for index, obstacle in enumerate(obstacles):
         start, end = obstacle.window or (0.0, duration)
-        if end < 0 or start > duration:
+        if obstacle.window and (end < 0 or start > duration):
             yield InputError(
                 f"the window [{start}, {end}] s lies outside the flight of {duration} s",
                 element=f"obstacles[{index}].window",

@@ -10,36 +10,36 @@ import contextlib
 import math
 import time as clock
 from collections import Counter
-from dataclasses import dataclass
-from pathlib import Path as FilePath
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import SEED, made, optional, positive, whole
+from floatplan.arguments import SEED, Outlined, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
-from floatplan.inflight.correction import Correction
+from floatplan.files import plain
 from floatplan.inflight.replanner import Replanner
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.planned_motion import least_distances
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
-from floatplan.simulation.feedback import FASTEST, feedback_of
-from floatplan.simulation.flights import ClosedLoop, Landings, Path
 from floatplan.simulation.forward import (
+    FASTEST,
     Accelerations,
+    Engine,
     State,
-    mujoco_accelerations,
-    pinocchio_accelerations,
+    accelerations_of,
+    check_engine,
+    feedback_gains,
     runge_kutta_step,
 )
-from floatplan.simulation.mujoco_model import mujoco_model
-from floatplan.simulation.perturbation import Drawn, Perturbation, parse_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
-from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.replay import Engine, check_engine
+from floatplan.simulation.perturbation import Drawn, Perturbation, given_perturbation
+from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
@@ -55,9 +55,133 @@ TRACED = 24  # [-] flights whose paths are kept
 TRACE_STEP = 5  # [-] periods between the points of a path
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Landings(Outlined):
+    """How F flights ended.
+
+    Attributes
+    ----------
+    orientation : (F,) rad
+        Orientation at landing less the goal.
+    joints : (F,) rad
+        The largest error of a joint at landing.
+    torque_peak : (F, m) N m
+        Largest magnitude of each moving joint's torque, feedback and noise included.
+    clearance : (F,) m
+        Least distance to an obstacle or the asked ground; infinite without any.
+    """
+
+    orientation: Array
+    joints: Array
+    torque_peak: Array
+    clearance: Array
+
+    @property
+    def touched(self) -> int:
+        """Number of flights that touched an obstacle."""
+        return int((self.clearance < 0).sum())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the errors of all flights, their medians and the worst."""
+        off = np.abs(self.orientation)
+        clearance = self.clearance[np.isfinite(self.clearance)]
+        return {
+            "orientation_error": self.orientation,
+            "orientation_error_median": float(np.median(off)),
+            "orientation_error_worst": float(off.max()),
+            "joint_error_worst": float(self.joints.max()),
+            "joint_error": self.joints,
+            "torque_peak_median": np.median(self.torque_peak, axis=0),
+            "torque_peak_worst": self.torque_peak.max(axis=0),
+            "clearance_min": float(clearance.min()) if clearance.size else None,
+            "touched": self.touched,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; of its corrections when and by what.
+
+    ``corrections`` (C, 3): time, predicted miss at once (rad), and whether the motion was changed (1 or 0).
+    """
+
+    times: Array
+    orientation: Array
+    positions: Array
+    corrections: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoop(Outlined):
+    """Result of :func:`closed_loop`.
+
+    Attributes
+    ----------
+    flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
+    corrected, uncorrected : Landings
+        With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
+    statuses : how often a correction had which
+    update_seconds : (U,) s
+        Processor time of each call of ``update`` that corrected something.
+    plan_torque_peak : (m,) N m of each moving joint
+    effort : (m,) N m
+        What its motor can; infinite where the URDF does not say.
+    paths, uncorrected_paths : of the first flights
+    """
+
+    engine: Engine
+    rate: float
+    flights: int
+    asked: int
+    seed: int
+    perturbation: Perturbation
+    joints: tuple[str, ...]
+    corrected: Landings
+    uncorrected: Landings
+    statuses: dict[str, int]
+    update_seconds: Array
+    plan_torque_peak: Array
+    effort: Array
+    paths: tuple[Trace, ...]
+    uncorrected_paths: tuple[Trace, ...]
+    seconds: float
+
+    @property
+    def touched(self) -> int:
+        """Number of corrected flights that touched an obstacle."""
+        return self.corrected.touched
+
+    @property
+    def update_milliseconds(self) -> tuple[float, float]:
+        """Median and 99th percentile of the processor time of a correction, ms."""
+        median, most = 1e3 * np.percentile(self.update_seconds, (50, 99)) if self.update_seconds.size else (0.0, 0.0)
+        return float(median), float(most)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan replay --replan --json`` prints."""
+        facts: dict[str, Any] = plain(
+            {
+                "engine": self.engine,
+                "replan": self.rate,
+                "flights": self.flights,
+                "asked": self.asked,
+                "seed": self.seed,
+                "perturbation": asdict(self.perturbation) | {"rate_noise": self.perturbation.noise_of_rates},
+                "corrected": self.corrected.to_dict(),
+                "uncorrected": self.uncorrected.to_dict(),
+                "statuses": self.statuses,
+                "update_milliseconds": dict(zip(("median", "p99"), self.update_milliseconds, strict=True)),
+                "torque_joints": self.joints,
+                "plan_torque_peak": self.plan_torque_peak,
+                "seconds": self.seconds,
+            }
+        )
+        return facts
+
+
 @one_thread
 def closed_loop(
-    plan: Plan | str | FilePath,
+    plan: Plan | str | Path,
     rate: float = 200.0,
     *,
     perturb: str | Perturbation = PERTURBED,
@@ -98,44 +222,41 @@ def closed_loop(
     rate = positive(MOST_RATE, "Hz")(rate, "replan")
     feedback = positive(FASTEST, "rad/s")(feedback, "feedback")
     seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
-    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else made(Perturbation)(perturb, "perturb")
+    perturbation = given_perturbation(perturb)
     plan = given_plan(plan)
     if plan.duration > MOST_PERIODS * PERIOD:
         raise InputError(
             f"a flight of {plan.duration:g} s is too long for closed loops: at most {MOST_PERIODS * PERIOD:g} s"
         )
     loop = _Loop(plan, rate, perturbation, feedback, engine, math.inf if budget is None else began + budget)
-    with_corrections: list[_Flown] = []
-    without: list[_Flown] = []
-    statuses, seconds = Counter[str](), list[float]()
+    corrected: list[_Flight] = []
+    uncorrected: list[_Flight] = []
     with contextlib.suppress(_OutOfTimeError):
         for flight in range(flights):
-            corrected, tried, took = loop.fly(seed, flight, correct=True)
-            without.append(loop.fly(seed, flight, correct=False)[0])
-            with_corrections.append(corrected)
-            statuses += tried
-            seconds += took
-    if not without:
+            pair = [loop.fly(seed, flight, correct) for correct in (True, False)]
+            for ended, one in zip((corrected, uncorrected), pair, strict=True):
+                ended.append(one)
+    if not uncorrected:
         raise FloatplanError(
             f"not one flight ended within {budget:g} s: give it more time (budget), or fewer corrections a second"
         )
     return ClosedLoop(
-        engine,
-        rate,
-        len(without),
-        flights,
-        seed,
-        perturbation,
-        loop.names,
-        _gathered(with_corrections),
-        _gathered(without),
-        dict(statuses),
-        np.array(seconds),
-        loop.plan_torque_peak,
-        loop.effort,
-        tuple(flown.path for flown in with_corrections[:TRACED]),
-        tuple(flown.path for flown in without[:TRACED]),
-        clock.perf_counter() - began,
+        engine=engine,
+        rate=rate,
+        flights=len(uncorrected),
+        asked=flights,
+        seed=seed,
+        perturbation=perturbation,
+        joints=loop.reduced.joints,
+        corrected=_landings(corrected),
+        uncorrected=_landings(uncorrected),
+        statuses=dict(sum((flight.statuses for flight in corrected), Counter[str]())),
+        update_seconds=np.array([each for flight in corrected for each in flight.seconds]),
+        plan_torque_peak=loop.plan_torque_peak,
+        effort=loop.effort,
+        paths=tuple(flight.path for flight in corrected[:TRACED]),
+        uncorrected_paths=tuple(flight.path for flight in uncorrected[:TRACED]),
+        seconds=clock.perf_counter() - began,
     )
 
 
@@ -144,32 +265,25 @@ class _OutOfTimeError(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class _Flown:
+class _Flight:
+    """One row of :class:`Landings`, the path, how often a correction had which status, and the seconds of each."""
+
     orientation: float
     joints: float
     torque_peak: Array
     clearance: float
-    path: Path
+    path: Trace
+    statuses: Counter[str]
+    seconds: list[float]
 
 
-def _gathered(flown: list[_Flown]) -> Landings:
-    return Landings(
-        read_only([one.orientation for one in flown]),
-        read_only([one.joints for one in flown]),
-        read_only([one.torque_peak for one in flown]),
-        read_only([one.clearance for one in flown]),
-    )
+def _held(accelerations: Accelerations, forces: Array, _: float, q: Array, v: Array) -> Array:
+    """Accelerations under forces that are held."""
+    return accelerations(q, v, forces)
 
 
-def _held(accelerations: Accelerations, state: State, torques: Array, duration: float) -> State:
-    """Where a state leads in a duration, s, under torques (m,) that are held."""
-    forces = np.concatenate((np.zeros(BASE), torques))
-    return runge_kutta_step(lambda _, q, v: accelerations(q, v, forces), state, 0.0, duration)
-
-
-def _updated(replanner: Replanner, now: float, measured: tuple[Any, ...]) -> Correction:
-    t, orientation, rate, positions, velocities, place, speed = measured[:7]
-    return replanner.update(t, orientation, rate, positions, velocities, now, place, speed)
+def _landings(flights: list[_Flight]) -> Landings:
+    return Landings(*(read_only([getattr(flight, row.name) for flight in flights]) for row in fields(Landings)))
 
 
 class _Loop:
@@ -183,16 +297,14 @@ class _Loop:
         self.replanner = Replanner(plan, rate)
         self.every = max(1, round(1 / (rate * PERIOD)))
         self.reduced = reduced_model(robot, plan.ballistics.gravity)
-        self.nominal = RecordedMotion(plan.record, self.reduced)
-        self.names = tuple(self.reduced.model.names)[BASE + 1 :]
-        start = self.nominal.joints(0.0)
-        self.control = feedback_of(self.reduced, start.positions, feedback)
-        self.selection = self.reduced.selection[BASE:]
-        self.resting = self.reduced.reference[BASE:]
+        start = RecordedMotion(plan.record, self.reduced).joints(0.0)
+        self.gains = feedback_gains(self.reduced, start.positions, feedback)
+        self.selection, self.resting = self.reduced.selection[BASE:], self.reduced.reference[BASE:]
         self.to_planned = np.linalg.pinv(self.selection)
-        self.motors = np.array([[float(name == motor) for motor in robot.motors] for name in self.names])
+        names = self.reduced.joints
+        self.motors = np.array([[float(name == motor) for motor in robot.motors] for name in names])
         limits = dict(zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True))
-        self.effort = np.array([limits.get(name, np.inf) for name in self.names])
+        self.effort = np.array([limits.get(name, np.inf) for name in names])
         self.plan_torque_peak = self.motors @ plan.peaks.motor_torque
         problem = plan.problem
         self.obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
@@ -200,106 +312,102 @@ class _Loop:
         self.shapes = LinkShapes(robot.tree, robot.shapes, hulls) if self.obstacles else None
         self.base_weights = robot.tree.point_weights(np.array([0]), np.array([0j]))[0]
 
-    def fly(self, seed: int, flight: int, correct: bool) -> tuple[_Flown, Counter[str], list[float]]:
-        """Fly one robot; also how often a correction had which status, and the seconds that each took."""
-        statuses, seconds = Counter[str](), list[float]()
-        drawn = self.perturbation.drawn(seed, flight, len(self.names), self.reduced.model.njoints)
+    def fly(self, seed: int, flight: int, correct: bool) -> _Flight:
+        """Fly one robot."""
+        drawn = self.perturbation.drawn(seed, flight, len(self.reduced.joints), self.reduced.model.njoints)
         true = drawn.perturbed(self.reduced.model)
         model = (true, true.createData())
-        state = perturbed_takeoff(self.plan.record, self.reduced, drawn)
-        accelerations = self._accelerations(drawn, true)
+        accelerations = accelerations_of(self.engine, self.plan.robot, self.reduced, drawn)
         replanner, delay = self.replanner, round(self.perturbation.delay / PERIOD)
         replanner.reset()
-        measured: list[tuple[Any, ...]] = []
-        states, corrections = [state], []
-        peak = np.zeros(len(self.names))
-        tick = 0
-        while tick * PERIOD < replanner.landing - 1e-9:
-            now = tick * PERIOD
+        statuses, seconds = Counter[str](), list[float]()
+        measured: list[dict[str, Any]] = []
+        corrections: list[tuple[float, float, float]] = []
+        states = [perturbed_takeoff(self.plan.record, self.reduced, drawn)]
+        peak = np.zeros(len(self.reduced.joints))
+        while (now := len(measured) * PERIOD) < replanner.landing - 1e-9:
+            tick = len(measured)
             if tick % BETWEEN_LOOKS == 0:
                 self._look_at_the_clock()
-            measured.append(self._measurement(now, state, drawn, model))
+            measurement, angles, rates = self._measured(now, states[-1], drawn, model)
+            measured.append(measurement)
             if correct and tick % self.every == 0 and tick >= delay:
                 began = clock.process_time()
-                correction = _updated(replanner, now, measured[tick - delay])
+                correction = replanner.update(**measured[tick - delay], now=now)
                 seconds.append(clock.process_time() - began)
                 statuses[correction.status] += 1
                 changed = correction.status in ("applied", "limited")
                 corrections.append((now, correction.predicted_miss, float(changed)))
-            torques = self._torques(now, measured[-1])
+            torques = self._torques(now, angles, rates)
             peak = np.maximum(peak, np.abs(torques))
-            left = min(PERIOD, replanner.landing - now)
-            state = _held(accelerations, state, drawn.torque * torques, left)
-            if not np.isfinite(state[0]).all():
+            forces = np.concatenate((np.zeros(BASE), drawn.torque * torques))
+            held = partial(_held, accelerations, forces)
+            states.append(runge_kutta_step(held, states[-1], 0.0, min(PERIOD, replanner.landing - now)))
+            if not np.isfinite(states[-1][0]).all():
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
-            states.append(state)
-            tick += 1
-        return self._ended(states, peak, corrections), statuses, seconds
+        return self._ended(np.array([state[0] for state in states]), peak, corrections, statuses, seconds)
+
+    def _ended(
+        self,
+        positions: Array,
+        peak: Array,
+        corrections: list[tuple[float, float, float]],
+        statuses: Counter[str],
+        seconds: list[float],
+    ) -> _Flight:
+        times = np.append(PERIOD * np.arange(len(positions) - 1), self.replanner.landing)
+        planned = (positions[:, BASE:] - self.resting) @ self.to_planned.T
+        shown = np.append(np.arange(0, len(times) - 1, TRACE_STEP), len(times) - 1)
+        goal, orientation, landing = self.plan.problem.final, positions[:, BASE - 1], positions[-1]
+        return _Flight(
+            orientation=float(landing[BASE - 1] - goal.orientation),
+            joints=max(float(off.max(initial=0.0)) for off in self.reduced.off_goal(landing[BASE:], goal.positions)),
+            torque_peak=peak,
+            clearance=self._clearance(times, positions, planned),
+            path=Trace(times[shown], orientation[shown], planned[shown], np.array(corrections).reshape(-1, 3)),
+            statuses=statuses,
+            seconds=seconds,
+        )
 
     def _look_at_the_clock(self) -> None:
         if clock.perf_counter() > self.deadline:
             raise _OutOfTimeError
 
-    def _accelerations(self, drawn: Drawn, true: Any) -> Accelerations:
-        if self.engine == "pinocchio":
-            return pinocchio_accelerations(true)
-        return mujoco_accelerations(*mujoco_model(self.plan.robot, self.reduced, drawn.mass, drawn.inertia))
-
-    def _measurement(self, now: float, state: tuple[Array, Array], drawn: Drawn, model: Any) -> tuple[Any, ...]:
-        """Arguments of ``update`` but for ``now``; then positions and velocities of all joints."""
+    def _measured(self, now: float, state: State, drawn: Drawn, model: Any) -> tuple[dict[str, Any], Array, Array]:
+        """Arguments of ``update`` but for ``now``; then angles and rates (m,) of all joints."""
         positions, velocities = state
-        size = len(self.names) + 1
-        noise = drawn.noise.standard_normal((2, size))
+        noise = drawn.noise.standard_normal((2, len(self.reduced.joints) + 1))
         angles = positions[BASE - 1 :] + self.perturbation.noise * noise[0]
         rates = velocities[BASE - 1 :] + self.perturbation.noise_of_rates * noise[1]
-        com: tuple[Array | None, Array | None] = (None, None)
+        measurement = {
+            "t": now,
+            "orientation": angles[0],
+            "orientation_rate": rates[0],
+            "positions": self.to_planned @ (angles[1:] - self.resting),
+            "velocities": self.to_planned @ rates[1:],
+        }
         if self.perturbation.rise:
-            place = pin.centerOfMass(*model, positions, velocities)
-            com = (self.reduced.axes @ place, self.reduced.axes @ model[1].vcom[0])
-        planned = self.to_planned @ (angles[1:] - self.resting)
-        return now, angles[0], rates[0], planned, self.to_planned @ rates[1:], *com, angles[1:], rates[1:]
+            measurement["com_position"] = self.reduced.axes @ pin.centerOfMass(*model, positions, velocities)
+            measurement["com_velocity"] = self.reduced.axes @ model[1].vcom[0]
+        return measurement, angles[1:], rates[1:]
 
-    def _torques(self, now: float, measured: tuple[Any, ...]) -> Array:
+    def _torques(self, now: float, angles: Array, rates: Array) -> Array:
         reference = self.replanner.reference(now)
         positions = self.resting + self.selection @ reference.positions
         velocities = self.selection @ reference.velocities
-        torques = self.motors @ reference.motors + self.control.torques(
-            positions - measured[7], velocities - measured[8]
-        )
-        return np.clip(torques, -self.effort, self.effort)
+        feedback = self.gains[0] * (positions - angles) + self.gains[1] * (velocities - rates)
+        return np.asarray(np.clip(self.motors @ reference.motors + feedback, -self.effort, self.effort))
 
-    def _ended(
-        self, states: list[tuple[Array, Array]], peak: Array, corrections: list[tuple[float, float, float]]
-    ) -> _Flown:
-        positions = np.array([state[0] for state in states])
-        goal, landing = self.plan.problem.final, positions[-1]
-        joints = np.abs(landing[BASE:] - self.resting - self.selection @ goal.positions).max()
-        times = np.append(PERIOD * np.arange(len(states) - 1), self.replanner.landing)
-        chosen = np.append(np.arange(0, len(states) - 1, TRACE_STEP), len(states) - 1)
-        planned = (positions[:, BASE:] - self.resting) @ self.to_planned.T
-        path = Path(
-            times[chosen],
-            positions[chosen, BASE - 1],
-            planned[chosen],
-            np.array(corrections).reshape(-1, 3),
-        )
-        return _Flown(
-            float(landing[BASE - 1] - goal.orientation), float(joints), peak, self._clearance(times, positions), path
-        )
-
-    def _clearance(self, times: Array, positions: Array) -> float:
+    def _clearance(self, times: Array, positions: Array, planned: Array) -> float:
         """Least distance of the real links to an obstacle, m."""
         if self.shapes is None:
             return np.inf
         tree = self.plan.robot.tree
-        planned = (positions[:, BASE:] - self.resting) @ self.to_planned.T
         angles = tree.absolute_angles(positions[:, BASE - 1], planned)
         com = positions[:, 0] + 1j * positions[:, 1] - tree.rotations(angles) @ self.base_weights
         segments = self.shapes.place(com, angles)
         least = np.inf
         for obstacle in self.obstacles:
             self._look_at_the_clock()
-            low, high = obstacle.window or (-np.inf, np.inf)
-            distances = obstacle_distances(segments, obstacle, times).values[(times >= low) & (times <= high)]
-            least = min(least, float(distances.min(initial=np.inf)))
+            least = min(least, float(least_distances(segments, obstacle, times).min()))
         return least

@@ -1,4 +1,4 @@
-"""Forward dynamics: Pinocchio's articulated-body algorithm or MuJoCo's accelerations, integrated.
+"""Forward dynamics: torques of a flight, accelerations by Pinocchio or MuJoCo, and their integration.
 
 Open loop, a replay with Pinocchio is integrated far more finely than anything it checks. MuJoCo, flights in space and
 control loops, whose torques are held for a period, take the fixed steps of the classical Runge-Kutta method.
@@ -8,39 +8,130 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import count
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
-from floatplan.arrays import Array
+from floatplan.arguments import one_of
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError
 from floatplan.robot.planar.model import BASE_COORDINATES
-from floatplan.simulation.mujoco_model import import_mujoco
+from floatplan.robot.robot import Robot
+from floatplan.simulation.mujoco_model import import_mujoco, planar_model
+from floatplan.simulation.perturbation import Drawn
+from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel
 
-State: TypeAlias = tuple[Array, Array]  # positions, velocities (3 + m,)
-Torques: TypeAlias = Callable[[float, Array, Array], Array]  # time, positions, velocities (3 + m,) -> (m,)
-Accelerations: TypeAlias = Callable[[Array, Array, Array], Array]  # positions, velocities, forces (3 + m,) -> (3 + m,)
+Engine: TypeAlias = Literal["pinocchio", "mujoco"]
+State: TypeAlias = tuple[Array, Array]  # positions, velocities
+Accelerations: TypeAlias = Callable[[Array, Array, Array], Array]  # positions, velocities, forces -> accelerations
+Dynamics: TypeAlias = Callable[[float, Array, Array], Array]  # time, positions, velocities -> accelerations
 Moved: TypeAlias = Callable[[Array, Array, float], Array]  # positions, velocities, duration -> positions
+Entries: TypeAlias = IntArray | slice
 
+FASTEST = 1e4  # [rad/s] bandwidth of feedback
 TIGHT = 1e-12  # [-] per step; open loop, errors grow with the motion: 10-fold in a flight, 1e12-fold with 20 links
 LOOSE = 1e-8  # [-] where what is flown was perturbed by far more
 MOST_EVALUATIONS = 40_000  # [-] of the dynamics; flights of real robots take up to 2000
 MOST_STEPS = 100_000  # [-] of a flight, where steps are fixed
+JOINTS = slice(BASE_COORDINATES, None)  # entries of the reduced model's coordinates that are joints
 
 
-def fly_pinocchio(
-    model: Any, torques: Torques, takeoff: State, times: Array, tolerance: float = TIGHT
-) -> tuple[Array, Array]:
-    """Integrate ``q'' = ABA(q, q', (0, torques))`` and return positions and velocities at times, (N, 3 + m) each.
+def check_engine(name: str) -> Engine:
+    """Return the engine of that name; InputError where there is none."""
+    engine: Engine = one_of(*get_args(Engine))(name, "engine")
+    return engine
+
+
+def critical_gains(bandwidth: float, inertia: Array) -> Array:
+    """Return critically damped stiffness and damping (2, m) for a bandwidth, rad/s, and joints' inertia (m,), kg m^2.
+
+    They pull the joints to their paths by torques ``stiffness (q_d - q) + damping (q_d' - q')``, N m.
+    """
+    return read_only([bandwidth**2 * inertia, 2.0 * bandwidth * inertia])
+
+
+def feedback_gains(reduced: ReducedModel, posture: Array, bandwidth: float) -> Array:
+    """Return critical gains (2, m) for a bandwidth, rad/s, from the inertia that each joint turns at a posture.
+
+    That inertia is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
+    """
+    inverse = pin.computeMinverse(reduced.model, reduced.model.createData(), np.asarray(posture))
+    return critical_gains(bandwidth, 1.0 / np.diagonal(inverse)[JOINTS])
+
+
+class JointTorques:
+    """Torques (m,) by time, s, and the joints' positions and velocities (m,): the plan's, and feedback's.
+
+    ``factors`` (m,) say how strong each motor is; without gains (2, m) of feedback the torques are open loop.
+    """
+
+    def __init__(self, motion: RecordedMotion, factors: Array, gains: Array | None) -> None:
+        self.factors, self.gains = factors, gains
+        # a Runge-Kutta method evaluates some instants twice
+        self._planned = lru_cache(maxsize=4)(motion.torques)
+        self._target = lru_cache(maxsize=4)(motion.joints)
+
+    def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
+        """Torques (m,), N m."""
+        torques = self._planned(time)
+        if self.gains is not None:
+            target = self._target(time)
+            torques = torques + (
+                self.gains[0] * (target.positions[JOINTS] - positions)
+                + self.gains[1] * (target.velocities[JOINTS] - velocities)
+            )
+        return np.asarray(self.factors * torques)
+
+    def applied(self, to: Accelerations, positions: Entries = JOINTS, velocities: Entries = JOINTS) -> Dynamics:
+        """Return the dynamics under these torques; the entries are of the joints, left out the reduced model's."""
+
+        def dynamics(time: float, q: Array, v: Array) -> Array:
+            forces = np.zeros_like(v)
+            forces[velocities] = self(time, q[positions], v[velocities])
+            return to(q, v, forces)
+
+        return dynamics
+
+
+def accelerations_of(engine: Engine, robot: Robot, reduced: ReducedModel, drawn: Drawn) -> Accelerations:
+    """Accelerations (3 + m,) of a perturbed robot in the plane by an engine; errors as of ``planar_model``."""
+    if engine == "pinocchio":
+        return pinocchio_accelerations(drawn.perturbed(reduced.model))
+    return mujoco_accelerations(*planar_model(robot, reduced, drawn.mass, drawn.inertia))
+
+
+def pinocchio_accelerations(model: Any) -> Accelerations:
+    """Accelerations by the articulated-body algorithm of a ``pinocchio.Model`` with gravity."""
+    data = model.createData()
+    return lambda q, v, forces: pin.aba(model, data, q, v, forces).copy()
+
+
+def mujoco_accelerations(model: Any, entries: Entries = slice(None)) -> Accelerations:
+    """Accelerations by MuJoCo; ``entries`` are its coordinates of each of the robot's, in the plane.
+
+    MuJoCo's own integrator takes torques from a callback that is one for all threads of the process.
+    """
+    mujoco = import_mujoco()
+    data = mujoco.MjData(model)
+
+    def accelerations(q: Array, v: Array, forces: Array) -> Array:
+        data.qpos[entries], data.qvel[entries], data.qfrc_applied[entries] = q, v, forces
+        mujoco.mj_forward(model, data)
+        return np.array(data.qacc[entries])
+
+    return accelerations
+
+
+def fly_finely(dynamics: Dynamics, takeoff: State, times: Array, tolerance: float = TIGHT) -> tuple[Array, Array]:
+    """Integrate by a Runge-Kutta method of order 8 and return positions and velocities at times, (N, 3 + m) each.
 
     Parameters
     ----------
-    model : pinocchio.Model
-        With nq = nv = 3 + m, and gravity.
-    torques : callable
+    dynamics : callable
     takeoff : positions, velocities (3 + m,) at time zero
     times : (N,) s, rising; the last is the end
     tolerance : float
@@ -51,8 +142,6 @@ def fly_pinocchio(
     FloatplanError
         The motion cannot be integrated to its end, or not within ``MOST_EVALUATIONS``.
     """
-    accelerations = pinocchio_accelerations(model)
-    forces = np.zeros(model.nv)
     evaluations = count()
 
     def rate(time: float, state: Array) -> Array:
@@ -60,9 +149,8 @@ def fly_pinocchio(
             raise FloatplanError(
                 f"the replay was stopped {time:.3g} s after takeoff: motion or feedback is too fast to be integrated"
             )
-        positions, velocities = state[: model.nv], state[model.nv :]
-        forces[BASE_COORDINATES:] = torques(time, positions, velocities)
-        return np.concatenate((velocities, accelerations(positions, velocities, forces)))
+        positions, velocities = np.split(state, 2)
+        return np.concatenate((velocities, dynamics(time, positions, velocities)))
 
     flown = solve_ivp(
         rate,
@@ -75,26 +163,26 @@ def fly_pinocchio(
     )
     if flown.status != 0:
         raise FloatplanError(f"the replay stopped before the end of the flight: {flown.message}")
-    return flown.y.T[:, : model.nv], flown.y.T[:, model.nv :]
+    positions, velocities = np.split(flown.y.T, 2, axis=1)
+    return positions, velocities
+
+
+def _straight(positions: Array, velocities: Array, duration: float) -> Array:
+    return np.asarray(positions + duration * velocities)
 
 
 def fly_in_steps(
-    accelerations: Accelerations, torques: Torques, takeoff: State, times: Array, step: float
+    dynamics: Dynamics, takeoff: State, times: Array, step: float, moved: Moved = _straight
 ) -> tuple[Array, Array]:
-    """Integrate accelerations at fixed steps, which divide all ``times``; as :func:`fly_pinocchio`."""
-    forces = np.zeros_like(takeoff[1])
-
-    def under_torques(time: float, positions: Array, velocities: Array) -> Array:
-        forces[BASE_COORDINATES:] = torques(time, positions, velocities)
-        return accelerations(positions, velocities, forces)
-
+    """Integrate at fixed steps, which divide all ``times``; as :func:`fly_finely`, ``moved`` as of a step."""
     state, done, flown = takeoff, 0, []
     for steps in np.rint(times / step).astype(int).tolist():
         for number in range(done, steps):
-            state = runge_kutta_step(under_torques, state, number * step, (number + 1) * step)
+            state = runge_kutta_step(dynamics, state, number * step, (number + 1) * step, moved)
         done = steps
         flown.append(state)
-    return np.array(flown)[:, 0], np.array(flown)[:, 1]
+    positions, velocities = zip(*flown, strict=True)
+    return np.array(positions), np.array(velocities)
 
 
 def whole_step(duration: float, step: float, panels: int) -> float:
@@ -102,22 +190,12 @@ def whole_step(duration: float, step: float, panels: int) -> float:
     return duration / (panels * max(1, math.ceil(duration / (panels * step) - 1e-9)))
 
 
-def _straight(positions: Array, velocities: Array, duration: float) -> Array:
-    return np.asarray(positions + duration * velocities)
-
-
-def runge_kutta_step(
-    acceleration: Callable[[float, Array, Array], Array],
-    state: State,
-    begin: float,
-    end: float,
-    moved: Moved = _straight,
-) -> State:
+def runge_kutta_step(dynamics: Dynamics, state: State, begin: float, end: float, moved: Moved = _straight) -> State:
     """One step of the classical Runge-Kutta method; the next one begins at the very time at which this one ends.
 
     Parameters
     ----------
-    acceleration : of a time, s, positions and velocities
+    dynamics : accelerations of a time, s, positions and velocities
     state : positions, velocities
     begin, end : s
     moved : positions after a duration at given velocities: along the geodesic where the base turns in space
@@ -125,34 +203,11 @@ def runge_kutta_step(
     q, v = state
     duration = end - begin
     half, middle = duration / 2, begin + duration / 2
-    a1 = acceleration(begin, q, v)
+    a1 = dynamics(begin, q, v)
     v2 = v + half * a1
-    a2 = acceleration(middle, moved(q, v, half), v2)
+    a2 = dynamics(middle, moved(q, v, half), v2)
     v3 = v + half * a2
-    a3 = acceleration(middle, moved(q, v2, half), v3)
+    a3 = dynamics(middle, moved(q, v2, half), v3)
     v4 = v + duration * a3
-    a4 = acceleration(end, moved(q, v3, duration), v4)
+    a4 = dynamics(end, moved(q, v3, duration), v4)
     return moved(q, (v + 2 * (v2 + v3) + v4) / 6, duration), v + duration / 6 * (a1 + 2 * (a2 + a3) + a4)
-
-
-def pinocchio_accelerations(model: Any) -> Accelerations:
-    """Accelerations by the articulated-body algorithm."""
-    data = model.createData()
-    return lambda q, v, forces: pin.aba(model, data, q, v, forces).copy()
-
-
-def mujoco_accelerations(model: Any, order: list[int]) -> Accelerations:
-    """Accelerations by MuJoCo; ``order`` (3 + m) is its coordinate of each of the robot's.
-
-    MuJoCo's own integrator takes torques from a callback that is one for all threads of the process.
-    """
-    mujoco = import_mujoco()
-    data = mujoco.MjData(model)
-    coordinates = np.array(order)
-
-    def accelerations(q: Array, v: Array, forces: Array) -> Array:
-        data.qpos[coordinates], data.qvel[coordinates], data.qfrc_applied[coordinates] = q, v, forces
-        mujoco.mj_forward(model, data)
-        return np.array(data.qacc[coordinates])
-
-    return accelerations

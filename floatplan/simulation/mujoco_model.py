@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from types import ModuleType
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -17,10 +18,10 @@ from floatplan.errors import InputError, import_optional
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfLink, UrdfTree
-from floatplan.simulation.reduced_model import ReducedModel
+from floatplan.simulation.recorded_motion import ReducedModel
 
 ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
-HEADER = '<mujoco><compiler fusestatic="{}" balanceinertia="false" discardvisual="true"/></mujoco>'
+BASE = ("base_horizontal", "base_vertical", "base_orientation")
 
 
 def import_mujoco() -> ModuleType:
@@ -28,16 +29,16 @@ def import_mujoco() -> ModuleType:
     with ONE_AT_A_TIME:
         mujoco = import_optional("mujoco", name="MuJoCo", element="engine", extra="replay")
         if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
-            mujoco.set_mju_user_warning(_unheard)
+            mujoco.set_mju_user_warning(_ignore)
     return mujoco
 
 
-def _unheard(_: str) -> None:
+def _ignore(_: str) -> None:
     """Take a warning: whether the robot lands as planned is what counts."""
 
 
-def mujoco_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> tuple[Any, list[int]]:
-    """Return the ``mujoco.MjModel``, and which of its coordinates each coordinate of the reduced model is.
+def planar_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> tuple[Any, IntArray]:
+    """Return the ``mujoco.MjModel``, and which of its coordinates (3 + m,) each of the reduced model's is.
 
     ``mass, inertia`` (njoints,) are factors of the links that each joint of the reduced model carries.
 
@@ -46,32 +47,11 @@ def mujoco_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Arra
     InputError
         MuJoCo is not installed, or refuses the robot, such as for a link that moves and has no mass.
     """
-    mujoco = import_mujoco()
-    try:
-        spec = mujoco.MjSpec.from_string(_urdf(robot, robot.layout.tree, robot.locked, HEADER.format("false")))
-        _to_plane(mujoco, spec, robot)
-        _leave_inertia_alone(mujoco, spec, reduced.model.gravity.linear)
-        model = spec.compile()
-    except ValueError as error:
-        raise _refused(robot, error) from None
-    rows = {f"joint{index}": name for index, name in enumerate(robot.model.names)}
-    of_name = {rows.get(model.joint(j).name, model.joint(j).name): int(model.jnt_qposadr[j]) for j in range(model.njnt)}
-    base = ["base_horizontal", "base_vertical", "base_orientation"]
-    order = [of_name[name] for name in [*base, *list(reduced.model.names)[BASE_COORDINATES + 1 :]]]
-    _scale_bodies(mujoco, model, {coordinate: joint + 1 for joint, coordinate in enumerate(order)}, mass, inertia)
-    return model, order
-
-
-def _scale_bodies(mujoco: ModuleType, model: Any, joint_of: Mapping[int, int], mass: Array, inertia: Array) -> None:
-    """Scale each body by the factors of the joint that carries it; ``joint_of`` coordinates of MuJoCo."""
-    for body in range(1, model.nbody):
-        carrier = int(model.body_weldid[body])
-        if carrier:
-            last = int(model.body_jntadr[carrier] + model.body_jntnum[carrier] - 1)
-            joint = joint_of[int(model.jnt_qposadr[last])]
-            model.body_mass[body] *= mass[joint]
-            model.body_inertia[body] *= inertia[joint]
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    model = _compiled(robot, reduced, robot.layout.tree, robot.locked)
+    joints = [model.joint(name).id for name in (*BASE, *_names(robot, reduced))]
+    coordinates = np.asarray(model.jnt_qposadr[joints], dtype=np.int64)
+    _scale_bodies(model, coordinates[BASE_COORDINATES - 1 :], mass, inertia)
+    return model, coordinates
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,28 +77,60 @@ class SpatialModel:
 def spatial_model(robot: Robot, reduced: ReducedModel, mass: Array, inertia: Array) -> SpatialModel:
     """Return the robot on a free joint, its axes as the file has them; what the reduced model has not made rigid moves.
 
-    Factors and errors as of :func:`mujoco_model`.
+    Factors and errors as of :func:`planar_model`.
     """
-    mujoco = import_mujoco()
     rigid = {name: position for name, position in robot.locked.items() if name not in set(reduced.model.names)}
+    model = _compiled(robot, reduced, robot.file_tree, rigid, in_plane=False)
+    joints = [model.joint(name).id for name in ("free", *_names(robot, reduced))]
+    positions, velocities = (np.asarray(each[joints], dtype=np.int64) for each in (model.jnt_qposadr, model.jnt_dofadr))
+    _scale_bodies(model, positions, mass, inertia)
+    return SpatialModel(model, int(positions[0]), int(velocities[0]), positions[1:], velocities[1:])
+
+
+def _names(robot: Robot, reduced: ReducedModel) -> list[str]:
+    """Names that the joints of a reduced model have in MuJoCo."""
+    return [f"joint{robot.model.getJointId(name)}" for name in reduced.joints]
+
+
+def _compiled(
+    robot: Robot, reduced: ReducedModel, tree: UrdfTree, rigid: Mapping[str, float], in_plane: bool = True
+) -> Any:
+    """The model of a tree whose base moves in the plane alone, or is free; rigid joints stay where they are."""
+    mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_string(_urdf(robot, robot.file_tree, rigid, HEADER.format("true")))
-        _leave_inertia_alone(mujoco, spec, reduced.model.gravity.linear)
-        model = spec.compile()
+        spec = mujoco.MjSpec.from_string(_urdf(robot, tree, rigid, fuse=not in_plane))
+        if in_plane:
+            free = next(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE)
+            base, plane, kinds = free.parent, robot.plane, mujoco.mjtJoint
+            spec.delete(free)
+            for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
+                kind = kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE
+                base.add_joint(name=name, type=kind, axis=axis)
+        # nothing but inertia, gravity and joint torques
+        spec.option.gravity = reduced.model.gravity.linear
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+        for joint in spec.joints:
+            joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            joint.frictionloss, joint.armature = 0.0, 0.0
+            # damping became one of three coefficients in MuJoCo 3.5
+            joint.damping = 0.0 if np.isscalar(joint.damping) else np.zeros_like(joint.damping)
+        return spec.compile()
     except ValueError as error:
-        raise _refused(robot, error) from None
-    names = list(reduced.model.names)[BASE_COORDINATES + 1 :]
-    joints = [model.joint(f"joint{robot.model.getJointId(name)}").id for name in names]
-    free = model.joint("free").id
-    joint_of = {int(model.jnt_qposadr[joint]): BASE_COORDINATES + 1 + row for row, joint in enumerate(joints)}
-    _scale_bodies(mujoco, model, {int(model.jnt_qposadr[free]): BASE_COORDINATES, **joint_of}, mass, inertia)
-    return SpatialModel(
-        model,
-        int(model.jnt_qposadr[free]),
-        int(model.jnt_dofadr[free]),
-        np.asarray(model.jnt_qposadr[joints], dtype=np.int64),
-        np.asarray(model.jnt_dofadr[joints], dtype=np.int64),
-    )
+        raise InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine") from None
+
+
+def _scale_bodies(model: Any, entries: IntArray, mass: Array, inertia: Array) -> None:
+    """Scale each body by the factors of the joint that carries it; ``entries`` (1 + m,) of base and joints in qpos."""
+    mujoco = import_mujoco()
+    joint_of = dict(zip(entries.tolist(), count(BASE_COORDINATES)))
+    for body in range(1, model.nbody):
+        carrier = int(model.body_weldid[body])
+        if carrier:
+            last = int(model.body_jntadr[carrier] + model.body_jntnum[carrier] - 1)
+            joint = joint_of[int(model.jnt_qposadr[last])]
+            model.body_mass[body] *= mass[joint]
+            model.body_inertia[body] *= inertia[joint]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def rigid_joints(robot: Robot) -> set[str]:
@@ -140,38 +152,7 @@ def rigid_joints(robot: Robot) -> set[str]:
         rigid |= found
 
 
-def _refused(robot: Robot, error: ValueError) -> InputError:
-    return InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine")
-
-
-def _to_plane(mujoco: ModuleType, spec: Any, robot: Robot) -> None:
-    """Let the base move in the plane alone."""
-    plane = robot.plane
-    free = next(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE)
-    base = free.parent
-    spec.delete(free)
-    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    base.add_joint(name="base_horizontal", type=slide, axis=plane.horizontal)
-    base.add_joint(name="base_vertical", type=slide, axis=plane.vertical)
-    base.add_joint(name="base_orientation", type=hinge, axis=plane.normal)
-
-
-def _leave_inertia_alone(mujoco: ModuleType, spec: Any, gravity: Array) -> None:
-    """Take away everything but inertia, gravity and joint torques."""
-    spec.option.gravity = gravity
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    for joint in spec.joints:
-        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.damping, joint.frictionloss, joint.armature = _zero_like(joint.damping), 0.0, 0.0
-
-
-def _zero_like(value: Any) -> Any:
-    """Zero of a number, or of an array: damping became one of three coefficients in MuJoCo 3.5."""
-    return 0.0 if np.isscalar(value) else np.zeros_like(value)
-
-
-def _urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], header: str) -> str:
+def _urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], fuse: bool) -> str:
     """URDF text of inertias and joints alone; links and joints by number, rigid joints fixed where they are."""
     links = {name: f"link{index}" for index, name in enumerate(tree.links)}
     lines = [_link(links[link.name], link) for link in tree.links.values()]
@@ -181,7 +162,8 @@ def _urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], header: str)
         row = robot.model.getJointId(joint.name) if joint.moves else 0
         name = f"joint{row}" if row else f"fixed{number}"
         lines.append(_joint(name, joint, links, rigid.get(joint.name)))
-    return "\n".join(['<robot name="robot">', header, *lines, "</robot>"])
+    options = f'fusestatic="{str(fuse).lower()}" balanceinertia="false" discardvisual="true"'
+    return "\n".join(['<robot name="robot">', f"<mujoco><compiler {options}/></mujoco>", *lines, "</robot>"])
 
 
 def _link(name: str, link: UrdfLink) -> str:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import Check, Checked, number, optional
+from floatplan.arguments import Check, Checked, made, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.tables import Range
@@ -18,27 +18,13 @@ from floatplan.tables import Range
 NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that of angles
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """A kind of number: what it may be, and what one of each unit is in SI units."""
-
-    check: Check
-    units: dict[str, float]
-
-
-RELATIVE = _Kind(number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0})  # masses and torques keep their sign
-ANGLE = _Kind(number(Range(0.0, 1.0, "rad")), {"deg": math.pi / 180, "rad": 1.0, "": 1.0})
-RATE = _Kind(optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": math.pi / 180, "rad/s": 1.0, "": 1.0})
-TIME = _Kind(number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0})
-KINDS = {
-    "h": RELATIVE,
-    "mass": RELATIVE,
-    "inertia": RELATIVE,
-    "torque": RELATIVE,
-    "rise": RELATIVE,
-    "noise": ANGLE,
-    "rate_noise": RATE,
-    "delay": TIME,
+DEGREE = math.pi / 180
+RELATIVE = number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0}  # masses and torques keep their sign
+KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, and what one of each unit is in SI units
+    **dict.fromkeys(("h", "mass", "inertia", "torque", "rise"), RELATIVE),
+    "noise": (number(Range(0.0, 1.0, "rad")), {"deg": DEGREE, "rad": 1.0, "": 1.0}),
+    "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": DEGREE, "rad/s": 1.0, "": 1.0}),
+    "delay": (number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0}),
 }
 MEASURED = ("noise", "rate_noise", "delay")  # felt by corrections and feedback at a rate, not by a replay
 
@@ -73,7 +59,7 @@ class Perturbation(Checked):
     rate_noise: float | None = None
     delay: float = 0.0
 
-    checks: ClassVar[Mapping[str, Check]] = {name: kind.check for name, kind in KINDS.items()}
+    checks: ClassVar[Mapping[str, Check]] = {name: check for name, (check, _) in KINDS.items()}
 
     @property
     def any(self) -> bool:
@@ -123,6 +109,14 @@ class Drawn:
         return model
 
 
+def given_perturbation(perturb: str | Perturbation) -> Perturbation:
+    """Return the perturbation that a function was given, or read it; errors as :func:`parse_perturbation`."""
+    if isinstance(perturb, str):
+        return parse_perturbation(perturb)
+    perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
+    return perturbation
+
+
 def parse_perturbation(text: str) -> Perturbation:
     """Read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
 
@@ -132,8 +126,8 @@ def parse_perturbation(text: str) -> Perturbation:
         A name is unknown or comes twice, or what follows is no number with one of its units.
     """
     found: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
-        name, _, value = (word.strip() for word in part.partition("="))
+    for item in filter(None, map(str.strip, text.split(","))):
+        name, _, value = map(str.strip, item.partition("="))
         if name not in KINDS:
             raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")
         if name in found:
@@ -143,7 +137,7 @@ def parse_perturbation(text: str) -> Perturbation:
 
 
 def _number(name: str, text: str) -> float:
-    units = KINDS[name].units
+    _, units = KINDS[name]
     unit = next(unit for unit in sorted(units, key=len, reverse=True) if text.endswith(unit))
     try:
         value = float(text.removesuffix(unit)) * units[unit]

@@ -7,6 +7,7 @@ so all of this is computed with the centre of mass at rest, the base at the orig
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,13 +15,75 @@ import flint
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, read_only
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.robot import Robot
 from floatplan.simulation.perturbation import Drawn
-from floatplan.simulation.reduced_model import ReducedModel
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """A robot of m moving joints, the locked ones rigid; its configuration is ``reference + selection @ positions``.
+
+    Attributes
+    ----------
+    model : pinocchio.Model with nq = nv = 3 + m, gravity on
+    reference : (3 + m,) rad
+    selection : (3 + m, n)
+        With zeros for the base.
+    axes : (2, 3)
+        The plane's horizontal and vertical axis.
+    """
+
+    model: Any
+    reference: Array
+    selection: Array
+    axes: Array
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names (m,) of the joints that move."""
+        return tuple(self.model.names)[BASE_COORDINATES + 1 :]
+
+    def off_goal(self, joints: Array, goal: Any) -> tuple[Array, Array]:
+        """Magnitudes of errors at a goal (n,), rad, of joints (m,).
+
+        The largest (n,) of each planned joint and those that follow it, and of each joint that follows none.
+        """
+        off = np.abs(joints - (self.reference + self.selection @ np.asarray(goal, np.float64))[BASE_COORDINATES:])
+        follows = self.selection[BASE_COORDINATES:] != 0.0
+        return read_only((off[:, None] * follows).max(axis=0, initial=0.0)), off[~follows.any(axis=1)]
+
+
+def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = None) -> ReducedModel:
+    """Return the robot's model falling with ``gravity`` (m/s^2) down the plane.
+
+    Its locked joints, or those that ``rigid`` names, are made rigid where the reference has them. Built joint by joint:
+    ``buildReducedModel`` fails where a link and a joint share a name.
+    """
+    source = robot.model
+    rigid = robot.locked if rigid is None else rigid
+    data = source.createData()
+    pin.forwardKinematics(source, data, np.array(robot.reference))
+    model = pin.Model()
+    model.gravity = pin.Motion(-gravity * np.asarray(robot.plane.vertical), np.zeros(3))
+    carrier = {0: (0, pin.SE3.Identity())}  # joint of the source -> joint here, and where in its frame
+    kept = []
+    for joint in range(1, source.njoints):
+        parent, placement = carrier[source.parents[joint]]
+        name = source.names[joint]
+        if name in rigid:
+            carrier[joint] = (parent, placement * data.liMi[joint])
+        else:
+            added = model.addJoint(parent, source.joints[joint], placement * source.jointPlacements[joint], name)
+            carrier[joint] = (added, pin.SE3.Identity())
+            kept.append(source.joints[joint].idx_v)
+        model.appendBodyToJoint(carrier[joint][0], source.inertias[joint], carrier[joint][1])
+    axes = np.stack([robot.plane.horizontal, robot.plane.vertical])
+    return ReducedModel(model, read_only(robot.reference[kept]), read_only(robot.selection[kept]), read_only(axes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,40 +109,29 @@ class RecordedMotion:
         self._exponents = np.arange(len(p))
         self._polynomials = np.concatenate((p, _derivative(p), _derivative(_derivative(p))), axis=1)
 
-    @property
-    def duration(self) -> float:
-        """Flight time, s."""
-        return self.record.duration
-
-    def planned(self, time: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities, accelerations (n,) of the planned joints: (12) and its derivatives."""
+    def joints(self, time: float) -> ModelState:
+        """All joints at a time, s: (12) and its derivatives, the base's coordinates zero."""
         p, rate, curvature = ((time - self._middle) ** self._exponents @ self._polynomials).reshape(3, -1)
         sine, cosine = self.record.amplitude * np.sin(p), self.record.amplitude * np.cos(p)
-        return np.asarray(self.record.centre + sine), cosine * rate, np.asarray(cosine * curvature - sine * rate**2)
-
-    def joints(self, time: float) -> ModelState:
-        """All joints at a time, s."""
-        positions, velocities, accelerations = self.planned(time)
         selection = self.reduced.selection
         return ModelState(
-            self.reduced.reference + selection @ positions, selection @ velocities, selection @ accelerations
+            self.reduced.reference + selection @ (self.record.centre + sine),
+            selection @ (cosine * rate),
+            selection @ (cosine * curvature - sine * rate**2),
         )
 
-    def base_velocity(self, state: ModelState, angular_momentum: float) -> tuple[Array, float]:
-        """Velocity (3,) of the base that gives no momentum but the angular, and d orientation rate / d h."""
-        inverse, coupling = self._base_rows(state)
-        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
-        return inverse @ momentum, float(inverse[BASE_COORDINATES - 1, BASE_COORDINATES - 1])
+    def base_velocity(self, state: ModelState, angular_momentum: float) -> tuple[Array, Array, Array]:
+        """Velocity (3,) of the base that gives no momentum but the angular.
 
-    def _base_rows(self, state: ModelState) -> tuple[Array, Array]:
-        """First rows of the inertia matrix: the inverse of the base's part (3, 3), and the joints' part (3, m).
-
-        The rows give the momenta along the plane's axes and about the base's origin.
+        Also the first rows of the inertia matrix, which give the momenta along the plane's axes and about the base's
+        origin: the inverse of the base's part (3, 3), and the joints' part (3, m).
         """
         rows = pin.crba(self._model, self._data, state.positions)[:BASE_COORDINATES]  # only its upper triangle counts
         base = rows[:, :BASE_COORDINATES].copy()
         base[1, 0], base[2, 0], base[2, 1] = base[0, 1], base[0, 2], base[1, 2]
-        return np.linalg.inv(base), rows[:, BASE_COORDINATES:]
+        inverse, coupling = np.linalg.inv(base), rows[:, BASE_COORDINATES:]
+        momentum = np.array([0.0, 0.0, angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
+        return inverse @ momentum, inverse, coupling
 
     def torques(self, time: float) -> Array:
         """Torques (m,) of all joints, coupled ones each with their own, N m.
@@ -87,9 +139,8 @@ class RecordedMotion:
         The base accelerates as the momenta's constancy demands: RNEA gives no wrench on it.
         """
         state = self.joints(time)
-        inverse, coupling = self._base_rows(state)
-        momentum = np.array([0.0, 0.0, self.record.angular_momentum]) - coupling @ state.velocities[BASE_COORDINATES:]
-        state.velocities[:BASE_COORDINATES] = inverse @ momentum
+        base, inverse, coupling = self.base_velocity(state, self.record.angular_momentum)
+        state.velocities[:BASE_COORDINATES] = base
         forces = pin.rnea(self._model, self._data, state.positions, state.velocities, state.accelerations)
         return np.asarray(forces[BASE_COORDINATES:] - coupling.T @ (inverse @ forces[:BASE_COORDINATES]))
 
@@ -97,11 +148,11 @@ class RecordedMotion:
         """Positions and velocities (3 + m,) at time zero, in the world."""
         state = self.joints(0.0)
         state.positions[BASE_COORDINATES - 1] = self.record.orientation["start"]
-        state.velocities[:BASE_COORDINATES], _ = self.base_velocity(state, angular_momentum)
+        state.velocities[:BASE_COORDINATES] = self.base_velocity(state, angular_momentum)[0]
         state.velocities[: BASE_COORDINATES - 1] += np.asarray(self.record.com["velocity0"])
         com = self.reduced.axes @ pin.centerOfMass(self._model, self._data, state.positions)
         state.positions[: BASE_COORDINATES - 1] = np.asarray(self.record.com["position0"]) - com
-        return np.asarray(state.positions), np.asarray(state.velocities)
+        return state.positions, state.velocities
 
     def com_position(self, time: float) -> Array:
         """Where the centre of mass (2,) is on its parabola, m."""
@@ -119,16 +170,16 @@ class RecordedMotion:
         nodes, weights = np.polynomial.legendre.leggauss(NODES)
         orientation, sensitivity, began = float(self.record.orientation["start"]), 0.0, 0.0
         orientations = []
-        for time in times:
+        for time in times.tolist():
             half = (time - began) / 2
             for node, weight in zip(nodes, weights, strict=True):
                 state = self.joints(began + half * (1 + node))
-                velocity, per_momentum = self.base_velocity(state, self.record.angular_momentum)
+                velocity, inverse, _ = self.base_velocity(state, self.record.angular_momentum)
                 orientation += half * weight * velocity[BASE_COORDINATES - 1]
-                sensitivity += half * weight * per_momentum
-            began = float(time)
+                sensitivity += half * weight * inverse[BASE_COORDINATES - 1, BASE_COORDINATES - 1]
+            began = time
             orientations.append(orientation)
-        return np.array(orientations), sensitivity
+        return np.array(orientations), float(sensitivity)
 
 
 def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, drawn: Drawn) -> tuple[Array, Array]:

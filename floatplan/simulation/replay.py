@@ -10,12 +10,12 @@ from __future__ import annotations
 import time as clock
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import SEED, html_table, made, one_of, optional, outline, positive
+from floatplan.arguments import SEED, html_table, made, optional, outline, positive
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
@@ -24,23 +24,24 @@ from floatplan.plans.record import PlanRecord
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.feedback import FASTEST, JointTorques, feedback_of
 from floatplan.simulation.forward import (
+    FASTEST,
+    JOINTS,
     LOOSE,
     MOST_STEPS,
     TIGHT,
+    Engine,
+    JointTorques,
+    accelerations_of,
+    check_engine,
+    feedback_gains,
+    fly_finely,
     fly_in_steps,
-    fly_pinocchio,
-    mujoco_accelerations,
     whole_step,
 )
-from floatplan.simulation.mujoco_model import mujoco_model
-from floatplan.simulation.perturbation import MEASURED, Perturbation, parse_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
-from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.perturbation import MEASURED, Perturbation, given_perturbation
+from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
 from floatplan.simulation.spatial import SpatialLanding, fly_in_space
-
-Engine: TypeAlias = Literal["pinocchio", "mujoco"]
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 PANELS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
@@ -113,14 +114,17 @@ class Replay:
         """Whether something was made to go wrong."""
         return self.perturbation.any
 
+    @property
+    def _title(self) -> str:
+        return f"{self.engine}, {'landed' if self.landed else 'landed elsewhere'}"
+
     def __repr__(self) -> str:
         """A line for each result."""
-        return outline(f"Replay({self.engine}, {'landed' if self.landed else 'landed elsewhere'})", self._rows())
+        return outline(f"Replay({self._title})", self._rows())
 
     def _repr_html_(self) -> str:
         """A table, as notebooks show it."""
-        title = f"replay by {self.engine}: {'landed' if self.landed else 'landed elsewhere'}"
-        return html_table(title, self._rows())
+        return html_table(f"replay by {self._title}", self._rows())
 
     def _rows(self) -> list[tuple[str, str]]:
         rows = [
@@ -135,11 +139,9 @@ class Replay:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "perturbation"}
-        growth = {name: getattr(self.growth, name) for name in self.growth.__dataclass_fields__}
-        spatial = None if self.spatial is None else self.spatial.to_dict()
-        nested = {"growth": growth, "disturbance": asdict(self.perturbation), "spatial": spatial}
-        facts: dict[str, Any] = plain({**values, **nested})
+        values = asdict(self)
+        values["disturbance"] = values.pop("perturbation")
+        facts: dict[str, Any] = plain(values)
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 
@@ -183,7 +185,7 @@ def replay(
     check_engine(engine)
     step = positive(LONGEST_STEP, "s")(step, "step")
     feedback = optional(positive(FASTEST, "rad/s"))(feedback, "feedback")
-    perturbation = parse_perturbation(perturb) if isinstance(perturb, str) else made(Perturbation)(perturb, "perturb")
+    perturbation = given_perturbation(perturb)
     seed = SEED(seed, "seed")
     record, file, own = recorded(plan)
     robot = own if robot is None else made(Robot)(robot, "robot")
@@ -195,32 +197,25 @@ def replay(
         if getattr(perturbation, name):
             raise InputError("is for flights with corrections", element=f"perturb: {name}", advice="add --replan")
     reduced = reduced_model(robot, float(record.com["gravity"]))
-    drawn = perturbation.drawn(seed, 0, reduced.model.nv - BASE_COORDINATES, reduced.model.njoints)
+    drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
     motion = RecordedMotion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, drawn)
-    joint_torques = JointTorques(
-        motion, drawn.torque, None if feedback is None else feedback_of(reduced, takeoff[0], feedback)
-    )
-
-    def torques(time: float, positions: Array, velocities: Array) -> Array:
-        return joint_torques(time, positions[BASE_COORDINATES:], velocities[BASE_COORDINATES:])
-
-    times = record.duration * np.arange(1, PANELS + 1) / PANELS
-    model, spatial = drawn.perturbed(reduced.model), None
+    control = None if feedback is None else feedback_gains(reduced, takeoff[0], feedback)
+    dynamics = JointTorques(motion, drawn.torque, control).applied(accelerations_of(engine, robot, reduced, drawn))
+    times, spatial = record.duration * np.arange(1, PANELS + 1) / PANELS, None
     if engine == "pinocchio":
-        flown = fly_pinocchio(model, torques, takeoff, times, LOOSE if perturbation.any else TIGHT)
+        flown = fly_finely(dynamics, takeoff, times, LOOSE if perturbation.any else TIGHT)
     else:
-        accelerations = mujoco_accelerations(*mujoco_model(robot, reduced, drawn.mass, drawn.inertia))
-        flown = fly_in_steps(accelerations, torques, takeoff, times, whole_step(float(times[-1]), step, PANELS))
+        flown = fly_in_steps(dynamics, takeoff, times, whole_step(float(times[-1]), step, PANELS))
         spatial = fly_in_space(robot, record, perturbation, seed, feedback, step)
     states = (takeoff, *zip(*flown, strict=True))
     growth, sensitivity = _growth(motion, flown[0], times)
     return Replay(
         engine=engine,
         orientation_error=abs(float(flown[0][-1, BASE_COORDINATES - 1]) - float(record.orientation["goal"])),
-        position_error=_landing_errors(record, reduced, flown[0][-1]),
+        position_error=reduced.off_goal(flown[0][-1, JOINTS], record.problem["goal"]["positions"])[0],
         com_error=float(growth.com[-1]),
-        momentum_drift=_momentum_drift(model, states),
+        momentum_drift=_momentum_drift(drawn.perturbed(reduced.model), states),
         orientation_sensitivity=sensitivity,
         growth=growth,
         perturbation=perturbation,
@@ -231,12 +226,6 @@ def replay(
     )
 
 
-def check_engine(name: str) -> Engine:
-    """Return the engine of that name; InputError where there is none."""
-    engine: Engine = one_of(*get_args(Engine))(name, "engine")
-    return engine
-
-
 def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:
     """Errors at times along the flight, and the sensitivity of the orientation."""
     reduced = motion.reduced
@@ -244,32 +233,20 @@ def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth,
     orientation, sensitivity = motion.orientation(times)
     joints, com = [], []
     for time, positions in zip(times, flown, strict=True):
-        joints.append(np.abs(motion.joints(float(time)).positions - positions)[BASE_COORDINATES:].max())
+        joints.append(np.abs(motion.joints(float(time)).positions - positions)[JOINTS].max())
         place = reduced.axes @ pin.centerOfMass(reduced.model, data, positions)
         com.append(np.linalg.norm(place - motion.com_position(float(time))))
     off = np.abs(flown[:, BASE_COORDINATES - 1] - orientation)
     return Growth(read_only(times), read_only(off), read_only(joints), read_only(com)), sensitivity
 
 
-def _landing_errors(record: PlanRecord, reduced: ReducedModel, landing: Array) -> Array:
-    """Errors (n,) of the planned joints and of those coupled to them against the goal."""
-    goal = np.asarray(record.problem["goal"]["positions"], dtype=np.float64)
-    off = np.abs(landing - reduced.reference - reduced.selection @ goal)
-    return read_only((off[:, None] * (reduced.selection != 0.0)).max(axis=0))
-
-
 def _momentum_drift(model: Any, states: Any) -> float:
     """Largest change of the angular momentum about the centre of mass, about the base's axis, kg m^2/s."""
     data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    axis = pin.getJointJacobian(model, data, BASE_COORDINATES, pin.LOCAL)[3:, BASE_COORDINATES - 1].copy()
     momenta = []
     for positions, velocities in states:
         angular = pin.computeCentroidalMomentum(model, data, positions, velocities).angular
-        momenta.append(angular @ data.oMi[BASE_COORDINATES].rotation @ _base_axis(model))
+        momenta.append(angular @ data.oMi[BASE_COORDINATES].rotation @ axis)
     return float(np.abs(np.array(momenta) - momenta[0]).max())
-
-
-def _base_axis(model: Any) -> Array:
-    """The normal (3,), which the base turns about."""
-    data = model.createData()
-    pin.computeJointJacobians(model, data, np.zeros(model.nq))
-    return np.asarray(pin.getJointJacobian(model, data, BASE_COORDINATES, pin.LOCAL)[3:, BASE_COORDINATES - 1])

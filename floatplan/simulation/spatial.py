@@ -8,23 +8,28 @@ are held by gains besides, as a robot's motors do.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.arrays import Array, BoolArray
 from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.feedback import Feedback, JointTorques
-from floatplan.simulation.forward import MOST_STEPS, State, runge_kutta_step, whole_step
+from floatplan.simulation.forward import (
+    MOST_STEPS,
+    JointTorques,
+    State,
+    critical_gains,
+    fly_in_steps,
+    mujoco_accelerations,
+    whole_step,
+)
 from floatplan.simulation.mujoco_model import SpatialModel, import_mujoco, rigid_joints, spatial_model
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff
-from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
 
 HOLD = 50.0  # [rad/s] bandwidth of the gains on locked and coupled joints
 STABLE = 1.0  # [-] largest rate of decay times step; the Runge-Kutta method is stable up to 2.8
@@ -56,10 +61,6 @@ class SpatialLanding:
     com_error: float
     held: tuple[str, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers."""
-        return {**asdict(self), "position_error": self.position_error.tolist(), "held": list(self.held)}
-
 
 def fly_in_space(
     robot: Robot, record: PlanRecord, perturbation: Perturbation, seed: int, feedback: float | None, step: float
@@ -82,25 +83,36 @@ def fly_in_space(
     """
     reduced = reduced_model(robot, float(record.com["gravity"]), rigid=rigid_joints(robot))
     motion = RecordedMotion(record, reduced)
-    names = list(reduced.model.names)[BASE_COORDINATES + 1 :]
-    drawn = perturbation.drawn(seed, 0, len(names), reduced.model.njoints)
-    takeoff = perturbed_takeoff(record, reduced, drawn)
+    drawn = perturbation.drawn(seed, 0, len(reduced.joints), reduced.model.njoints)
     model = spatial_model(robot, reduced, drawn.mass, drawn.inertia)
     couplings = {*robot.coupled, *(coupling.leader for coupling in robot.coupled.values())}
-    held = np.array([name in robot.locked or name in couplings or feedback is not None for name in names], dtype=bool)
-    position, velocity = _in_space(robot, model, takeoff)
-    control, fastest = _gains(model, position, held, feedback or HOLD)
-    step = whole_step(motion.duration, min(step, STABLE / fastest if fastest else math.inf), 1)
-    if motion.duration / step > MOST_STEPS:
+    held = np.array([feedback is not None or name in robot.locked or name in couplings for name in reduced.joints])
+    takeoff = _in_space(robot, model, perturbed_takeoff(record, reduced, drawn))
+    control, fastest = _gains(model, takeoff[0], held, feedback or HOLD)
+    step = whole_step(record.duration, min(step, STABLE / fastest if fastest else math.inf), 1)
+    if record.duration / step > MOST_STEPS:
         reason = f"the gains of the joints take steps of {step:.2g} s, more than {MOST_STEPS}"
         raise InputError(reason, element="engine", advice="use the engine pinocchio, or a lower feedback")
-    flown = _fly(model, JointTorques(motion, drawn.torque, control), (position, velocity), step, motion.duration)
-    aside = _com(model, position) @ robot.plane.normal
-    place = _com(model, flown) - motion.com_position(motion.duration) @ reduced.axes - aside * robot.plane.normal
-    return _landing(robot, record, reduced, model, flown, place, tuple(np.array(names)[held].tolist()))
+    landing = _fly(model, JointTorques(motion, drawn.torque, control), takeoff, step, record.duration)
+    goal, plane, place = record.problem["goal"]["positions"], robot.plane, model.base_position
+    w, x, y, z = landing[place + 3 : place + 7].tolist()
+    wanted = pin.AngleAxis(float(record.orientation["goal"]), np.asarray(plane.normal)).matrix()
+    turn = pin.log3(pin.Quaternion(w, x, y, z).normalized().matrix() @ wanted.T)
+    position_error, locked_errors = reduced.off_goal(landing[model.positions], goal)
+    aside = (_com(model, takeoff[0]) @ plane.normal) * plane.normal
+    com_error = _com(model, landing) - motion.com_position(record.duration) @ reduced.axes - aside
+    return SpatialLanding(
+        roll=float(turn @ plane.horizontal),
+        yaw=float(turn @ plane.vertical),
+        orientation_error=abs(float(turn @ plane.normal)),
+        position_error=position_error,
+        locked_error=float(locked_errors.max(initial=0.0)),
+        com_error=float(np.linalg.norm(com_error)),
+        held=tuple(np.array(reduced.joints)[held].tolist()),
+    )
 
 
-def _in_space(robot: Robot, model: SpatialModel, takeoff: tuple[Array, Array]) -> tuple[Array, Array]:
+def _in_space(robot: Robot, model: SpatialModel, takeoff: State) -> State:
     """MuJoCo's positions and velocities from those on the planar base."""
     planar, rates = takeoff
     plane = robot.plane
@@ -116,7 +128,7 @@ def _in_space(robot: Robot, model: SpatialModel, takeoff: tuple[Array, Array]) -
     return position, velocity
 
 
-def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: float) -> tuple[Feedback, float]:
+def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: float) -> tuple[Array, float]:
     """Critically damped gains of the held joints at a posture, and the fastest rate of decay that they make, 1/s."""
     mujoco = import_mujoco()
     data = mujoco.MjData(model.model)
@@ -127,35 +139,29 @@ def _gains(model: SpatialModel, position: Array, held: BoolArray, bandwidth: flo
     mujoco.mj_solveM(model.model, data, inverse, columns)
     inverse = inverse[:, model.velocities]
     inertia = held / np.diagonal(inverse)
-    control = Feedback.critically_damped(bandwidth, inertia)
-    rates = np.linalg.eigvals(inverse * control.damping)
-    return control, float(np.abs(rates).max(initial=0.0))
+    gains = critical_gains(bandwidth, inertia)
+    rates = np.linalg.eigvals(inverse * gains[1])
+    return gains, float(np.abs(rates).max(initial=0.0))
 
 
 def _fly(model: SpatialModel, torques: JointTorques, takeoff: State, step: float, duration: float) -> Array:
     """Positions at the end, the base's turn along the geodesic."""
     mujoco = import_mujoco()
-    data = mujoco.MjData(model.model)
-    forces = data.qfrc_applied
+    dynamics = torques.applied(mujoco_accelerations(model.model), model.positions, model.velocities)
 
-    def acceleration(time: float, position: Array, velocity: Array) -> Array:
-        data.qpos[:], data.qvel[:] = position, velocity
-        forces[model.velocities] = torques(time, position[model.positions], velocity[model.velocities])
-        mujoco.mj_forward(model.model, data)
-        return np.array(data.qacc)
+    def checked(time: float, position: Array, velocity: Array) -> Array:
+        if not np.abs(velocity).max() < RUNAWAY:  # nor where it is no number
+            raise FloatplanError(f"the replay in space ran away {time:.3g} s after takeoff; try a shorter --step")
+        return dynamics(time, position, velocity)
 
     def moved(position: Array, velocity: Array, time: float) -> Array:
         position = position.copy()
         mujoco.mj_integratePos(model.model, position, velocity, time)
         return position
 
-    state = takeoff
-    for number in range(round(duration / step)):
-        end = (number + 1) * step
-        state = runge_kutta_step(acceleration, state, number * step, end, moved)
-        if not (np.isfinite(state[1]).all() and np.abs(state[1]).max() < RUNAWAY):
-            raise FloatplanError(f"the replay in space ran away {end:.3g} s after takeoff; try a shorter --step")
-    return state[0]
+    positions, velocities = fly_in_steps(checked, takeoff, np.array([duration]), step, moved)
+    checked(duration, positions[-1], velocities[-1])
+    return np.asarray(positions[-1])
 
 
 def _com(model: SpatialModel, position: Array) -> Array:
@@ -166,31 +172,3 @@ def _com(model: SpatialModel, position: Array) -> Array:
     mujoco.mj_kinematics(model.model, data)
     mujoco.mj_comPos(model.model, data)
     return np.array(data.subtree_com[0])
-
-
-def _landing(
-    robot: Robot,
-    record: PlanRecord,
-    reduced: ReducedModel,
-    model: SpatialModel,
-    flown: Array,
-    com_error: Array,
-    held: tuple[str, ...],
-) -> SpatialLanding:
-    plane = robot.plane
-    w, x, y, z = flown[model.base_position + 3 : model.base_position + 7].tolist()
-    wanted = pin.AngleAxis(float(record.orientation["goal"]), np.asarray(plane.normal)).matrix()
-    turn = pin.log3(pin.Quaternion(w, x, y, z).normalized().matrix() @ wanted.T)
-    goal = np.asarray(record.problem["goal"]["positions"], dtype=np.float64)
-    target = (reduced.reference + reduced.selection @ goal)[BASE_COORDINATES:]
-    off = np.abs(flown[model.positions] - target)
-    follows = reduced.selection[BASE_COORDINATES:] != 0.0
-    return SpatialLanding(
-        roll=float(turn @ plane.horizontal),
-        yaw=float(turn @ plane.vertical),
-        orientation_error=abs(float(turn @ plane.normal)),
-        position_error=read_only((off[:, None] * follows).max(axis=0, initial=0.0)),
-        locked_error=float(off[~follows.any(axis=1)].max(initial=0.0)),
-        com_error=float(np.linalg.norm(com_error)),
-        held=held,
-    )

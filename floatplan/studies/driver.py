@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import os
-import pickle
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
@@ -21,7 +20,7 @@ from floatplan.planning.search import MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder
-from floatplan.studies.rows import PlannedChunk, StudyTask, lost_row, planned_rows
+from floatplan.studies.rows import PlannedChunk, lost_row, packed, planned_rows
 
 CHUNK_SECONDS = 1.0  # [s] of work
 FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and of whole searches
@@ -154,24 +153,19 @@ def _client(jobs: int, scheduler: str | None) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is: rows ``done`` of ``total``, how many a second, and the seconds left (None: not known)."""
+    """How far a run is: rows ``done`` of ``total``, how many a second, and the seconds left."""
 
     done: int
     total: int
     rate: float
-    left: float | None
+    left: float
 
     def __str__(self) -> str:
         """As it is shown."""
-        left = "" if self.left is None else f", {_duration(self.left)} left"
-        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s{left}"
-
-
-def _duration(seconds: float) -> str:
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    return f"{whole // 60} min {whole % 60} s" if whole < 3600 else f"{whole // 3600} h {whole % 3600 // 60} min"
+        left = round(self.left)
+        minutes = f"{left // 60} min {left % 60} s" if left < 3600 else f"{left // 3600} h {left % 3600 // 60} min"
+        shown = f"{left} s" if left < 60 else minutes
+        return f"{self.done} of {self.total} rows, {self.rate:.3g} rows/s, {shown} left"
 
 
 class StudyRun:
@@ -181,7 +175,7 @@ class StudyRun:
         self, study: StudyFile, folder: StudyFolder, engine: Engine, progress: Callable[[Progress], None] | None
     ) -> None:
         self._study, self._folder, self._engine, self._progress = study, folder, engine, progress
-        self._task = pickle.dumps(StudyTask.of(study))
+        self._packed = packed(study)
         self._size = self._least = FIRST_TOGETHER if is_plain_family(study.family(0, 1)) else FIRST_ALONE
 
     def fill(self, gaps: list[Range]) -> None:
@@ -224,7 +218,7 @@ class StudyRun:
         return first, stop
 
     def _submit(self, executor: Executor, chunk: Range) -> Future[PlannedChunk]:
-        return executor.submit(planned_rows, self._task, chunk[0], self._study.samples.values(*chunk))
+        return executor.submit(planned_rows, self._packed, chunk[0], self._study.samples.values(*chunk))
 
     def _keep(self, chunk: Range, planned: PlannedChunk) -> None:
         first, stop = chunk
@@ -250,7 +244,7 @@ class StudyRun:
             self._alone((first, middle))
             self._alone((middle, stop))
         else:
-            self._keep(chunk, lost_row(self._task, first, self._study.samples.values(first, stop), DIED))
+            self._keep(chunk, lost_row(self._packed, first, self._study.samples.values(first, stop), DIED))
 
 
 def _is_lost(future: Future[PlannedChunk]) -> bool:

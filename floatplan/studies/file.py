@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
@@ -120,14 +120,15 @@ class StudyFile:
         """Unit of each key in the table, as the file has it."""
         return {axis.path: axis.number.unit for axis in self.samples.axes}
 
-    @property
-    def factors(self) -> dict[str, float]:
-        """From the table's units to the problem's, by key."""
-        return {axis.path: axis.number.factor for axis in self.samples.axes}
+    def problems(self, values: Values) -> Family:
+        """Problems with values in the file's units."""
+        factors = {axis.path: axis.number.factor for axis in self.samples.axes}
+        in_si = {path: column if factors[path] == 1 else factors[path] * column for path, column in values.items()}
+        return Family(self.base, in_si)
 
     def family(self, first: int, stop: int) -> Family:
         """Problems of some rows."""
-        return family(self.base, self.factors, self.samples.values(first, stop))
+        return self.problems(self.samples.values(first, stop))
 
     def digest(self) -> str:
         """Hash of all that the rows' answers follow from: problem file, robot, sampling, effort, version and solver."""
@@ -156,12 +157,6 @@ def _code() -> str:
         digest.update(f"{path.relative_to(PACKAGE).as_posix()} ".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
-
-
-def family(base: Problem, factors: Mapping[str, float], values: Values) -> Family:
-    """Problems with values in a study file's units."""
-    in_si = {path: column if factors[path] == 1 else factors[path] * column for path, column in values.items()}
-    return Family(base, in_si)
 
 
 def load_study_file(path: str | Path) -> StudyFile:

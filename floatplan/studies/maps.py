@@ -26,10 +26,10 @@ ROWS_IN_A_BIN = 2.5
 RANK = {"not_found": 0, "impossible": 1, "error": 2}  # which a cell without a plan shows: impossible only where all are
 
 
-def _edges(asked: StudyFile, axis: Axis) -> Array:
+def _edges(study: StudyFile, axis: Axis) -> Array:
     """Edges of a key's cells: around the values of a grid, even ones elsewhere."""
-    if asked.samples.kind != "grid":
-        bins = int(np.clip(np.sqrt(len(asked) / ROWS_IN_A_BIN), 1, MOST_BINS))
+    if study.samples.kind != "grid":
+        bins = int(np.clip(np.sqrt(len(study) / ROWS_IN_A_BIN), 1, MOST_BINS))
         low, high = float(axis.values[0]), float(axis.values[-1])
         return np.linspace(low, high if high > low else low + 1, bins + 1)
     values = np.unique(axis.values)
@@ -45,18 +45,18 @@ def _statuses(table: Any) -> IntArray:
     return np.array([STATUSES.index(name) for name in names])[status]
 
 
-def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
+def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     """Return the map of column z over keys x and y: each cell shows its best row."""
     for key in (x, y):
-        if key not in asked.paths:
-            raise InputError(f"{key!r} does not vary", element="map", advice=f"known: {', '.join(asked.paths)}")
+        if key not in study.paths:
+            raise InputError(f"{key!r} does not vary", element="map", advice=f"known: {', '.join(study.paths)}")
     if x == y:
         raise InputError("both axes are the same key", element="map")
-    known = [*asked.paths, *coloured(asked.base), "status"]
+    known = [*study.paths, *coloured(study.base), "status"]
     if z not in known:
         raise InputError(f"{z!r} is no column of numbers", element="map", advice=f"known: {', '.join(known)}")
-    axes = {axis.path: axis for axis in asked.samples.axes}
-    edges = {key: _edges(asked, axes[key]) for key in (x, y)}
+    axes = {axis.path: axis for axis in study.samples.axes}
+    edges = {key: _edges(study, axes[key]) for key in (x, y)}
     columns, rows = (
         np.clip(np.searchsorted(each, table[key].to_numpy(), side="right") - 1, 0, len(each) - 2)
         for key, each in edges.items()
@@ -73,7 +73,7 @@ def drawn_map(asked: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     shown[rows[order], columns[order]] = status[order]
     colour[rows[order], columns[order]] = np.where(solved, values, np.nan)[order]
     units = units_of(table)
-    others = [path for path in asked.paths if path not in (x, y)]
+    others = [path for path in study.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
     across, up = (MapAxis(_label(key, units), each) for key, each in edges.items())
     return HeatMap(across, up, colour, shown, _label(z, units), title)
@@ -90,56 +90,56 @@ def _label(key: str, units: dict[str, str]) -> str:
     return f"{key} ({unit})" if unit else key
 
 
-def write_maps(asked: StudyFile, table: Any, folder: Path) -> list[Path]:
+def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
     """Write the map that the study asks for, PNG and SVG, and the page."""
-    assert asked.map is not None, "asked for"
+    assert study.map is not None, "maps are written where the study has one"
     with styled():
-        figure = heatmap(drawn_map(asked, table, *asked.map))
+        figure = heatmap(drawn_map(study, table, *study.map))
         forms = {folder / f"map.{form}": rendered(figure, form, DPI_OF_MAPS) for form in ("png", "svg")}
     written = [write_atomically(path, content) for path, content in forms.items()]
-    if len(asked) <= MOST_PAGE_ROWS:
+    if len(study) <= MOST_PAGE_ROWS:
         numbers = PackedNumbers()
-        data = page_data(asked, table, numbers)
-        written.append(write_atomically(folder / "map.html", map_page(f"{asked.name}: map", data, numbers)))
+        data = page_data(study, table, numbers)
+        written.append(write_atomically(folder / "map.html", map_page(f"{study.name}: map", data, numbers)))
     return written
 
 
-def page_data(asked: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str, Any]:
+def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str, Any]:
     """Return all that the page shows; what it shows of each row goes into ``numbers``."""
-    assert asked.map is not None, "asked for"
+    assert study.map is not None, "maps are written where the study has one"
     units = units_of(table)
-    measured = [name for name in coloured(asked.base) if name == asked.map[2] or table[name].null_count < len(table)]
+    measured = [name for name in coloured(study.base) if name == study.map[2] or table[name].null_count < len(table)]
     explanations, explanation = words(table, "explanation")
-    coefficients = _in_fractions(asked, table)
+    coefficients = _in_fractions(study, table)
     return {
-        "name": asked.name,
-        "question": f"{asked.base.name}, {asked.base.robot.name}: {len(table)} rows",
+        "name": study.name,
+        "question": f"{study.base.name}, {study.base.robot.name}: {len(table)} rows",
         "version": versions()["floatplan"],
         "count": len(table),
-        "map": asked.map,
-        "axes": [_axis(asked, axis) for axis in asked.samples.axes],
+        "map": study.map,
+        "axes": [_axis(study, axis) for axis in study.samples.axes],
         "columns": {
             name: {"unit": units.get(name, ""), "values": numbers.add(table[name].to_numpy(), "<f4")}
-            for name in (*asked.paths, *measured)
+            for name in (*study.paths, *measured)
         },
         "status": numbers.add(_statuses(table), "<u1"),
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
         "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
         "colours": colours(),
-        "flight": flight_data(asked.base),
+        "flight": flight_data(study.base),
     }
 
 
-def _axis(asked: StudyFile, axis: Axis) -> dict[str, Any]:
-    edges = _edges(asked, axis)
-    middles = np.unique(axis.values) if asked.samples.kind == "grid" else (edges[:-1] + edges[1:]) / 2
+def _axis(study: StudyFile, axis: Axis) -> dict[str, Any]:
+    edges = _edges(study, axis)
+    middles = np.unique(axis.values) if study.samples.kind == "grid" else (edges[:-1] + edges[1:]) / 2
     return {"key": axis.path, "factor": axis.number.factor, "edges": edges.tolist(), "values": middles.tolist()}
 
 
-def _in_fractions(asked: StudyFile, table: Any) -> npt.NDArray[np.float32]:
+def _in_fractions(study: StudyFile, table: Any) -> npt.NDArray[np.float32]:
     """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
     sizes, joints = _unfolded(table["coefficients"].combine_chunks())
-    there, n = sizes > 0, len(asked.base.robot.joints)
+    there, n = sizes > 0, len(study.base.robot.joints)
     sizes, values = _unfolded(joints)
     sizes = sizes.reshape(-1, n)
     size = int(sizes.max(initial=0))
@@ -150,8 +150,8 @@ def _in_fractions(asked: StudyFile, table: Any) -> npt.NDArray[np.float32]:
         inside[there] = np.arange(size) < sizes[..., None]
         found = np.full(shape, np.nan)
         found[inside] = values.to_numpy()
-    varied = "flight.duration" in asked.paths
-    duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), asked.base.flight.duration)
+    varied = "flight.duration" in study.paths
+    duration = table["flight.duration"].to_numpy() if varied else np.full(len(table), study.base.flight.duration)
     powers = np.vander(duration, size, increasing=True)
     fractions = np.empty(shape, dtype="<f4")
     np.multiply(found.reshape(shape), powers[:, None], out=fractions, casting="same_kind")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,36 +21,13 @@ from floatplan.plans.measures import largest_use
 from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
 from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
-from floatplan.problem.problem import Problem
 from floatplan.studies.columns import read_table, table_of, written
-from floatplan.studies.file import StudyFile, Values, family, versions
+from floatplan.studies.file import StudyFile, Values, versions
 from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 VERDICTS = ("", "proved", "undecided", "refuted")
 LONGEST_EXPLANATION = 400  # characters
-
-
-@dataclass(frozen=True, eq=False)
-class StudyTask:
-    """What is the same for all rows: the base problem, how to plan, and by whom."""
-
-    base: Problem
-    factors: Mapping[str, float]
-    units: Mapping[str, str]
-    starts: int
-    seed: int
-    search: bool
-    prove: bool
-    versions: Mapping[str, str]
-
-    @classmethod
-    def of(cls, study: StudyFile) -> StudyTask:
-        """Of a study as asked for."""
-        plan = study.plan
-        return cls(
-            study.base, study.factors, study.units, plan.starts, study.samples.seed, plan.search, plan.prove, versions()
-        )
 
 
 @dataclass(frozen=True)
@@ -61,33 +38,39 @@ class PlannedChunk:
     seconds: float
 
 
+def packed(study: StudyFile) -> bytes:
+    """A study as the processes that plan its rows need it: without the values of rows, which come with each chunk."""
+    axes = [replace(axis, values=axis.values[:0]) for axis in study.samples.axes]
+    return pickle.dumps((replace(study, samples=replace(study.samples, axes=axes)), versions()))
+
+
 @lru_cache(maxsize=4)
-def _unpacked(packed: bytes) -> StudyTask:
-    """The task, unpacked once in each process."""
-    task: StudyTask = pickle.loads(packed)
-    if task.versions != versions():
-        here, there = (" ".join(each.values()) for each in (versions(), task.versions))
-        raise FloatplanError(f"a worker has {here}, the study {there}: install the same everywhere")
-    return task
+def _unpacked(content: bytes) -> StudyFile:
+    """The study, unpacked once in each process."""
+    study: StudyFile
+    study, there = pickle.loads(content)
+    if there != versions():
+        words = (" ".join(each.values()) for each in (versions(), there))
+        raise FloatplanError("a worker has {}, the study {}: install the same everywhere".format(*words))
+    return study
 
 
 @one_thread
-def planned_rows(packed: bytes, first: int, values: Values) -> PlannedChunk:
+def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
     """Plan the rows that begin with ``first``, in any process on any machine; whatever is wrong is a row's status."""
     began = time.perf_counter()
-    task = _unpacked(packed)
-    problems = family(task.base, task.factors, values)
-    columns = _together(task, problems) if is_plain_family(problems) else None
+    study = _unpacked(content)
+    problems = study.problems(values)
+    columns = _together(study, problems) if is_plain_family(problems) else None
     if columns is None:
-        rows = [_alone(task, problems[index : index + 1], first + index) for index in range(len(problems))]
+        rows = [_alone(study, problems[index : index + 1], first + index) for index in range(len(problems))]
         columns = {name: [row[name] for row in rows] for name in rows[0]}
-    return PlannedChunk(written(_table(task, first, values, columns)), time.perf_counter() - began)
+    return PlannedChunk(written(_table(study, first, values, columns)), time.perf_counter() - began)
 
 
-def lost_row(packed: bytes, index: int, values: Values, reason: str) -> PlannedChunk:
+def lost_row(content: bytes, index: int, values: Values, reason: str) -> PlannedChunk:
     """A row that ends the process which plans it, as a chunk."""
-    task = _unpacked(packed)
-    return PlannedChunk(written(_nothing(task, index, values, reason)), 0.0)
+    return PlannedChunk(written(_nothing(_unpacked(content), index, values, reason)), 0.0)
 
 
 def row_seed(seed: int, index: int) -> int:
@@ -95,11 +78,11 @@ def row_seed(seed: int, index: int) -> int:
     return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) & LARGEST_SEED
 
 
-def _together(task: StudyTask, problems: Family) -> dict[str, Any] | None:
+def _together(study: StudyFile, problems: Family) -> dict[str, Any] | None:
     """Plan rows in one batch and measure them in blocks; None where that fails, so that the bad row is to be found."""
     began = time.perf_counter()
     try:
-        plans = plan_many(problems, starts=task.starts, search=task.search, prove=task.prove, seed=task.seed)
+        plans = plan_many(problems, seed=study.samples.seed, **study.plan.model_dump())
         found = np.flatnonzero(plans.ok)
         peaks, use = _measured(problems, plans, found)
     except Exception:
@@ -148,14 +131,12 @@ def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, A
     return peaks, use
 
 
-def _alone(task: StudyTask, problem: Family, index: int) -> dict[str, Any]:
+def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
     """Plan one row by the whole search, with a seed of its own; an error of any kind is the row's alone."""
     began = time.perf_counter()
-    measured = _not_measured(task)
+    measured = _not_measured(study)
     try:
-        plans = plan_many(
-            problem, starts=task.starts, search=task.search, prove=task.prove, seed=row_seed(task.seed, index)
-        )
+        plans = plan_many(problem, seed=row_seed(study.samples.seed, index), **study.plan.model_dump())
         answer = plans.answer(0)
         if plans.ok[0]:
             plan = plans[0]
@@ -181,25 +162,25 @@ def _alone(task: StudyTask, problem: Family, index: int) -> dict[str, Any]:
     }
 
 
-def _not_measured(task: StudyTask) -> dict[str, Any]:
+def _not_measured(study: StudyFile) -> dict[str, Any]:
     missing = dict.fromkeys(("objective", "utilisation", "clearance"), np.nan)
-    return {**missing, "peaks": np.full(len(task.base.robot.motors), np.nan)}
+    return {**missing, "peaks": np.full(len(study.base.robot.motors), np.nan)}
 
 
-def _nothing(task: StudyTask, index: int, values: Values, reason: str) -> Any:
+def _nothing(study: StudyFile, index: int, values: Values, reason: str) -> Any:
     """The table of a row that was never planned."""
     row = {"status": "error", "explanation": reason, "starts": 0, "coefficients": None, "verdict": ""}
-    row |= {"angular_momentum": np.nan, "milliseconds": np.nan, **_not_measured(task)}
-    return _table(task, index, values, {name: [value] for name, value in row.items()})
+    row |= {"angular_momentum": np.nan, "milliseconds": np.nan, **_not_measured(study)}
+    return _table(study, index, values, {name: [value] for name, value in row.items()})
 
 
-def _table(task: StudyTask, first: int, values: Values, found: Mapping[str, Any]) -> Any:
+def _table(study: StudyFile, first: int, values: Values, found: Mapping[str, Any]) -> Any:
     """The rows as a table; no number is NaN: what there is not is null."""
 
     def number(name: str) -> Array:
         return np.asarray(found[name], dtype=np.float64)
 
-    motors = [f"torque_peak.{motor}" for motor in task.base.robot.motors]
+    motors = [f"torque_peak.{motor}" for motor in study.base.robot.motors]
     peaks = number("peaks").reshape(-1, len(motors))
     there = np.isfinite(peaks).all(axis=1)
     columns = {
@@ -217,11 +198,11 @@ def _table(task: StudyTask, first: int, values: Values, found: Mapping[str, Any]
         "milliseconds": number("milliseconds"),
         "coefficients": found["coefficients"],
     }
-    if task.prove:
+    if study.plan.prove:
         columns["verdict"] = found["verdict"]
     units = {
-        **task.units,
-        "objective": OBJECTIVE_TABLE[task.base.motion.objective].unit,
+        **study.units,
+        "objective": OBJECTIVE_TABLE[study.base.motion.objective].unit,
         "angular_momentum": "kg m^2/s",
         **dict.fromkeys(("torque_peak", *motors), "N m"),
         "clearance": "m",
@@ -236,7 +217,7 @@ class RowCheck:
 
     def __init__(self, study: StudyFile) -> None:
         self._samples = study.samples
-        one = _nothing(StudyTask.of(study), 0, self._samples.values(0, 1), "")
+        one = _nothing(study, 0, self._samples.values(0, 1), "")
         self._schema = read_table(written(one)).schema
 
     def are_in(self, table: Any, first: int, stop: int) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import version
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,24 +51,24 @@ class Study:
         The table, and the maps where there is one.
     """
 
-    def __init__(self, asked: StudyFile, folder: StudyFolder, table: Any) -> None:
-        self._asked = asked
+    def __init__(self, file: StudyFile, folder: StudyFolder, table: Any) -> None:
+        self._file = file
         self.folder = folder.path
         self.table = table
         self.files = [folder.results]
 
     def __len__(self) -> int:
-        return len(self._asked)
+        return len(self._file)
 
     def __repr__(self) -> str:
         """Where it is, how many rows it has by status, what varies, and what was found."""
         rows = [
             ("folder", str(self.folder)),
             ("rows", ", ".join(f"{count} {status}" for status, count in self.statuses.items())),
-            ("varied", ", ".join(self._asked.paths)),
+            ("varied", ", ".join(self._file.paths)),
             ("columns", ", ".join(self.table.column_names)),
         ]
-        return outline(f"Study({self._asked.name!r}, {len(self)} rows)", rows)
+        return outline(f"Study({self._file.name!r}, {len(self)} rows)", rows)
 
     @cached_property
     def statuses(self) -> dict[str, int]:
@@ -96,7 +97,7 @@ class Study:
         from floatplan.studies.maps import drawn_map
         from floatplan.view.map import heatmap
 
-        return heatmap(drawn_map(self._asked, self.table, x, y, z))
+        return heatmap(drawn_map(self._file, self.table, x, y, z))
 
     def best(self, k: int = 1, by: str = "objective") -> Any:
         """Return the k best rows that hold a plan, as a table: least ``by`` first, of clearance the largest.
@@ -128,7 +129,7 @@ class Study:
         count = len(self)
         index = whole(Range(-count, count - 1, ""))(index, "index") % count
         row = self.table.slice(index, 1).to_pylist()[0]
-        family, seed = self._asked.family(index, index + 1), self._asked.samples.seed
+        family, seed = self._file.family(index, index + 1), self._file.samples.seed
         if row["coefficients"] is None:
             raise InputError(row["explanation"], element=f"row {index}")
         solved = row["status"] in SOLVED
@@ -136,7 +137,7 @@ class Study:
             status=row["status"],
             objective=row["objective"] if solved else np.nan,
             angular_momentum=row["angular_momentum"],
-            coefficients=_padded(row["coefficients"]),
+            coefficients=np.array(list(zip_longest(*row["coefficients"], fillvalue=0.0))).T,
             starts=row["starts"],
             message="" if row["explanation"] == GOAL_MET else row["explanation"],
         )
@@ -146,9 +147,17 @@ class Study:
         return judged(plan, certify(plan))
 
 
-def _padded(rows: list[list[float]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    longest = max(map(len, rows))
-    return np.array([[*row, *[0.0] * (longest - len(row))] for row in rows])
+def _facts(file: StudyFile) -> dict[str, Any]:
+    """What a folder says of its study, beside the hash."""
+    others = {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "pyarrow", "pin")}}
+    return {
+        "name": file.name,
+        "problem": file.base.name,
+        "rows": len(file),
+        "vary": file.paths,
+        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": {**versions(), **others},
+    }
 
 
 def study(
@@ -193,36 +202,20 @@ def study(
     jobs, progress = optional(JOBS)(jobs, "jobs"), optional(function)(progress, "progress")
     restart, engine = flag(restart, "restart"), text(engine, "engine")
     arrow()
-    asked = load_study_file(as_path(path, "path"))
-    place = StudyFolder(given or asked.folder, len(asked))
+    file = load_study_file(as_path(path, "path"))
+    place = StudyFolder(given or file.folder, len(file))
     with place.locked():
-        place.open(asked.digest(), facts(asked), restart)
-        gaps = place.missing(RowCheck(asked).are_in)
-        if asked.map:  # while others plan
+        place.open(file.digest(), _facts(file), restart)
+        gaps = place.missing(RowCheck(file).are_in)
+        if file.map:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:
             with started(engine, jobs, scheduler) as chosen:
-                StudyRun(asked, place, chosen, progress).fill(gaps)
-        done = Study(asked, place, place.merge())
-        if asked.map:
+                StudyRun(file, place, chosen, progress).fill(gaps)
+        done = Study(file, place, place.merge())
+        if file.map:
             from floatplan.studies import maps
 
             with naming_the_folder(place.path):
-                done.files += maps.write_maps(asked, done.table, place.path)
+                done.files += maps.write_maps(file, done.table, place.path)
     return done
-
-
-def facts(asked: StudyFile) -> dict[str, Any]:
-    """What a folder says of its study, beside the hash."""
-    return {
-        "name": asked.name,
-        "problem": asked.base.name,
-        "rows": len(asked),
-        "vary": asked.paths,
-        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": {
-            **versions(),
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "pyarrow", "pin")},
-        },
-    }

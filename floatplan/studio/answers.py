@@ -13,7 +13,7 @@ from floatplan.errors import printable
 from floatplan.kernel.rows import is_plain_family
 from floatplan.planning.near import plan_near
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
-from floatplan.view.outlines import Poses, body_poses, postures
+from floatplan.view.outlines import Poses, body_poses, com_path, postures
 
 POSE_RATE = 60.0  # [Hz]
 MOST_POSES = 1200  # [-] of a long flight
@@ -74,14 +74,14 @@ class ShownPlan:
     def of(cls, plan: fp.Plan, settled: bool) -> ShownPlan:
         """Measure a plan."""
         count = min(int(np.ceil(plan.duration * POSE_RATE)) + 1, MOST_POSES)
-        state = plan.at(np.linspace(0.0, plan.duration, count))
-        com = state.com_position[:, 0] + 1j * state.com_position[:, 1]
+        times = np.linspace(0.0, plan.duration, count)
+        positions, _, _ = plan.joint_motion(times)
         paths = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
         return cls(
             plan=replace(plan),  # without what it caches
             certificate=plan.certificate,
             settled=settled,
-            poses=body_poses(plan.robot, state.orientation, state.positions, com),
+            poses=body_poses(plan.robot, plan.orientation(times), positions, com_path(plan, times)),
             com=paths.com,
             takeoff=paths.takeoff,
             landing=paths.landing,
@@ -185,8 +185,8 @@ class Map:
     points: Mapping[tuple[int, int], MapPoint] = field(default_factory=dict)
 
     @classmethod
-    def around(cls, present: ShownPlan) -> Map:
-        """Return the empty map around a plan."""
+    def centred_at(cls, present: ShownPlan) -> Map:
+        """Return the empty map with a plan in its middle."""
         duration, momentum = present.plan.duration, present.plan.angular_momentum
         low, high = present.plan.angular_momentum_bounds
         step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)

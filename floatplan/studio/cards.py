@@ -14,7 +14,7 @@ from floatplan.studio.session import Verdict, View
 GREEN, AMBER, RED, GREY, BLUE, BLACK = "#1a7f4b", "#b26a00", "#c0182b", "#7a7f87", "#1f5fbf", "#3a3f45"
 FULL = 1 + 1e-9  # [-] share of a limit that is still kept
 NEARLY = 0.9  # [-] share of a limit from which its bar is amber
-MOST_WARNINGS = 6  # [-] told; the others are counted
+MOST_WARNINGS = 6  # [-] listed; the others are counted
 WIDEST = 1.25  # [-] share of a limit at the end of a bar
 
 BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
@@ -51,11 +51,11 @@ text-align:center;color:#fff}
 </style>"""
 
 
-def is_news(told: View | None, view: View) -> bool:
-    """Whether a view is to be told at once: that a search has begun matters only where it lasts."""
-    if told is None or view.is_current or view.fault or view.refusal != told.refusal:
+def is_news(drawn: View | None, view: View) -> bool:
+    """Whether a view is to be drawn at once: that a search has begun matters only where it lasts."""
+    if drawn is None or view.is_current or view.fault or view.refusal != drawn.refusal:
         return True
-    return view.answer is not told.answer
+    return view.answer is not drawn.answer
 
 
 def status_card(view: View) -> str:
@@ -73,8 +73,8 @@ def status_card(view: View) -> str:
         if view.answer.plan.ok and view.answer.warnings:
             warnings = [warning.message for warning in view.answer.warnings]
             more = [f"and {len(warnings) - MOST_WARNINGS} more"] if len(warnings) > MOST_WARNINGS else []
-            told = _paragraphs(*warnings[:MOST_WARNINGS], *more)
-            parts.append(f'<div class="band warning"><b>Beside the verdict</b>{told}</div>')
+            listed = _paragraphs(*warnings[:MOST_WARNINGS], *more)
+            parts.append(f'<div class="band warning"><b>Beside the verdict</b>{listed}</div>')
     return f'{STYLE}<div class="fp status" id="floatplan-status">{"".join(parts)}</div>'
 
 

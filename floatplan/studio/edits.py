@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -47,14 +47,9 @@ def number_at(problem: fp.Problem, path: str) -> float:
     return math.nan if isinstance(value, str) else float(value)
 
 
-def flight(**changes: Any) -> Edit:
-    """Change fields of the flight, such as ``angular_momentum="free"``."""
-    return lambda problem: replace(problem, flight=replace(problem.flight, **changes))
-
-
-def motion(**changes: Any) -> Edit:
-    """Change degree or objective."""
-    return lambda problem: replace(problem, motion=replace(problem.motion, **changes))
+def change(part: Literal["flight", "motion"], **changes: Any) -> Edit:
+    """Change fields of the flight or the motion, such as ``angular_momentum="free"``."""
+    return lambda problem: replace(problem, **{part: replace(getattr(problem, part), **changes)})
 
 
 def ground(wanted: bool) -> Edit:
@@ -80,22 +75,14 @@ def with_obstacle(obstacle: Obstacle) -> Edit:
     return lambda problem: replace(problem, obstacles=(*problem.obstacles, obstacle))
 
 
-def without_obstacle(index: int) -> Edit:
-    """Take an obstacle away; one that is gone already stays so."""
-    return lambda problem: replace(
-        problem, obstacles=tuple(each for number, each in enumerate(problem.obstacles) if number != index)
-    )
-
-
-def put_obstacle(index: int, obstacle: Obstacle) -> Edit:
-    """Put an obstacle in the place of another; where that is gone, nothing changes."""
+def put_obstacle(index: int, *put: Obstacle) -> Edit:
+    """Put an obstacle in the place of another, or take that away; where it is gone, nothing changes."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
-        if index >= len(problem.obstacles):
+        obstacles = problem.obstacles
+        if index >= len(obstacles):
             return problem
-        obstacles = list(problem.obstacles)
-        obstacles[index] = obstacle
-        return replace(problem, obstacles=tuple(obstacles))
+        return replace(problem, obstacles=(*obstacles[:index], *put, *obstacles[index + 1 :]))
 
     return edit
 
@@ -109,8 +96,8 @@ def moved(obstacle: Obstacle, by: complex) -> Obstacle:
 
 def limit_choice(problem: fp.Problem, key: LimitKey) -> str:
     """Where a limit comes from: "none", "urdf" or "by hand"."""
-    asked = getattr(problem.limits, key)
-    return asked if isinstance(asked, str) else BY_HAND
+    given = getattr(problem.limits, key)
+    return given if isinstance(given, str) else BY_HAND
 
 
 def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 import floatplan as fp
 from floatplan.errors import import_optional
-from floatplan.studio.events import Actions
+from floatplan.studio.inputs import Actions
 from floatplan.studio.panel import Controls
 from floatplan.studio.player import Player
 from floatplan.studio.session import Session
@@ -25,7 +25,7 @@ HOST = "127.0.0.1"  # of this machine alone
 THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
 PATIENCE = 60.0  # [s] for the first answer
 AGAIN = 0.3  # [s] until what the user held is drawn again
-CLOCK = 0.1  # [s] between two changes of the time that is told
+CLOCK = 0.1  # [s] between two changes of the time that is shown
 
 
 class Studio:
@@ -108,16 +108,6 @@ class Studio:
             self.panel.at(instant)
 
 
-@contextmanager
-def opened(problem: fp.Problem, **options: Any) -> Iterator[Studio]:
-    """A studio that is closed in the end."""
-    studio = Studio(problem, **options)
-    try:
-        yield studio
-    finally:
-        studio.close()
-
-
 def is_own_page(origin: str | None, host: str | None) -> bool:
     """Whether a page comes from the address that it asks, and that address is of this machine.
 
@@ -151,9 +141,15 @@ def own_page_alone() -> Iterator[None]:
 
     serve, calls = server.serve, []
 
-    def guarded(*arguments: Any, **options: Any) -> Any:
+    def guarded(*arguments: Any, process_request: Callable[[Any, Any], Any] | None = None, **options: Any) -> Any:
+        def process(connection: Any, request: Any) -> Any:
+            headers = request.headers
+            if "Upgrade" in headers and not is_own_page(headers.get("Origin"), headers.get("Host")):
+                return connection.respond(HTTPStatus.FORBIDDEN, "Only the studio's own page may connect.\n")
+            return None if process_request is None else process_request(connection, request)
+
         calls.append(options)
-        return serve(*arguments, **{**options, "process_request": guard(options.get("process_request"))})
+        return serve(*arguments, process_request=process, **options)
 
     server.serve = guarded  # type: ignore[assignment, misc]
     try:
@@ -162,15 +158,3 @@ def own_page_alone() -> Iterator[None]:
         server.serve = serve  # type: ignore[misc]
     if not calls:
         raise fp.InputError("this version of viser starts its server in a way that is not known", element="studio")
-
-
-def guard(process_request: Callable[[Any, Any], Any] | None) -> Callable[[Any, Any], Any]:
-    """Answer requests as before, but forbid websockets of other pages."""
-
-    def process(connection: Any, request: Any) -> Any:
-        headers = request.headers
-        if "Upgrade" in headers and not is_own_page(headers.get("Origin"), headers.get("Host")):
-            return connection.respond(HTTPStatus.FORBIDDEN, "Only the studio's own page may connect.\n")
-        return None if process_request is None else process_request(connection, request)
-
-    return process

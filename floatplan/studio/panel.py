@@ -13,8 +13,7 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.events import Actions, by_user, in_turn, on
-from floatplan.studio.inputs import Dial, Inputs
+from floatplan.studio.inputs import Actions, Dial, Inputs, by_user, in_turn, on
 from floatplan.studio.player import Player
 from floatplan.studio.session import Part, Saving, Session, View
 from floatplan.studio.stage import Stage
@@ -42,8 +41,8 @@ class Controls:
         self._server, self._gui, self._session, self._actions = server, server.gui, session, actions
         self._stage, self._player = stage, player
         self.inputs = Inputs(self._gui, session, actions)
-        self._told: View | None = None
-        self._begun = 0  # number of the newest question whose search was not told at once
+        self._drawn: View | None = None
+        self._begun = 0  # number of the newest question whose search was not drawn at once
         self._status = self._gui.add_html(cards.status_card(session.view))
         self._flying()
         tabs = self._gui.add_tab_group()
@@ -67,13 +66,13 @@ class Controls:
     def draw(self, view: View) -> bool:
         """Say and show what has changed; return whether it has to be drawn again soon.
 
-        So it is where the user holds a slider, or a search may take long enough to be told.
+        So it is where the user holds a slider, or a search may take long enough to be shown.
         """
-        begun = not cards.is_news(self._told, view) and view.number != self._begun
+        begun = not cards.is_news(self._drawn, view) and view.number != self._begun
         if begun:
             self._begun = view.number
         else:
-            self._told = view
+            self._drawn = view
             self._status.content = cards.status_card(view)
         self._map_html.content = cards.map_card(view.map, self._points, self._map_wanted.value)
         self._comparison.content = cards.comparison_card(view.answer, view.kept)
@@ -150,7 +149,7 @@ class Controls:
             "least",
             tuple(OBJECTIVE_TABLE),
             lambda each: each.motion.objective,
-            lambda word: edits.motion(objective=word),
+            lambda word: edits.change("motion", objective=word),
             "What the motion minimises.",
         )
         hint = "Of the polynomials: higher ones move more freely."
@@ -158,11 +157,11 @@ class Controls:
         self.inputs.tick("keep above the ground", lambda each: each.ground, edits.ground)
 
     def _momentum_edit(self, word: str) -> edits.Edit:
-        return edits.flight(angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
+        return edits.change("flight", angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
 
     def _momentum_of(self, problem: fp.Problem) -> float:
-        asked = problem.flight.angular_momentum
-        return self._present_momentum(math.nan) if isinstance(asked, str) else float(asked)
+        momentum = problem.flight.angular_momentum
+        return self._present_momentum(math.nan) if isinstance(momentum, str) else float(momentum)
 
     def _present_momentum(self, unknown: float) -> float:
         answer = self._session.view.answer
@@ -196,8 +195,8 @@ class Controls:
 
 
 def _momentum_word(problem: fp.Problem) -> str:
-    asked = problem.flight.angular_momentum
-    return asked if isinstance(asked, str) else A_NUMBER
+    momentum = problem.flight.angular_momentum
+    return momentum if isinstance(momentum, str) else A_NUMBER
 
 
 def _degree_word(problem: fp.Problem) -> str:
@@ -205,7 +204,7 @@ def _degree_word(problem: fp.Problem) -> str:
 
 
 def _degree_edit(word: str) -> edits.Edit:
-    return edits.motion(degree=int(word) if word.isdecimal() else word)
+    return edits.change("motion", degree=int(word) if word.isdecimal() else word)
 
 
 class LimitsTab:
@@ -279,7 +278,7 @@ class ObstaclesTab:
         for index, obstacle in enumerate(obstacles):
             with self._tab, self._gui.add_folder(f"{obstacle.kind} {index}") as folder:
                 self._sliders += [self._inputs.slider(dial, view.problem) for dial in obstacle_dials(index, obstacle)]
-                self._button("Remove", edits.without_obstacle(index))
+                self._button("Remove", edits.put_obstacle(index))
             self._folders.append(folder)
 
     def _button(self, label: str, edit: edits.Edit) -> None:

@@ -151,12 +151,12 @@ def unpacked(content: bytes, robot: fp.Robot) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is asked, with a number that grows."""
+    """A problem to plan, with a number that grows, and when it was asked, s of the monotonic clock."""
 
     number: int
     problem: fp.Problem
     with_map: bool
-    asked: float
+    since: float
 
 
 class Planning:
@@ -255,7 +255,7 @@ class Planning:
                 self._settling = False
 
     def _draw_map(self, question: Question, present: ShownPlan) -> None:
-        chart, until = Map.around(present), time.monotonic() + MAP_BUDGET
+        chart, until = Map.centred_at(present), time.monotonic() + MAP_BUDGET
         for places, task in chart.questions(question.problem):
             if not self._is_newest(question) or time.monotonic() > until:
                 return
@@ -274,5 +274,5 @@ class Planning:
     def _stays_newest(self, question: Question) -> bool:
         """Wait until a question is old enough; return whether it is still the newest then."""
         with self._change:
-            left = question.asked + QUIET - time.monotonic()
+            left = question.since + QUIET - time.monotonic()
             return not self._change.wait_for(lambda: not self._is_newest(question), max(left, 0.0))

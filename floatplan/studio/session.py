@@ -41,7 +41,6 @@ class View:
     kept : ShownPlan or None
         To compare with.
     map : Map or None
-    can_undo, can_redo : bool
     """
 
     problem: fp.Problem
@@ -52,8 +51,6 @@ class View:
     refusal: str = ""
     kept: ShownPlan | None = None
     map: Map | None = None
-    can_undo: bool = False
-    can_redo: bool = False
 
     @property
     def is_current(self) -> bool:
@@ -89,10 +86,6 @@ class History(Generic[State]):
         """The present state."""
         return self._states[self._at]
 
-    def reaches(self, step: int) -> bool:
-        """Whether there is a state so many steps later."""
-        return 0 <= self._at + step < len(self._states)
-
     def change(self, state: State, gesture: str = "") -> None:
         """Go to a new state, after the present one; of the same gesture, in its place."""
         now = self._clock()
@@ -106,7 +99,7 @@ class History(Generic[State]):
 
     def go(self, step: int) -> bool:
         """Go so many steps forth, or back where negative, if there is such a state; return whether there is."""
-        if not self.reaches(step):
+        if not 0 <= self._at + step < len(self._states):
             return False
         self._at, self._gesture = self._at + step, ""
         return True
@@ -156,18 +149,20 @@ class Session:
         """Set a number by its path in a problem file, SI units and radians."""
         return self.edit(numbers({path: value}), gesture or path)
 
-    def undo(self) -> None:
-        """Take back the last change."""
-        self._go(-1)
+    def undo(self) -> bool:
+        """Take back the last change; return whether there was one."""
+        return self._go(-1)
 
-    def redo(self) -> None:
-        """Make it again."""
-        self._go(1)
+    def redo(self) -> bool:
+        """Make it again; return whether there was one."""
+        return self._go(1)
 
-    def _go(self, step: int) -> None:
+    def _go(self, step: int) -> bool:
         with self._lock:
-            if self._history.go(step):
+            moved = self._history.go(step)
+            if moved:
                 self._ask()
+            return moved
 
     def jump(self, row: int, column: int) -> None:
         """Go to a point of the map."""
@@ -225,8 +220,7 @@ class Session:
 
     def _show(self, **changes: object) -> None:
         with self._changed:
-            history = {"can_undo": self._history.reaches(-1), "can_redo": self._history.reaches(1)}
-            self._view = replace(self._view, **history, **changes)  # type: ignore[arg-type]
+            self._view = replace(self._view, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
         for listener in self._listeners:
             listener()
@@ -241,14 +235,14 @@ class Saving:
     def save(self, view: View, part: Part, folder: str) -> str:
         """Write the problem, its plan or the report; return what to say about it: nothing is raised."""
         try:
-            asked = Path(folder).expanduser() / FILE_NAMES[part]
-            numbered = (asked.with_stem(f"{asked.stem}-{number}") for number in count(2))
-            path = next(each for each in chain((asked,), numbered) if not os.path.lexists(each) or self._is_own(each))
+            wanted = Path(folder).expanduser() / FILE_NAMES[part]
+            numbered = (wanted.with_stem(f"{wanted.stem}-{number}") for number in count(2))
+            path = next(each for each in chain((wanted,), numbered) if not os.path.lexists(each) or self._is_own(each))
             _write(view, part, path)
             self._written[path.resolve()] = _version(path)
         except Exception as error:  # of a name, of a full disk, of what a report may find: the page goes on
             return f"Not saved: {Failure.of(error).words}"
-        return f"{path} is saved." if path == asked else f"{path} is saved: there is another {asked.name} already."
+        return f"{path} is saved." if path == wanted else f"{path} is saved: there is another {wanted.name} already."
 
     def _is_own(self, path: Path) -> bool:
         return path.is_file() and self._written.get(path.resolve()) == _version(path)

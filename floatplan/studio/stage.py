@@ -15,7 +15,7 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.edits import end_state, moved, put_obstacle
-from floatplan.studio.events import Actions, on
+from floatplan.studio.inputs import Actions, on
 from floatplan.studio.player import Show
 from floatplan.studio.session import Session, View
 from floatplan.view.outlines import (

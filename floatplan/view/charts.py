@@ -88,7 +88,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class ReferenceLine:
     """What curves are held against: its name, colour, value, () or samples (N,), and the part that it is about."""
 
     name: str
@@ -105,7 +105,7 @@ class Panel:
     curves: Sequence[Curve]
     interval: tuple[float, float] | None = None
 
-    def lines(self, peak: float) -> tuple[list[Line], list[Line]]:
+    def lines(self, peak: float) -> tuple[list[ReferenceLine], list[ReferenceLine]]:
         """Return limits and interval, and those of them that are left out: they would flatten the curves.
 
         The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
@@ -114,15 +114,15 @@ class Panel:
         curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
-        drawn: list[Line] = []
-        left: list[Line] = []
+        drawn: list[ReferenceLine] = []
+        left: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
             if np.isfinite(limit.min()):
-                lines = [Line("limit", curve.colour, side * limit, curve.part) for side in (1.0, -1.0)]
+                lines = [ReferenceLine("limit", curve.colour, side * limit, curve.part) for side in (1.0, -1.0)]
                 (drawn if limit.min() <= NEAR * peak else left).extend(lines)
         if self.interval is not None:
             near = max(map(abs, self.interval)) <= NEAR * peak
-            (drawn if near else left).extend(Line(INTERVAL, INK, np.array(end)) for end in self.interval)
+            (drawn if near else left).extend(ReferenceLine(INTERVAL, INK, np.array(end)) for end in self.interval)
         return drawn, left
 
 
@@ -259,10 +259,11 @@ def _clearance(plan: Plan) -> Chart:
     return Chart("clearance", "Clearance", "m", [Panel("clearance", curves)], of_each=False)
 
 
-def margins(plan: Plan) -> list[Line]:
+def margins(plan: Plan) -> list[ReferenceLine]:
     """The obstacles' margins, each once."""
     return [
-        Line("margin", ALARM, np.array(margin)) for margin in sorted({each.margin for each in plan.problem.obstacles})
+        ReferenceLine("margin", ALARM, np.array(margin))
+        for margin in sorted({each.margin for each in plan.problem.obstacles})
     ]
 
 

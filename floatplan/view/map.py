@@ -36,19 +36,12 @@ COLOURS = 64  # [-] of the page's scale
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
 MANY_DECADES = 3000.0  # times the least colour: where the largest is more, powers of ten alone are told
-STATUS_COLOURS = {
-    "optimal": "#0072B2",
-    "feasible": "#56B4E9",
-    "not_found": "#d9d9d9",
-    "impossible": "#555555",
-    "error": ALARM,
-}
-STATUS_NAMES = {
-    "optimal": "optimal",
-    "feasible": "feasible",
-    "not_found": "not found: none may exist, or none was hit upon",
-    "impossible": "impossible: proved that none exists",
-    "error": "error: the problem is wrong there",
+STATUS_LOOKS = {  # colour and words
+    "optimal": ("#0072B2", "optimal"),
+    "feasible": ("#56B4E9", "feasible"),
+    "not_found": ("#d9d9d9", "not found: none may exist, or none was hit upon"),
+    "impossible": ("#555555", "impossible: proved that none exists"),
+    "error": (ALARM, "error: the problem is wrong there"),
 }
 WITHOUT = ("not_found", "impossible", "error")  # a plan
 
@@ -68,7 +61,7 @@ class HeatMap:
     Attributes
     ----------
     colour : (Y, X), NaN where there is no plan or no value
-    status : (Y, X), index into the keys of ``STATUS_COLOURS``; -1 where there is no row
+    status : (Y, X), index into the keys of ``STATUS_LOOKS``; -1 where there is no row
     label : of the colour; "status" where that is what is drawn
     """
 
@@ -86,16 +79,21 @@ def heatmap(shown: HeatMap) -> Figure:
         figure = new_figure(WIDTH, HEIGHT)
         axes = figure.add_subplot()
         axes.grid(visible=False)
-        names = list(STATUS_COLOURS)
         of_status = shown.label == "status"
-        drawn = [index for index, name in enumerate(names) if of_status or name in WITHOUT]
-        present = [index for index in drawn if (shown.status == index).any()]
+        present = [
+            (index, *look)
+            for index, (name, look) in enumerate(STATUS_LOOKS.items())
+            if (of_status or name in WITHOUT) and (shown.status == index).any()
+        ]
         cells = np.zeros((*shown.status.shape, 4), dtype=np.uint8)  # RGBA
-        for index in present:
-            cells[shown.status == index] = to_rgba_array(STATUS_COLOURS[names[index]])[0] * 255
+        for index, colour, _ in present:
+            cells[shown.status == index] = to_rgba_array(colour)[0] * 255
         finite = np.isfinite(shown.colour)
         if finite.any() and not of_status:
-            scale = _scale(shown.colour[finite])
+            low, high = float(shown.colour[finite].min()), float(shown.colour[finite].max())
+            spreads = low > 0 and high > LOGARITHMIC * low
+            norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
+            scale = ScalarMappable(norm, SEQUENCE)
             cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
             _draw_bar(figure, axes, scale, shown.label)
         # one image: it is drawn many times faster than as many rectangles
@@ -104,21 +102,12 @@ def heatmap(shown: HeatMap) -> Figure:
         axes.set(xlabel=shown.x.label, ylabel=shown.y.label)
         if shown.title:
             axes.set_title(shown.title, fontsize=8)
-        patches = [Patch(color=STATUS_COLOURS[names[index]]) for index in present]
-        labels = [STATUS_NAMES[names[index]] for index in present]
+        patches = [Patch(color=colour, label=words) for _, colour, words in present]
         if (shown.status < 0).any():
-            patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5))
-            labels.append("no row")
+            patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5, label="no row"))
         if patches:
-            figure.legend(patches, labels, loc="outside lower left", ncols=1)
+            figure.legend(handles=patches, loc="outside lower left", ncols=1)
         return figure
-
-
-def _scale(values: Array) -> ScalarMappable:
-    """From values to colours."""
-    low, high = float(values.min()), float(values.max())
-    spreads = low > 0 and high > LOGARITHMIC * low
-    return ScalarMappable(LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1), SEQUENCE)
 
 
 def _draw_bar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str) -> None:
@@ -136,24 +125,21 @@ class PackedNumbers:
 
     def __init__(self) -> None:
         self._places: dict[bytes, int] = {}
-        self._size = 0
+        self._block = bytearray()
 
     def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
         """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
         array = np.ascontiguousarray(values, dtype=kind)
         content = array.tobytes()
         if content not in self._places:
-            self._size += -self._size % array.itemsize
-            self._places[content] = self._size
-            self._size += len(content)
+            self._block += bytes(-len(self._block) % array.itemsize)
+            self._places[content] = len(self._block)
+            self._block += content
         return [self._places[content], array.size]
 
     def in_base64(self) -> bytes:
         """All of them."""
-        block = bytearray(self._size)
-        for content, first in self._places.items():
-            block[first : first + len(content)] = content
-        return base64.b64encode(block)
+        return base64.b64encode(self._block)
 
 
 def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
@@ -178,7 +164,9 @@ def colours() -> dict[str, Any]:
     scale: Array = matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, COLOURS))[:, :3]
     return {
         "scale": [to_hex(colour) for colour in scale],
+        "logarithmic": LOGARITHMIC,
+        "many_decades": MANY_DECADES,
         "statuses": [
-            {"name": name, "colour": colour, "words": STATUS_NAMES[name]} for name, colour in STATUS_COLOURS.items()
+            {"name": name, "colour": colour, "words": words} for name, (colour, words) in STATUS_LOOKS.items()
         ],
     }

@@ -34,6 +34,7 @@ SEQUENCE = "viridis"  # for more joints than there are hues that everyone can te
 BASE_GREY = "#555555"  # of the base beside it
 SEQUENCE_END = 0.9  # [-] its last tenth is too light for white paper
 
+TICKS = {"color": INK, "labelsize": 7, "major.width": 0.6, "major.size": 2.5}
 RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
     "font.size": 7.5,
@@ -47,17 +48,9 @@ RC: dict[str, Any] = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.unicode_minus": True,
     "grid.color": "#ebebeb",
     "grid.linewidth": 0.5,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
+    **{f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()},
     "legend.fontsize": 7,
     "legend.frameon": False,
     "legend.handlelength": 1.5,
@@ -67,11 +60,8 @@ RC: dict[str, Any] = {
     "legend.borderpad": 0.1,
     "lines.linewidth": 1.3,
     "lines.solid_capstyle": "round",
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
     "figure.constrained_layout.h_pad": 0.03,
     "figure.constrained_layout.w_pad": 0.03,
-    "path.simplify": True,
     "svg.fonttype": "path",
     "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
 }
@@ -148,23 +138,17 @@ def faded(colour: Any, strength: float) -> Array:
 
 def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]]) -> None:
     """Put a legend of (handle, name) above all axes, in as few rows as fit; the figure grows with them."""
-    shown = [f" {name}" if name.startswith("_") else name for _, name in entries]
-    room = figure.get_figwidth() * LETTERS
-    rows = next(rows for rows in range(1, len(shown) + 1) if rows == len(shown) or _letters(shown, rows) <= room)
+    names = [f" {name}" if name.startswith("_") else name for _, name in entries]
+
+    def letters(rows: int) -> int:
+        """Width of a legend that is filled column by column, its handles included."""
+        return sum(HANDLE + max(map(len, names[first : first + rows])) for first in range(0, len(names), rows))
+
     width, height = figure.get_size_inches()
+    rows = next((rows for rows in range(1, len(names)) if letters(rows) <= width * LETTERS), len(names))
     figure.set_size_inches(width, height + ROW * (rows - 1))
-    figure.legend(
-        [handle for handle, _ in entries],
-        shown,
-        loc="outside upper center",
-        ncols=-(-len(shown) // rows),
-        handler_map=SIDE_BY_SIDE,
-    )
-
-
-def _letters(names: list[str], rows: int) -> int:
-    """Width of a legend that is filled column by column, in letters, its handles included."""
-    return sum(HANDLE + max(map(len, names[first : first + rows])) for first in range(0, len(names), rows))
+    handles, columns = [handle for handle, _ in entries], -(-len(names) // rows)
+    figure.legend(handles, names, loc="outside upper center", ncols=columns, handler_map=SIDE_BY_SIDE)
 
 
 def round_below(value: float) -> float:

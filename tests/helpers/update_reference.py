@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -11,9 +11,15 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
-from floatplan.inflight.prediction import Prediction
+from floatplan.inflight.motion import RemainingMotion
+from floatplan.inflight.prediction import LimitRows, Views
+from floatplan.kernel.constraints import ObstacleRows, PairRows, ShareRows
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.clearance import Segments
+from floatplan.motion.planar.ballistics import Ballistics
+from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
+from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.flight import PlanarBaseMotion
+from floatplan.motion.sine_polynomial import joint_motion
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:
@@ -57,7 +63,7 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     return state, covariance
 
 
-def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration: float, landed: bool) -> Array:
+def step(replanner: fp.Replanner, begun: Reference, sigma: float, acceleration: float, landed: bool) -> Array:
     """Return the first Gauss-Newton step y (m, n) of the law from a motion on, its derivatives by central differences.
 
     With ``landed``, distances are those of a base that turns to the goal: the miss is taken off, by time.
@@ -65,16 +71,16 @@ def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration:
     motion, views = begun.motion, replanner.views
     shape = (len(motion.coefficients) - CONDITIONS, len(motion.amplitude))
 
-    def looked_at(y: Array) -> Prediction:
+    def looked_at(y: Array) -> Reference:
         coefficients = motion.coefficients.copy()
         coefficients[CONDITIONS:] += views.whitening @ y.reshape(shape) / motion.amplitude
-        kind = Landed if landed else Prediction
+        kind = Landed if landed else Reference
         return kind(views, replace(motion, coefficients=coefficients), begun.present)
 
     size, difference = shape[0] * shape[1], 1e-6
     ends = [[looked_at(sign * difference * unit) for sign in (1, -1)] for unit in np.eye(size)]
 
-    def slopes(value: Callable[[Prediction], Array]) -> Array:
+    def slopes(value: Callable[[Reference], Array]) -> Array:
         return np.array([(value(ahead) - value(back)) / (2 * difference) for ahead, back in ends]).T
 
     now = looked_at(np.zeros(size))
@@ -93,20 +99,108 @@ def step(replanner: fp.Replanner, begun: Prediction, sigma: float, acceleration:
     return np.asarray(y.reshape(shape))
 
 
-def _chosen(block: int, chosen: IntArray, prediction: Prediction) -> Array:
+def _chosen(block: int, chosen: IntArray, prediction: Reference) -> Array:
     return np.asarray(prediction.values[block].ravel()[chosen])
 
 
-class Landed(Prediction):
-    """One whose distances are those of a base that turns to the goal."""
+@dataclass(eq=False)
+class Present:
+    """The robot at a time, s since takeoff: orientation rad, h kg m^2/s, path of the CM from then on, its dynamics."""
+
+    time: float
+    orientation: float
+    angular_momentum: float
+    com: Ballistics
+    dynamics: Dynamics
+
+    @classmethod
+    def of(cls, replanner: fp.Replanner, now: float) -> Present:
+        """As a replanner knows it, not before the last measurement."""
+        known = replanner._estimate
+        path, orientation = Ballistics(*known.place(now), known.gravity), known.orientation + replanner._update.turned
+        return cls(now, orientation, known.angular_momentum, path, known.inertial.dynamics)
+
+
+class Reference:
+    """The rest of a flight under a motion by the general path."""
+
+    landed = False
+
+    def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
+        self._views, self.motion, self.present = views, motion, present
+        self._instants = views.between(motion.begin, motion.end)
+        goal = views.flight.final_orientation
+        self._flight = replace(
+            views.flight,
+            equations=present.dynamics,
+            ballistics=present.com,
+            initial_orientation=present.orientation,
+            duration=motion.remaining,
+            change=goal - present.orientation,
+        )
+        values = self._instants.values
+        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, values)
+        momentum = np.array([[present.angular_momentum]])
+        self.flown = PlanarBaseMotion(self._flight, self._instants.grid, joints, momentum)
+        self.miss = float(self.flown.residual[0, 0])
+        self.torque_peak = np.abs(self.flown.motor_torques).max(axis=0)
+
+    @property
+    def watched(self) -> Array:
+        """Times (W,), s since takeoff, at which distances are looked at."""
+        return self.motion.begin + self.motion.remaining * self._instants.grid.s[self._instants.grid.nodes :]
 
     @cached_property
     def shapes(self) -> Segments:
-        """The links' shapes at the watched instants."""
+        """The links' shapes at these."""
         motion, flight = self.motion, self._flight
         joints, share = motion.at(self.watched)[0], (self.watched - motion.begin) / motion.remaining
         grid = self._instants.grid
-        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0]) - self.miss * share
+        turned = motion.remaining * (grid.integrals[grid.nodes :] @ self.flown.node_rates[0])
+        turned -= self.landed * self.miss * share
         com = flight.ballistics.positions(self.watched - motion.begin)
         angles = flight.tree.absolute_angles(flight.initial_orientation + turned, joints)
         return flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
+
+    @cached_property
+    def values(self) -> list[Array]:
+        """Values (K, r) or (W, r) of each block of rows."""
+        return list(map(self._values, self._views.rows))
+
+    @property
+    def worst(self) -> Array:
+        """Least value of each block."""
+        return np.array([values.min() for values in self.values])
+
+    def _values(self, rows: LimitRows) -> Array:
+        block, times = rows.block, self.watched
+        if isinstance(block, ShareRows):
+            return np.asarray(1 - np.abs(self._sum(block.used)) - np.abs(self._sum(block.also)))
+        if isinstance(block, ObstacleRows):
+            pieces = [obstacle_distances(self.shapes, piece, times).values for piece in block.obstacle.pieces]
+            distances = np.concatenate(pieces, axis=1)
+        else:
+            assert isinstance(block, PairRows), "the blocks that there are"
+            first, second = (np.array(each) for each in (block.first, block.second))
+            distances = pair_distances(self.shapes.of(first), self.shapes.of(second)).values
+        values = (distances - block.least) / block.scale
+        low, high = rows.window
+        values[(times < low - update.ROUNDING) | (times > high + update.ROUNDING)] = np.inf
+        return np.asarray(values)
+
+    def _sum(self, weighted: Mapping[str, Array]) -> Array:
+        flown, joints = self.flown, self.flown.joints
+        quantities = {
+            "velocities": joints.velocities,
+            "accelerations": joints.accelerations,
+            "torques": flown.torques,
+            "motor_torques": flown.motor_torques,
+            "orientation_rate": flown.rate,
+        }
+        return np.asarray(sum((quantities[name] @ weights.T for name, weights in weighted.items()), np.zeros(1)))
+
+
+class Landed(Reference):
+    """One whose distances are those of a base that turns to the goal."""
+
+    landed = True

@@ -90,7 +90,7 @@ def test_limits_are_kept_between_the_instants_that_are_looked_at(name: str) -> N
                 t, angle + noise[0], rate + noise[1], positions + noise[2 : n + 2], velocities + noise[n + 2 :]
             )
             if correction.status == "applied":
-                motion, present = correction.motion, correction.corrected.prediction.present
+                motion, present = correction.motion, replanner._estimate.inertial
                 joints = motion.at(np.linspace(motion.begin, motion.end, 300))
                 base_rate = present.dynamics.base_rate(*joints[:2], present.angular_momentum)
                 used = np.abs(present.dynamics.torques(*joints, base_rate)) / plan.problem.torque_limits

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
 from plain_problems import plain_problems
-from update_reference import filtered, step
+from update_reference import Present, Reference, filtered, step
 
 import floatplan as fp
-from floatplan.inflight import limits, prediction, update
+from floatplan.inflight import prediction, update
 from floatplan.inflight.correction import REACHED, Correction
-from floatplan.inflight.prediction import Prediction
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.robot.urdf.example_robots import robots_folder
 
@@ -38,12 +37,13 @@ def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
     return replace(problem, limits=replace(problem.limits, **found))
 
 
-def assert_foreseen(correction: Correction, rest: Prediction) -> None:
+def assert_foreseen(replanner: fp.Replanner, correction: Correction, rest: Reference) -> None:
     """What is said of a correction is so, evaluated anew; what the motion that it changes, ``rest``, keeps is kept."""
     there = correction.corrected
-    anew = there.prediction
+    anew = Reference(replanner.views, there.motion, rest.present)
     assert there.miss == pytest.approx(anew.miss, rel=1e-9, abs=1e-10)
     np.testing.assert_allclose(there.worst, anew.worst, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(correction.torque_peak, anew.torque_peak, rtol=1e-8, atol=1e-8)
     assert (there.share == 0) == (correction.status == "refused")
     kept = anew.worst >= -update.KEPT * (1 + 1e-6)
     assert (correction.status == "applied") == (kept.all() and there.share == 1 and abs(there.miss) <= REACHED)
@@ -87,8 +87,8 @@ def flown(plan: fp.Plan, replanner: fp.Replanner, begin: float, seed: int) -> in
                 times = np.linspace(now, correction.landing, 12)
                 for old, new in zip(before.motion.at(times)[:2], rest.at(times)[:2], strict=True):
                     np.testing.assert_allclose(new, old, rtol=1e-8, atol=1e-8)
-            present = correction.corrected.prediction.present
-            assert_foreseen(correction, Prediction(replanner.views, rest, present))
+            present = Present.of(replanner, now)
+            assert_foreseen(replanner, correction, Reference(replanner.views, rest, present))
             corrected += 1
         robot.fly(replanner, following, 40)
     return corrected
@@ -112,10 +112,10 @@ def test_limits_that_are_met(number: int) -> None:
 
 @pytest.mark.parametrize("watched", [41, 43])
 def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prediction, "WATCHED", watched)
+    monkeypatch.setattr(prediction, "LEAST_INSTANTS", watched)
     plan = forward_plan(limited(plain_problems(96)[8], np.random.default_rng(8)), seed=8)
     replanner = fp.Replanner(plan)
-    assert len(replanner.views.instants.watched) >= watched
+    assert len(replanner.views.instants.grid.s) - replanner.views.instants.grid.nodes >= watched
     assert assert_right(plan, replanner, 8) >= 10
 
 
@@ -195,7 +195,7 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     monkeypatch.setattr(update, "EVALUATIONS_FAR", 1)
     monkeypatch.setattr(update, "FAR", 0.0 if landed else math.inf)
     monkeypatch.setattr(update, "WEIGHED", 1e3)
-    monkeypatch.setattr(limits.Shares, "aim", 0.8)
+    monkeypatch.setattr(prediction, "SHARE_AIM", 0.8)
     problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(1))
     apart = tuple(replace(pair, margin=pair.margin + 0.25) for pair in problem.self_clearances)
     problem = replace(problem, self_clearances=apart)
@@ -207,9 +207,9 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     now = replanner._update
     orientation = float(plan.orientation(np.array([begin]))[0]) + 0.05
     replanner._estimate.inertial.state[0] = orientation
-    rest = Prediction(replanner.views, replanner.rest(begin), now.present(begin, orientation))
+    rest = Reference(replanner.views, replanner.rest(begin), Present.of(replanner, begin))
     assert (rest.worst < [block.aim for block in replanner.views.rows]).sum() >= 4
-    found = now.corrected(begin, orientation, plan.duration, 1)
+    found = now.corrected(begin, plan.duration, 1)
     assert found.share == 1
     y = step(replanner, rest, sigma, acceleration, landed and replanner.views.has_distances)
     change = found.motion.coefficients[CONDITIONS:] - rest.motion.coefficients[CONDITIONS:]

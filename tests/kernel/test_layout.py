@@ -10,12 +10,12 @@ import pytest
 import floatplan as fp
 from floatplan.inflight import prediction
 from floatplan.kernel import batch, build, layout
-from floatplan.kernel.filled import Filled, filled_grid
-from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES
+from floatplan.kernel.bodies import filled_grid
+from floatplan.kernel.layout import ENUMERATIONS, FUNCTIONS, STRUCTURES, Filled
 
 
 def test_structures_and_enumerations_are_the_compiler_s(tmp_path):
-    lines = ["#include <cstddef>", *(f'#include "{build.FOLDER / name}"' for name in layout.HEADERS)]
+    lines = ["#include <cstddef>", f'#include "{build.FOLDER / layout.HEADER}"']
     for name, kind in STRUCTURES.items():
         lines.append(f"static_assert(sizeof({name}) == {layout.ctypes.sizeof(kind)});")
         for member, *_ in kind._fields_:
@@ -93,7 +93,7 @@ def test_numbers_of_nodes_that_the_kernel_cannot_take_are_refused(root, monkeypa
 
 def test_instants_of_corrections_that_the_kernel_cannot_take_are_refused(root, monkeypatch):
     plan = fp.plan(fp.load_problem(root / "problems" / "torque_limited.toml"))
-    monkeypatch.setattr(prediction, "WATCHED", 41)
+    monkeypatch.setattr(prediction, "LEAST_INSTANTS", 41)
     monkeypatch.setattr(prediction, "LANES", 1)
     with pytest.raises(ValueError, match=r"Flight\.instants is .*: it must be a multiple of 8"):
         fp.Replanner(plan)

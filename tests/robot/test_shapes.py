@@ -17,8 +17,8 @@ from floatplan.robot import Robot
 from floatplan.robot.shapes import cache as capsule_cache
 from floatplan.robot.shapes.cache import cache_folder
 from floatplan.robot.shapes.capsules import (
+    Cut,
     Fit,
-    Line,
     Outline,
     PlaneCapsule,
     _halves,
@@ -114,7 +114,7 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
 def test_parts_that_are_cut_again_across_the_first_cut_hold_the_inside():
     corners = np.array([0j, 4 + 0j, 1 + 3j])
     triangle = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
-    parts = [part for half in _halves(triangle, Line(1 + 0j, 2.0)) for part in _halves(half, Line(1j, 1.5))]
+    parts = [part for half in _halves(triangle, Cut(1 + 0j, 2.0)) for part in _halves(half, Cut(1j, 1.5))]
     inside = np.random.default_rng(1).dirichlet((1, 1, 1), 2000) @ corners
     assert np.max([_depth_in_hull(part.points, inside) for part in parts], axis=0).min() > -1e-12
 
@@ -359,7 +359,7 @@ def test_parts_beside_a_line_that_was_moved_are_seen(seed):
     outline = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
     direction = complex(corners[1] / abs(corners[1]))
     apart = tuple(Fit(fit_capsule(points)) for points in (corners[:1], corners[1:]))
-    assert not Fit(None, Line(direction, float(generator.uniform(0.1, 3.9))), apart).is_of(outline)
+    assert not Fit(None, Cut(direction, float(generator.uniform(0.1, 3.9))), apart).is_of(outline)
     assert fit(outline).is_of(outline)
 
 

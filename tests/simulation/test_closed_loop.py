@@ -20,9 +20,9 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight import authority as authority_module
 from floatplan.simulation import closed_loop as closed_loop_module
 from floatplan.simulation.forward import mujoco_accelerations, pinocchio_accelerations
-from floatplan.simulation.mujoco_model import mujoco_model
+from floatplan.simulation.mujoco_model import planar_model
 from floatplan.simulation.perturbation import Perturbation, parse_perturbation
-from floatplan.simulation.reduced_model import reduced_model
+from floatplan.simulation.recorded_motion import reduced_model
 from floatplan.view.report.flights import closed_loop_picture
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -88,7 +88,7 @@ def test_engines_agree(plan: fp.Plan) -> None:
     expected = pinocchio_accelerations(reduced.model)(q, v, forces)
 
     def by_mujoco(mass: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-        return mujoco_accelerations(*mujoco_model(plan.robot, reduced, mass, inertia))(q, v, forces)
+        return mujoco_accelerations(*planar_model(plan.robot, reduced, mass, inertia))(q, v, forces)
 
     np.testing.assert_allclose(by_mujoco(factors, factors), expected, rtol=1e-9, atol=1e-9)
     assert np.abs(by_mujoco(1.05 * factors, 0.95 * factors) - expected).max() > 1e-3
@@ -210,14 +210,15 @@ def test_intervals_of_authority_have_no_holes_and_are_not_empty() -> None:
         patch.setattr(authority_module, "SHARES", (0.0,))
         found = fp.authority(plan)
     replanner = fp.Replanner(plan, authority_module.RATE / plan.duration)
+    real = authority_module.Update(plan.robot.tree, replanner.views, authority_module.Rewriting(plan), 1.0, 1.0)
+    alike = np.zeros(len(plan.robot.tree.mass))
     for begin, ends in zip(found.times.tolist(), found.momentum, strict=True):
         assert ends[0] < -1e-4
         assert ends[1] > 1e-4
         for error in [*np.arange(-0.06, 0.095, 0.01), *ends]:
             if ends[0] <= error <= ends[1]:
                 momentum = plan.angular_momentum * (1 + error)
-                equations = replanner.views.flight.equations
-                assert authority_module._lands(replanner, equations, momentum, begin), error
+                assert authority_module._lands(replanner, real, momentum, alike, begin), error
 
 
 def test_authority_shrinks_with_time(found: fp.Authority) -> None:

@@ -14,7 +14,7 @@ from floatplan import InputError
 from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import drawn_map
 from floatplan.studies.rows import STATUSES
-from floatplan.view.map import STATUS_COLOURS, STATUS_NAMES, heatmap
+from floatplan.view.map import STATUS_LOOKS, heatmap
 from floatplan.view.outlines import obstacle_outlines, pairs
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,8 +78,8 @@ def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     shown = drawn_map(
         asked, table(asked, statuses, [1.0] * 8), "flight.angular_momentum", "flight.duration", "torque_peak"
     )
-    assert len(set(STATUS_COLOURS.values())) == len(STATUSES)
-    assert tuple(STATUS_COLOURS) == STATUSES
+    assert len({colour for colour, _ in STATUS_LOOKS.values()}) == len(STATUSES)
+    assert tuple(STATUS_LOOKS) == STATUSES
     figure = heatmap(shown)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert [label.split(":")[0] for label in labels] == ["not found", "impossible", "error"]
@@ -87,7 +87,7 @@ def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     drawn = np.asarray(image.get_array())[..., :3] / 255
     for row, column in ((0, 1), (1, 0)):
         np.testing.assert_allclose(
-            drawn[row, column], to_rgb(STATUS_COLOURS[STATUSES[shown.status[row, column]]]), atol=1 / 255
+            drawn[row, column], to_rgb(STATUS_LOOKS[STATUSES[shown.status[row, column]]][0]), atol=1 / 255
         )
     assert np.array(STATUSES)[shown.status].tolist() == [["not_found", "error"], ["impossible", "optimal"]]
 
@@ -157,7 +157,7 @@ class TestPage:
 
     def test_shows_statuses_and_any_column(self, browser, study):
         browser.open(study.folder / "map.html")
-        assert browser.run(KEY) == [f"{STATUS_NAMES[name]} ({count})" for name, count in study.statuses.items()]
+        assert browser.run(KEY) == [f"{STATUS_LOOKS[name][1]} ({count})" for name, count in study.statuses.items()]
         browser.run("floatplan.map.show = () => floatplan.map.row.fill(-1); floatplan.redraw()")
         assert browser.run(KEY)[-1] == "no row"
         browser.open(study.folder / "map.html")

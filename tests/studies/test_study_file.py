@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import pickle
 import shutil
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +13,9 @@ import pytest
 from elsewhere import told
 
 from floatplan import FloatplanError, InputError
+from floatplan.studies import rows
 from floatplan.studies.file import MOST_ROWS, load_study_file, versions
-from floatplan.studies.rows import StudyTask, planned_rows
+from floatplan.studies.rows import packed, planned_rows
 from floatplan.studies.schema import study_schema, varied_number
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -205,8 +204,10 @@ def test_the_versions_are_of_the_code_itself(tmp_path):
     assert told(code, tmp_path).strip() != str(versions())
 
 
-def test_a_worker_of_other_code_is_refused(study_file):
-    work = StudyTask.of(load(study_file, '[vary]\n"flight.duration" = [1.0]'))
-    other = replace(work, versions={**work.versions, "code": "0123456789abcdef"})
-    with pytest.raises(FloatplanError, match=r"0123456789abcdef .*: install the same everywhere"):
-        planned_rows(pickle.dumps(other), 0, {"flight.duration": np.array([1.0])})
+def test_a_worker_of_other_code_is_refused(study_file, monkeypatch):
+    study = load(study_file, '[vary]\n"flight.duration" = [1.0]')
+    monkeypatch.setattr(rows, "versions", lambda: {**versions(), "code": "0123456789abcdef"})
+    content = packed(study)
+    monkeypatch.undo()
+    with pytest.raises(FloatplanError, match=r"0123456789abcdef.*: install the same everywhere"):
+        planned_rows(content, 0, {"flight.duration": np.array([1.0])})

@@ -108,7 +108,7 @@ def test_bars_turn_red_beyond_a_limit(use: float, colour: str) -> None:
 @pytest.mark.parametrize("use", [0.0, 1e-300, 1e300, float("inf")])
 @pytest.mark.parametrize("relative", [True, False])
 def test_the_map_shows_any_number(present: ShownPlan, use: float, relative: bool) -> None:
-    chart = Map.around(present)
+    chart = Map.centred_at(present)
     cells = {(0, 0): MapPoint("optimal", use), (1, 1): MapPoint("optimal", 1.0), (2, 2): MapPoint("impossible", None)}
     chart = replace(chart, points=cells, relative=relative)
     card = cards.map_card(chart, {point: str(point) for point in np.ndindex(ROWS, COLUMNS)}, True)

@@ -29,8 +29,8 @@ def test_numbers_are_set_by_their_paths_and_checked(problem: fp.Problem) -> None
 
 
 def test_words_and_the_ground(problem: fp.Problem) -> None:
-    assert edits.flight(angular_momentum="free")(problem).flight.angular_momentum == "free"
-    assert edits.motion(degree="auto", objective="torque")(problem).raises_degree
+    assert edits.change("flight", angular_momentum="free")(problem).flight.angular_momentum == "free"
+    assert edits.change("motion", degree="auto", objective="torque")(problem).raises_degree
     assert edits.ground(False)(problem).ground is False
 
 
@@ -81,9 +81,9 @@ def test_obstacles_are_added_moved_and_taken_away(problem: fp.Problem, obstacle:
     first = [getattr(obstacle, name) for name in obstacle.places()]
     assert np.allclose(np.array(places) - np.array(first), [49.0, 62.0])
     assert replace(put.obstacles[-1], **dict(zip(obstacle.places(), first, strict=True))) == obstacle
-    assert edits.without_obstacle(last)(put).obstacles == problem.obstacles
+    assert edits.put_obstacle(last)(put).obstacles == problem.obstacles
 
 
 def test_an_obstacle_that_is_gone_is_not_moved(problem: fp.Problem) -> None:
     assert edits.put_obstacle(7, problem.obstacles[0])(problem) is problem
-    assert edits.without_obstacle(7)(problem).obstacles == problem.obstacles
+    assert edits.put_obstacle(7)(problem).obstacles == problem.obstacles

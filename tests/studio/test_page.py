@@ -6,6 +6,7 @@ import math
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio import edits
-from floatplan.studio.events import Actions
-from floatplan.studio.page import Studio, is_own_page, opened
+from floatplan.studio.inputs import Actions
+from floatplan.studio.page import Studio, is_own_page
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +32,7 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
     pytest.importorskip("viser")
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     folder = str(tmp_path_factory.mktemp("saved"))
-    with opened(problem, folder=folder, port=0, with_map=False) as made:
+    with closing(Studio(problem, folder=folder, port=0, with_map=False)) as made:
         yield made
     assert made.errors == []
 
@@ -39,8 +40,8 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
 @pytest.fixture
 def fresh(studio: Studio) -> Studio:
     """The studio with its first problem."""
-    while studio.session.view.can_undo:
-        studio.session.undo()
+    while studio.session.undo():
+        pass
     return studio
 
 
@@ -156,7 +157,7 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
         fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_place())))
         answered(fresh)
     for index in (2, 0, 1, 0):
-        fresh.session.edit(edits.without_obstacle(index))
+        fresh.session.edit(edits.put_obstacle(index))
         answered(fresh)
     assert fresh.session.view.problem.obstacles == ()
     fresh.stage.carry(0, 1 + 1j, begins=True)

@@ -106,7 +106,7 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session: Session) 
     assert seen == sorted(seen)
     session.undo()
     assert session.view.problem.goal.orientation == start
-    assert (session.view.can_undo, session.view.can_redo) == (False, True)
+    assert not session.undo()
     session.redo()
     assert session.view.problem.goal.orientation == start + 0.39
 
@@ -183,7 +183,7 @@ def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None
 
 def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp.Problem) -> None:
     limited = replace(problem, limits=replace(problem.limits, torque=1e3))
-    chart = Map.around(ShownPlan.of(fp.plan(limited), settled=True))
+    chart = Map.centred_at(ShownPlan.of(fp.plan(limited), settled=True))
     assert chart.relative
     asked = list(chart.questions(limited))
     points = [point for some, _ in asked for point in some]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from studio_page import Page
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
-from floatplan.studio.page import opened
+from floatplan.studio.page import Studio
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
     folder = tmp_path / "made"
     problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
-    with opened(problem, folder=str(folder), port=0, with_map=False) as studio:
+    with closing(Studio(problem, folder=str(folder), port=0, with_map=False)) as studio:
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
         assert studio.session.view.problem is problem, "showing a problem does not change it"
@@ -73,7 +74,7 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     problem = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml")
-    with opened(problem, port=0, with_map=False) as studio:
+    with closing(Studio(problem, port=0, with_map=False)) as studio:
         studio.player.play(False)  # software draws it slowly
         page = Page(browser, studio)
         print(page.figures("FL_calf_joint, °", 4))

@@ -17,7 +17,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import flint
 import numpy as np
@@ -26,23 +26,17 @@ from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.urdf import (
-    IDENTITY,
-    Link,
     Placement,
     Urdf,
-    Vector,
     check_roles,
     motion,
     motors_of,
     read_urdf,
     recorded_content,
-    rotate,
     unit_axis,
 )
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
-
-InPlane: TypeAlias = Callable[[Vector], Any]
 
 LETTERS = "xyz"
 SHORTEST = 1e-12  # [m] a shorter segment is its start
@@ -107,7 +101,7 @@ class PlanarRobot:
     placed : link name -> Placement in the root link at planned positions zero
     origins : (m) acb
         Place of each body's origin in the root link's plane at planned positions zero, m.
-    in_plane : from a point (x, y, z) of the root link to acb in its plane
+    in_plane : from a point (3, 1) of the root link to acb in its plane
     with_collision : links that have a ``<collision>`` element
     """
 
@@ -117,7 +111,7 @@ class PlanarRobot:
     motor_turns: Balls
     sigma: float
     turns: Balls
-    turned_by: tuple[tuple[tuple[int, Any], ...], ...]
+    turned_by: list[list[tuple[int, Any]]]
     inertia: ComplexBalls
     weights: list[list[Any]]
     frames: Mapping[str, Point]
@@ -125,7 +119,7 @@ class PlanarRobot:
     segments: Mapping[str, tuple[tuple[Point, Point], ...]]
     placed: Mapping[str, Placement]
     origins: tuple[Any, ...]
-    in_plane: InPlane
+    in_plane: Callable[[Any], Any]
     with_collision: frozenset[str]
 
     def weights_of(self, point: Point) -> list[Any]:
@@ -149,8 +143,8 @@ class PlanarRobot:
             values = [flint.arb(float(value)) for value in place]
             if len(values) == 2:
                 return Point(origin.body, origin.local + flint.acb(values[0], self.sigma * values[1]))
-            x, y, z = values
-            return Point(origin.body, self.in_plane(self.placed[link].point((x, y, z))) - self.origins[origin.body])
+            in_root = self.placed[link].point(flint.arb_mat(3, 1, values))
+            return Point(origin.body, self.in_plane(in_root) - self.origins[origin.body])
 
 
 @dataclass
@@ -195,8 +189,8 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         normal = -1.0 if sum(signs[joint] for joint in record.joints) < 0 else 1.0
         sigma = normal * (1.0 if (vertical - horizontal) % 3 == 1 else -1.0)
 
-        def in_plane(point: Vector) -> Any:
-            return flint.acb(flint.arb(point[horizontal]), sigma * flint.arb(point[vertical]))
+        def in_plane(point: Any) -> Any:
+            return flint.acb(point[horizontal, 0], sigma * point[vertical, 0])
 
         motors = motors_of(urdf, record)
         ratios = _ratios(record, motors)
@@ -213,7 +207,10 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
                 )
                 bodies.append(_Body(parent, turns, motor_turns, in_plane(placed[joint.child].translation)))
         for name, link in urdf.links.items():
-            _add_link(bodies[body_of[name]], link, placed[name], normal_axis, in_plane)
+            body, center = bodies[body_of[name]], placed[name] * link.center
+            normals = flint.arb_mat([[center.rotation[normal_axis, k] for k in range(3)]])
+            about = (normals * link.inertia * normals.transpose())[0, 0]
+            body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
         weights = _weights(bodies)
         points = {
             link: Point(body, in_plane(placed[link].translation) - bodies[body].origin)
@@ -226,9 +223,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             motor_turns=_matrix([body.motor_turns for body in bodies]),
             sigma=sigma,
             turns=_matrix([body.turns for body in bodies]),
-            turned_by=tuple(
-                tuple((joint, turn) for joint, turn in enumerate(body.turns) if not turn.is_zero()) for body in bodies
-            ),
+            turned_by=[[(i, turn) for i, turn in enumerate(body.turns) if not turn.is_zero()] for body in bodies],
             inertia=_inertia(bodies, weights),
             weights=weights,
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
@@ -246,23 +241,19 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
 
     Directions are along the plane's third letter; an axis slightly off it is turned onto it.
     """
-    placed = {urdf.root: Placement(IDENTITY, (0, 0, 0))}
+    placed = {urdf.root: Placement()}
     signs = {}
     for joint in urdf.joints:
         at = placed[joint.parent] * joint.origin
         turned = joint
         if joint.name in record.joints or joint.name in record.coupled:
-            axis = rotate(at.rotation, unit_axis(joint))
-            if any(not abs(flint.arb(axis[k])) < LARGEST_TILT for k in range(3) if k != normal_axis):
+            axis = at.rotation * unit_axis(joint)
+            if any(not abs(axis[k, 0]) < LARGEST_TILT for k in range(3) if k != normal_axis):
                 raise InputError("its axis is not the plane's normal", element=f'joint "{joint.name}"')
-            sign = 1.0 if axis[normal_axis] > 0 else -1.0
-            x, y, z = (sign * flint.arb(value) for value in at.rotation[normal_axis])
-            turned = replace(joint, axis=(x, y, z))
-            signs[joint.name] = sign
-        if joint.name in record.coupled:
-            position = float(record.coupled[joint.name].get("offset", 0.0))
-        else:
-            position = float(record.locked.get(joint.name, 0.0))
+            sign = signs[joint.name] = 1.0 if axis[normal_axis, 0] > 0 else -1.0
+            turned = replace(joint, axis=flint.arb_mat(3, 1, [sign * at.rotation[normal_axis, k] for k in range(3)]))
+        offset = record.coupled.get(joint.name, {}).get("offset", 0.0)
+        position = float(record.locked.get(joint.name, offset))
         placed[joint.child] = at if joint.kind == "fixed" else at * motion(turned, position)
     return placed, signs
 
@@ -279,16 +270,8 @@ def _ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[
     return ratios
 
 
-def _add_link(body: _Body, link: Link, placement: Placement, normal_axis: int, in_plane: InPlane) -> None:
-    """Add a link's mass, the place of its centre and ``n' R I R' n`` to its body."""
-    center = placement * link.center
-    row = center.rotation[normal_axis]
-    about = sum((row[a] * link.inertia[a][b] * row[b] for a in range(3) for b in range(3)), start=flint.arb(0))
-    body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
-
-
 def _segments(
-    urdf: Urdf, points: Mapping[str, Point], placed: Mapping[str, Placement], local: Callable[[int, Vector], Any]
+    urdf: Urdf, points: Mapping[str, Point], placed: Mapping[str, Placement], local: Callable[[int, Any], Any]
 ) -> dict[str, tuple[tuple[Point, Point], ...]]:
     joints = [(joint, (placed[joint.parent] * joint.origin).translation) for joint in urdf.joints]
     segments = {}

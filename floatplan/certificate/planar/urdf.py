@@ -9,9 +9,9 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 import flint
@@ -21,39 +21,31 @@ from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, read_regular
 from floatplan.plans.record import RobotRecord
 
-Vector: TypeAlias = tuple[Any, Any, Any]
-Matrix: TypeAlias = tuple[Vector, Vector, Vector]
-IDENTITY: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-ORIGIN: Vector = (0, 0, 0)
-
 
 @dataclass(frozen=True)
 class Placement:
-    """A rigid displacement: ``x -> rotation x + translation``."""
+    """A rigid displacement ``x -> rotation x + translation`` of columns, ``flint.arb_mat``."""
 
-    rotation: Matrix
-    translation: Vector
+    rotation: Any = field(default_factory=lambda: flint.arb_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+    translation: Any = field(default_factory=lambda: flint.arb_mat(3, 1))
 
     def __mul__(self, other: Placement) -> Placement:
         """Do ``other`` first."""
-        columns = [rotate(self.rotation, column) for column in zip(*other.rotation, strict=True)]
-        first, second, third = zip(*columns, strict=True)
-        return Placement((first, second, third), self.point(other.translation))
+        return Placement(self.rotation * other.rotation, self.point(other.translation))
 
-    def point(self, point: Vector) -> Vector:
-        """Return the displaced point."""
-        turned = rotate(self.rotation, point)
-        return (turned[0] + self.translation[0], turned[1] + self.translation[1], turned[2] + self.translation[2])
+    def point(self, point: Any) -> Any:
+        """Return the displaced point (3, 1)."""
+        return self.rotation * point + self.translation
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (kg m^2) about them."""
+    """A link: mass (kg), placement of its centre of mass and inertia axes, inertia (3, 3) about them (kg m^2)."""
 
     name: str
     mass: Any
     center: Placement
-    inertia: Matrix
+    inertia: Any
     has_inertial: bool
     has_collision: bool
 
@@ -76,7 +68,7 @@ class Joint:
     parent: str
     child: str
     origin: Placement
-    axis: Vector
+    axis: Any
     mimic: Follower | None
 
 
@@ -128,19 +120,11 @@ def read_urdf(content: bytes, path: Path) -> Urdf:
         raise InputError(f"is no URDF: {error}", source=path) from None
 
 
-def rotate(rotation: Matrix, vector: Vector) -> Vector:
-    """Matrix times vector."""
-    x, y, z = vector
-    first, second, third = (row[0] * x + row[1] * y + row[2] * z for row in rotation)
-    return first, second, third
-
-
 def motion(joint: Joint, position: float) -> Placement:
     """Displacement of a joint at a position (rad or m)."""
     if joint.kind == "prismatic":
-        x, y, z = unit_axis(joint)
-        return Placement(IDENTITY, (x * position, y * position, z * position))
-    return Placement(_turn(unit_axis(joint), flint.arb(position)) if position else IDENTITY, ORIGIN)
+        return Placement(translation=unit_axis(joint) * flint.arb(position))
+    return Placement(_turn(unit_axis(joint), flint.arb(position))) if position else Placement()
 
 
 def _tree(root: ElementTree.Element) -> Urdf:
@@ -181,7 +165,7 @@ def _link(element: ElementTree.Element) -> Link:
     inertial = element.find("inertial")
     collides = element.find("collision") is not None
     if inertial is None:
-        return Link(name, flint.arb(0), Placement(IDENTITY, ORIGIN), (ORIGIN, ORIGIN, ORIGIN), False, collides)
+        return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides)
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     if mass is None or inertia is None:
         raise InputError("its <inertial> lacks a mass or an inertia", element=f'link "{name}"')
@@ -189,7 +173,8 @@ def _link(element: ElementTree.Element) -> Link:
     value = _number(mass.get("value"))
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
-    return Link(name, value, _origin(inertial), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), True, collides)
+    moments = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Link(name, value, _origin(inertial), moments, True, collides)
 
 
 def _joint(element: ElementTree.Element) -> Joint:
@@ -210,41 +195,36 @@ def _joint(element: ElementTree.Element) -> Joint:
 def _origin(element: ElementTree.Element) -> Placement:
     origin = element.find("origin")
     if origin is None:
-        return Placement(IDENTITY, ORIGIN)
-    turned = Placement(IDENTITY, ORIGIN)
-    for axis, angle in zip(IDENTITY, _vector(origin.get("rpy"), "0 0 0"), strict=True):
+        return Placement()
+    turned = Placement()
+    for number, angle in enumerate(_vector(origin.get("rpy"), "0 0 0").entries()):
         if not angle.is_zero():
-            turned = Placement(_turn(axis, angle), ORIGIN) * turned
+            axis = flint.arb_mat(3, 1, [float(number == each) for each in range(3)])
+            turned = Placement(_turn(axis, angle)) * turned
     return Placement(turned.rotation, _vector(origin.get("xyz"), "0 0 0"))
 
 
-def _turn(axis: Vector, angle: Any) -> Matrix:
-    """Rodrigues' rotation about a unit axis."""
-    x, y, z = axis
+def _turn(axis: Any, angle: Any) -> Any:
+    """Rodrigues' rotation (3, 3) about a unit axis (3, 1)."""
+    x, y, z = axis.entries()
     sine, cosine = angle.sin_cos()
-    rest = 1 - cosine
-    return (
-        (cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine),
-        (y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine),
-        (z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest),
-    )
+    cross = flint.arb_mat([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return Placement().rotation + cross * sine + cross * cross * (1 - cosine)
 
 
-def unit_axis(joint: Joint) -> Vector:
-    """The joint's axis in its own frame, made a unit vector."""
-    x, y, z = joint.axis
-    length = (x * x + y * y + z * z).sqrt()
+def unit_axis(joint: Joint) -> Any:
+    """The joint's axis in its own frame, made a unit vector (3, 1)."""
+    length = sum((part * part for part in joint.axis.entries()), start=flint.arb(0)).sqrt()
     if not length > 0:
         raise InputError("its axis has no length", element=f'joint "{joint.name}"')
-    return x / length, y / length, z / length
+    return joint.axis * (1 / length)
 
 
-def _vector(text: str | None, default: str) -> Vector:
+def _vector(text: str | None, default: str) -> Any:
     parts = (default if text is None else text).split()
     if len(parts) != 3:
         raise InputError(f'"{text}" is not three numbers')
-    first, second, third = (_number(part) for part in parts)
-    return first, second, third
+    return flint.arb_mat(3, 1, [_number(part) for part in parts])
 
 
 def _number(text: str | None) -> Any:

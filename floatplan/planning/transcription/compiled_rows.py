@@ -8,9 +8,19 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.course import Look, minima
-from floatplan.kernel.watch import Block, ObstacleRows, PairRows, SumRows, Watch, watch
-from floatplan.kernel.watched import ByX, Instants, Motion
+from floatplan.kernel.constraints import (
+    Block,
+    ByX,
+    CompiledConstraints,
+    Look,
+    MotionRows,
+    ObstacleRows,
+    PairRows,
+    RowTargets,
+    SumRows,
+    compiled_constraints,
+    minima,
+)
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.optimization.nonlinear_program import Derivatives
 from floatplan.planning.transcription.constraints import (
@@ -57,18 +67,18 @@ def _name(quantity: Quantity) -> str:
 
 
 @lru_cache(maxsize=16)
-def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> Watch | None:
+def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints | None:
     """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel does not know one."""
     blocks = [block_of(constraint) for constraint in constraints]
     known = [block for block in blocks if block is not None]
-    return watch(flight, known, also=also) if len(known) == len(blocks) else None
+    return compiled_constraints(flight, known, also) if len(known) == len(blocks) else None
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledRows:
     """A program's rows, each where it is watched: ``watched`` (K,) of each constraint."""
 
-    watch: Watch
+    watch: CompiledConstraints
     variables: DecisionVariables
     sampling: Sampling
     constraints: tuple[Constraint, ...]
@@ -77,7 +87,7 @@ class CompiledRows:
     back_off: float
 
     @cached_property
-    def _instants(self) -> Instants:
+    def _instants(self) -> RowTargets:
         """Rows of each constraint together, instant by instant, those of the next after them."""
         wanted = np.full((len(self.sampling.s), self.watch.rows), -1)
         column = count = 0
@@ -86,7 +96,7 @@ class CompiledRows:
             wanted[watched, column : column + rows] = count + np.arange(instants * rows).reshape(instants, rows)
             column += rows
             count += instants * rows
-        return Instants(self.watch, self.sampling.s, wanted, count, self.back_off)
+        return RowTargets(self.watch, self.sampling.s, wanted, count, self.back_off)
 
     @cached_property
     def _by_x(self) -> ByX:
@@ -118,11 +128,11 @@ class CompiledRows:
         own = np.split(self.watch.differentiated, np.cumsum(lengths)[:-1])
         return [instants * int(rows.sum()) * size for rows in own]
 
-    def see(self, motion: Trajectory) -> Motion:
+    def see(self, motion: Trajectory) -> MotionRows:
         """Look at a motion: its rate is known afterwards."""
-        return Motion(self._instants, motion.flown)
+        return MotionRows(self._instants, motion.flown)
 
-    def derivatives(self, motion: Trajectory, seen: Motion, x: Array) -> Derivatives:
+    def derivatives(self, motion: Trajectory, seen: MotionRows, x: Array) -> Derivatives:
         """Gradient, (14) and rows by x, after the values."""
         sampling, duration = self.sampling, motion.duration
         drift = seen.drift(self._by_x, sampling.nodes)

@@ -12,8 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.quadratic import step_by_active_rows
-from floatplan.kernel.stages import (
+from floatplan.kernel.batch import (
     COARSE,
     COARSELY_RESOLVED,
     FINE,
@@ -25,6 +24,7 @@ from floatplan.kernel.stages import (
     ROUGH,
     nearly_resolved,
 )
+from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.hessian import hessian_approximation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arguments import FINITE, Check, Checked, text
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.robot.planar.plane import Plane, choose_plane, is_parallel, joint_axes, normal_line
+from floatplan.robot.planar.plane import Plane, choose_plane, joint_axes
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
 AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
@@ -113,16 +113,21 @@ def choose_joints(
     geared = frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
     moving = (*planned, *followers)
     _check_moving(tree, planned, followers, axes, chosen)
-    warnings = [*tree.warnings, *_explain_tilts(moving, axes, chosen)]
+    tilts = {name: chosen.tilt(axes[name]) for name in moving}
+    tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > TILT_ROUNDING]
+    warnings = [*tree.warnings, *_warning("axes slightly off the plane's normal, taken to be along it", tilted)]
     if posture:
         above = {joint.name for name in moving for joint in tree.path(tree.joint[name].parent)}
         tilting = {name for name in above if not signs.get(name, 1.0)}
-        warnings += _explain_posture(tree, posture, tilting)
+        left_out = [name for name in tilting & posture.keys() if posture[name] != tree.joint[name].nearest(0.0)]
+        warnings += _warning("not taken to the reference posture, as they would tilt planned joints", sorted(left_out))
         kept = {name: position for name, position in posture.items() if name not in tilting}
         resting = _resting(tree, {**kept, **user_locked}, mimics)
     rest = {name: position for name, position in resting.items() if name not in moving}
     if joints is None:
-        warnings += _explain_locks(rest, user_locked, signs)
+        silent = [name for name in rest if name not in user_locked and not signs.get(name, 0.0)]
+        listed = [f"{name} = {rest[name]:g}" for name in silent]
+        warnings += _warning("locked, because they do not turn about the plane's normal", listed)
     return Choice(chosen, planned, followers, geared, rest, signs, resting, tuple(warnings))
 
 
@@ -226,10 +231,8 @@ def _check_moving(
 
 def _in_plane(tree: UrdfTree, free: Sequence[str], axes: Mapping[str, Array], plane: str) -> tuple[str, ...]:
     """The joints among ``free`` that turn in the plane and are not held fast by their limits."""
-    line = normal_line(plane)
-    planned = tuple(
-        name for name in free if is_parallel(axes[name], line) and tree.joint[name].lower != tree.joint[name].upper
-    )
+    chosen, joints = Plane.of_axes(plane, ()), tree.joint
+    planned = tuple(name for name in free if chosen.sign(axes[name]) and joints[name].lower != joints[name].upper)
     if not planned:
         raise InputError(f'no joint is left to plan in the plane "{plane}"', element="joints")
     return planned
@@ -262,27 +265,8 @@ def _resting(tree: UrdfTree, posture: Mapping[str, float], mimics: Mapping[str, 
     return resting
 
 
-def _explain_posture(tree: UrdfTree, posture: Mapping[str, float], tilting: Iterable[str]) -> list[str]:
-    """One warning for the joints that are not taken to the reference posture."""
-    left_out = [name for name in tilting if name in posture and posture[name] != tree.joint[name].nearest(0.0)]
-    listed = ", ".join(sorted(left_out))
-    return [f"not taken to the reference posture, as they would tilt planned joints: {listed}"] if left_out else []
-
-
-def _explain_tilts(moving: Iterable[str], axes: Mapping[str, Array], plane: Plane) -> list[str]:
-    """One warning for the axes that are not quite along the plane's normal."""
-    tilts = {name: plane.tilt(axes[name]) for name in moving}
-    tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > TILT_ROUNDING]
-    return [f"axes slightly off the plane's normal, taken to be along it: {', '.join(tilted)}"] if tilted else []
-
-
-def _explain_locks(
-    rest: Mapping[str, float], user_locked: Mapping[str, float], signs: Mapping[str, float]
-) -> list[str]:
-    """One warning for the joints that were locked by themselves, because they do not turn in the plane."""
-    silent = [name for name in rest if name not in user_locked and not signs.get(name, 0.0)]
-    listed = ", ".join(f"{name} = {rest[name]:g}" for name in silent)
-    return [f"locked, because they do not turn about the plane's normal: {listed}"] if silent else []
+def _warning(text: str, items: Sequence[str]) -> list[str]:
+    return [f"{text}: {', '.join(items)}"] if items else []
 
 
 def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:

@@ -42,7 +42,7 @@ class Plane:
     @classmethod
     def of_axes(cls, name: str, axes: Iterable[Array]) -> Plane:
         """The plane called ``name``, its normal along most of ``axes`` (3,); a tie gives the positive one."""
-        line = normal_line(name)
+        line = _unit((set(LETTERS) - set(name)).pop())
         votes = sum(np.sign(axis @ line) for axis in axes)
         horizontal, vertical, normal = _unit(name[0]), _unit(name[1]), (-line if votes < 0.0 else line) + 0.0
         turn = round(float(normal @ np.cross(horizontal, vertical)))
@@ -54,7 +54,7 @@ class Plane:
 
     def sign(self, axis: Array) -> float:
         """+1 for an axis (3,) along the normal, -1 against it, 0 for any other."""
-        return float(np.sign(axis @ self.normal)) if is_parallel(axis, self.normal) else 0.0
+        return float(np.sign(axis @ self.normal)) if _is_parallel(axis, self.normal) else 0.0
 
     def tilt(self, axis: Array) -> float:
         """Angle between an axis (3,) and the normal's line, rad."""
@@ -95,7 +95,7 @@ def choose_plane(name: str | None, axes: Iterable[Array]) -> str:
     turning = list(axes)
     if not turning:
         raise InputError("no joint that turns is left to plan", element="joints")
-    counts = {letter: sum(is_parallel(axis, _unit(letter)) for axis in turning) for letter in LETTERS}
+    counts = {letter: sum(_is_parallel(axis, _unit(letter)) for axis in turning) for letter in LETTERS}
     most = max(counts.values())
     if most == 0:
         reason = "no joint that could be planned turns about the x, y or z axis of the root link"
@@ -108,13 +108,7 @@ def choose_plane(name: str | None, axes: Iterable[Array]) -> str:
     return USUAL_PLANES[winners[0]]
 
 
-def normal_line(name: str) -> Array:
-    """Unit vector (3,) along the third letter, which the name of a plane leaves out."""
-    return _unit((set(LETTERS) - set(name)).pop())
-
-
-def is_parallel(axis: Array, direction: Array) -> bool:
-    """Whether a unit vector (3,) is along or against another."""
+def _is_parallel(axis: Array, direction: Array) -> bool:
     return bool(np.linalg.norm(axis - (axis @ direction) * direction) <= LARGEST_TILT)
 
 

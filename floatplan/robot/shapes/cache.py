@@ -17,7 +17,7 @@ import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.files import read_text, write_atomically
-from floatplan.robot.shapes.capsules import MOST_SPLITS, Fit, Line, Outline, PlaneCapsule, fit
+from floatplan.robot.shapes.capsules import MOST_SPLITS, Cut, Fit, Outline, PlaneCapsule, fit
 from floatplan.robot.shapes.meshes import Mesh
 from floatplan.robot.shapes.outlines import MeshUse
 
@@ -66,7 +66,7 @@ def _fit(content: Any, splits: int) -> Fit:
     x, y, level = _numbers(content["line"], 3)
     if splits == 0 or abs(math.hypot(x, y) - 1.0) > UNIT:
         raise ValueError("a line has no direction, or there are too many of them")
-    return Fit(None, Line(complex(x, y), level), tuple(_fit(part, splits - 1) for part in content["parts"]))
+    return Fit(None, Cut(complex(x, y), level), tuple(_fit(part, splits - 1) for part in content["parts"]))
 
 
 def _numbers(content: Any, count: int) -> list[float]:

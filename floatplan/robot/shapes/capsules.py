@@ -58,7 +58,7 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Line:
+class Cut:
     """The points whose component along ``direction``, of unit length, is ``level``."""
 
     direction: complex
@@ -70,7 +70,7 @@ class Fit:
     """Capsules that hold an outline together: ``capsule``, or those of the ``parts`` on both sides of ``line``."""
 
     capsule: PlaneCapsule | None
-    line: Line | None = None
+    line: Cut | None = None
     parts: tuple[Fit, ...] = ()
 
     @property
@@ -103,7 +103,7 @@ def fit(outline: Outline, splits: int = MOST_SPLITS) -> Fit:
     along = (outline.points * np.conj(direction)).real
     least, best, halves = SPLIT_GAIN * whole.area, None, []
     for cut in CUTS:
-        line = Line(direction, float(along.min() + cut * np.ptp(along)))
+        line = Cut(direction, float(along.min() + cut * np.ptp(along)))
         parts = _halves(outline, line)
         area = sum(fit_capsule(part.points, part.radius).area for part in parts)
         if area < least:
@@ -206,7 +206,7 @@ def _outer(points: ComplexArray) -> ComplexArray:
     return np.asarray(points[~inside], dtype=np.complex128)
 
 
-def _halves(outline: Outline, cut: Line) -> list[Outline]:
+def _halves(outline: Outline, cut: Cut) -> list[Outline]:
     """The outline's two parts on either side of a line.
 
     An edge that crosses the line leaves a part of itself, and a point on the line, on both sides. What joins these

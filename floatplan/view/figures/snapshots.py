@@ -121,27 +121,19 @@ def draw_posture(
     colour: Any = None,
 ) -> None:
     """Draw one posture: rings (colour, points of width) around the whole robot, its links, the two frames' marks."""
-    outlines = placed.outlines(index)
+    links = placed.outlines(index)
     colours = palette(int(placed.part.max()) + 1)
     fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
-    drawn = [(outline, faded(ring, 1.0), width) for ring, width in rings for outline in outlines]
-    drawn += [(outline, fill, 0.0) for outline, fill in zip(outlines, fills, strict=True)]
+    drawn = [(link, faded(ring, 1.0), width) for ring, width in rings for link in links]
+    drawn += [(link, fill, 0.0) for link, fill in zip(links, fills, strict=True)]
     mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
     takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
     for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
         drawn.append((stadium(place, place, size), faded(fill, max(strength, 0.5)), 0.0))
     shapes, faces, widths = zip(*drawn, strict=True)
-    axes.add_collection(
-        PolyCollection(
-            [pairs(shape + shift) for shape in shapes],
-            facecolors=faces,
-            edgecolors=faces,
-            linewidths=widths,
-            joinstyle="round",
-            zorder=zorder,
-        ),
-        autolim=False,
-    )
+    outlines = [pairs(shape + shift) for shape in shapes]
+    look: dict[str, Any] = {"facecolors": faces, "edgecolors": faces, "linewidths": widths, "joinstyle": "round"}
+    axes.add_collection(PolyCollection(outlines, zorder=zorder, **look), autolim=False)
 
 
 def draw_path(axes: Axes, plan: Plan, placed: Postures) -> None:

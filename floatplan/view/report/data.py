@@ -22,7 +22,7 @@ from floatplan.plans.verdicts import Verdict, verdict_in_words
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
-from floatplan.view.charts import Chart, Line, SampledPlan, clearance_range, margins
+from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, clearance_range, margins
 from floatplan.view.outlines import (
     box_around,
     drawn_part,
@@ -75,7 +75,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     (name, colour, one value or samples, part): limits, margins and the interval of h. ``beyond`` describes limits that
     would flatten the curves.
     """
-    lines: list[Line] = []
+    lines: list[ReferenceLine] = []
     beyond: list[str] = []
     for panel in chart.panels:
         drawn, left = panel.lines(max(float(np.abs(sampled.columns[curve.key]).max()) for curve in panel.curves))

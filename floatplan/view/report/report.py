@@ -61,12 +61,12 @@ def page(
     numbers : what stands in the body's place for numbers, which is not searched
     """
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
+    content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
     parts = {
         "title": html.escape(title),
         "policy": policy(scripts),
         "style": "\n".join(map(asset, styles)),
-        "data": escaped_json(data),
-        "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
+        "scripts": "\n".join([content, *(f"<script>{script}</script>" for script in scripts)]),
     }
     return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
 
@@ -117,7 +117,7 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
 def policy(scripts: Sequence[str]) -> str:
     """Return the security policy of a page with no other scripts than these, and no address of any kind."""
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
-    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes) or "'none'"
     return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
 
 

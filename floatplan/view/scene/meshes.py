@@ -50,18 +50,13 @@ def visual_model(robot: Robot) -> Any:
                 filename_handler=lambda fname: str(find_mesh(fname, folder)),
             )
             reach = max((float(np.abs(mesh.vertices).max()) for mesh in model.scene.geometry.values()), default=0.0)
+        if reach <= LARGEST:
+            return model
+        reason = f"a visual mesh has a corner {reach:.3g} m away, farther than any robot is large ({LARGEST:g} m)"
     except Exception as error:  # the readers of meshes raise exceptions of any kind
         reason = f"a visual mesh cannot be read: {error}"
-        advice = "repair the mesh, or remove the <visual>"
-        raise InputError(reason, source=robot.path, element="visual", advice=advice) from None
-    if not reach <= LARGEST:
-        raise InputError(
-            f"a visual mesh has a corner {reach:.3g} m away, farther than any robot is large ({LARGEST:g} m)",
-            source=robot.path,
-            element="visual",
-            advice="repair the mesh, or remove the <visual>",
-        )
-    return model
+    advice = "repair the mesh, or remove the <visual>"
+    raise InputError(reason, source=robot.path, element="visual", advice=advice)
 
 
 def _drop_missing_visuals(root: Any, folder: Path) -> bool:
@@ -69,18 +64,15 @@ def _drop_missing_visuals(root: Any, folder: Path) -> bool:
     for joint in root.iter("joint"):
         for mimic in joint.findall("mimic"):
             joint.remove(mimic)
-    left = 0
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
             path = None if mesh is None else find_mesh(mesh.get("filename", ""), folder)
-            if mesh is not None and path is None:
-                link.remove(visual)
-                continue
             if path is not None:
                 check_mesh_file(path, f'link "{link.get("name")}": visual: mesh')
-            left += 1
-    return left > 0
+            elif mesh is not None:
+                link.remove(visual)
+    return root.find("link/visual") is not None
 
 
 def joint_angles(robot: Robot, positions: Array) -> dict[str, float]:
@@ -195,20 +187,13 @@ def seen_capsules(robot: Robot, radius: Array) -> list[int]:
     seen: list[int] = []
     for index in np.argsort(-radius, kind="stable").tolist():
         larger = [each for each in seen if group[each] == group[index]]
-        places = np.array([start[index], end[index]])
-        outside = _distance(places, start[larger], end[larger]) + radius[index] - (1 + SAME) * radius[larger]
+        along, offset = end[larger] - start[larger], np.array([[start[index]], [end[index]]]) - start[larger]
+        square = np.abs(along) ** 2
+        share = np.clip((offset * along.conj()).real / np.where(square > 0, square, 1.0), 0.0, 1.0)
+        outside = np.abs(offset - share * along) + radius[index] - (1 + SAME) * radius[larger]
         if not (outside.max(axis=0, initial=-np.inf) <= 0.0).any():
             seen.append(index)
     return sorted(seen)
-
-
-def _distance(places: Array, start: Array, end: Array) -> Array:
-    """Distances (P, S) of places (P,) from segments (S,)."""
-    along = end - start
-    square = np.abs(along) ** 2
-    offset = places[:, None] - start
-    share = np.clip((offset * along.conj()).real / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    return np.asarray(np.abs(offset - share * along))
 
 
 def _moving_alike(robot: Robot) -> IntArray:

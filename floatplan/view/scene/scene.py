@@ -13,7 +13,6 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -84,33 +83,27 @@ def scene(plan: Plan) -> str:
     poses = body_poses(plan.robot, plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times))
     placed = postures(plan, snapshot_times(plan))
     low, high = picture_box(plan, placed)
-    with _server(viser) as server:
+    with silence():  # a local server: viser records what is sent to it
+        server = viser.ViserServer(host="127.0.0.1", verbose=False)
+    try:
         bodies = RobotNodes(server, "/robot", plan.robot)
         if not bodies.add_meshes():
             bodies.add_capsules(placed, sections=FINE_SECTIONS)
-        obstacles = plan.problem.obstacles
-        slabs = [obstacle_slab(plan, obstacle, low, high) for obstacle in obstacles]
-        nodes = [add_obstacle(server, index, *each) for index, each in enumerate(zip(obstacles, slabs, strict=True))]
+        moved = []
+        for index, obstacle in enumerate(plan.problem.obstacles):
+            slab = obstacle_slab(plan, obstacle, low, high)
+            moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
         look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
         add_grounds(server, plan.robot.plane, low, high, ground_lines(placed))
         _add_trails(server, plan)
         serializer = server.get_scene_serializer()
-        for index in range(frames):
-            bodies.put(poses, index)
-            for node, obstacle in zip(nodes, obstacles, strict=True):
-                move_obstacle(node, plan.robot.plane, obstacle, float(times[index]))
-            if index < frames - 1:  # the page's clock is the flight's: from takeoff to landing
+        for index, time in enumerate(times.tolist()):
+            if index:  # the page's clock is the flight's: from takeoff to landing
                 serializer.insert_sleep(plan.duration / (frames - 1))
+            bodies.put(poses, index)
+            for each in moved:
+                move_obstacle(*each, time)
         return str(serializer.as_html())
-
-
-@contextlib.contextmanager
-def _server(viser: ModuleType) -> Iterator[Any]:
-    """A local server that prints nothing: viser records what is sent to it."""
-    with silence():
-        server = viser.ViserServer(host="127.0.0.1", verbose=False)
-    try:
-        yield server
     finally:
         with silence():
             server.stop()
@@ -192,14 +185,12 @@ def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> 
 
 def prism(plane: Plane, corners: ComplexArray, width: float) -> Mesh:
     """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
-    count = len(corners)
-    aside = 0.5 * width * plane.normal
-    points = in_space(plane, corners)
+    count, aside, points = len(corners), 0.5 * width * plane.normal, in_space(plane, corners)
     here = np.arange(count)
-    on = (here + 1) % count
-    sides = [np.stack((here, on, here + count), axis=1), np.stack((on, on + count, here + count), axis=1)]
+    there = (here + 1) % count
+    sides = [(here, there, here + count), (there, there + count, here + count)]
     fan = np.stack((np.zeros(count - 2, dtype=np.int64), here[1:-1], here[2:]), axis=1)
-    faces = np.concatenate((*sides, fan[:, ::-1], fan + count))
+    faces = np.concatenate((*(np.stack(side, axis=1) for side in sides), fan[:, ::-1], fan + count))
     both = np.concatenate((faces, faces[:, ::-1]))  # whichever way round the polygon goes, it is seen from outside
     return np.concatenate((points - aside, points + aside)), both
 
@@ -242,9 +233,8 @@ class RobotNodes:
     def __init__(self, server: Any, name: str, robot: Robot) -> None:
         self.name, self._server, self._robot = name, server, robot
         self.root = server.scene.add_frame(name, show_axes=False)
-        self.frames = [
-            server.scene.add_frame(f"{name}/{body}", show_axes=False) for body in range(len(robot.tree.mass))
-        ]
+        names = [f"{name}/{body}" for body in range(len(robot.tree.mass))]
+        self.frames = [server.scene.add_frame(each, show_axes=False) for each in names]
 
     def add_capsules(
         self,
@@ -330,9 +320,7 @@ class RobotNodes:
 
     def put(self, poses: Poses, index: int) -> None:
         """Put the bodies where they are at an instant."""
-        plane = self._robot.plane
-        points = in_space(plane, poses.places[index])
-        turns = turned(plane, poses.angles[index])
+        points = in_space(self._robot.plane, poses.places[index])
+        turns = turned(self._robot.plane, poses.angles[index])
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
-            frame.position = point
-            frame.wxyz = turn
+            frame.position, frame.wxyz = point, turn

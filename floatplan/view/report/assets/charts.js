@@ -13,10 +13,9 @@ class Chart {
     this.many = spec.series.length > MANY;
     const figure = holder.appendChild(make("figure", this.many ? "chart many" : "chart"));
     const title = figure.appendChild(make("figcaption"));
-    title.appendChild(make("strong", "", spec.title));
-    title.appendChild(make("span", "unit", spec.unit));
+    title.append(make("strong", "", spec.title), make("span", "unit", spec.unit));
     this.readouts = spec.series.map((series) => this.readout(title, series));
-    if (this.many) title.appendChild(make("span", "beyond choose", "choose a joint in the legend"));
+    if (this.many) title.append(make("span", "beyond choose", "choose a joint in the legend"));
     this.explainLines(title);
     const body = figure.appendChild(make("div", "plot"));
     this.plot = new uPlot(this.options(body.clientWidth), this.table(), body);
@@ -32,13 +31,12 @@ class Chart {
   }
 
   readout(title, { name, colour, key, limit }) {
-    const entry = title.appendChild(make("span", "entry curve"));
-    const swatch = entry.appendChild(make("i", "swatch"));
+    const [entry, swatch, value] = [make("span", "entry curve"), make("i", "swatch"), make("b", "value")];
     paint(() => (swatch.style.background = shade(colour)));
-    entry.appendChild(make("span", "", name));
-    const value = entry.appendChild(make("b", "value"));
     value.dataset.key = key;
-    if (limit) entry.appendChild(make("span", "limit", limit));
+    entry.append(swatch, make("span", "", name), value);
+    if (limit) entry.append(make("span", "limit", limit));
+    title.append(entry);
     return value;
   }
 
@@ -47,12 +45,11 @@ class Chart {
     const { lines, beyond } = this.spec;
     for (const name of new Set(lines.map((line) => line.name))) {
       const colours = new Set(lines.filter((line) => line.name === name).map((line) => line.colour));
-      const entry = title.appendChild(make("span", "entry"));
-      const swatch = entry.appendChild(make("i", "swatch dashed"));
+      const swatch = make("i", "swatch dashed");
       paint(() => (swatch.style.borderColor = colours.size === 1 ? shade([...colours][0]) : tone("ink")));
-      entry.appendChild(make("span", "", name));
+      title.appendChild(make("span", "entry")).append(swatch, make("span", "", name));
     }
-    if (beyond) title.appendChild(make("span", "beyond", beyond));
+    if (beyond) title.append(make("span", "beyond", beyond));
   }
 
   /* Show the chosen part's curve, limits and value before all others: 0 is the base, null none. */
@@ -76,48 +73,43 @@ class Chart {
     return faded(colour, aside && part !== null ? ASIDE : 1);
   }
 
+  /* Times, dashed lines, curves, and where these start and should end. */
   table() {
-    const { factor, series, lines } = this.spec;
+    const { factor, series, lines, starts = [], goals = [] } = this.spec;
+    const { columns, count, times } = this.motion;
     const scaled = (values) => values.map((value) => (value === null ? null : factor * value));
-    const curves = series.map(({ key }) => scaled(this.motion.columns[key]));
-    const limits = lines.map(({ value }) =>
-      Array.isArray(value) ? scaled(value) : new Array(this.motion.count).fill(factor * value),
-    );
-    return [Array.from(this.motion.times), ...limits, ...curves];
+    const limits = lines.map(({ value }) => scaled(Array.isArray(value) ? value : new Array(count).fill(value)));
+    const only = (value, at) => Array.from(times, (_, index) => (index === at ? factor * value : null));
+    const marks = [...starts.map((value) => only(value, 0)), ...goals.map((value) => only(value, count - 1))];
+    return [Array.from(times), ...limits, ...series.map(({ key }) => scaled(columns[key])), ...marks];
   }
 
   options(width) {
+    const { series, lines, unit, range, starts } = this.spec;
     const grid = { stroke: () => tone("grid"), width: 1 };
     const axis = { font: "11px system-ui, sans-serif", stroke: () => tone("soft"), grid, ticks: grid };
     const drawn = ({ part, colour }) => ({ stroke: () => this.stroke(part, colour), points: { show: false } });
-    const limit = (line) => ({ ...drawn(line), width: 1, dash: [7, 4] });
-    const curve = (one) => ({ ...drawn(one), width: 2 });
-    const y = this.spec.range ? { range: this.spec.range } : {};
+    const dot = (fill) => (one) => ({ ...drawn(one), points: { show: true, size: 8.5, width: 1.5, fill } });
+    const full = series.map((one) => dot(() => this.stroke(one.part, one.colour))(one));
+    const rings = series.map(dot(() => tone("paper")));
     return {
       width,
       height: CHART_HEIGHT,
       legend: { show: false },
       cursor: { show: false },
       padding: [8, 22, 0, 0],
-      scales: { x: { time: false, range: [0, this.motion.duration] }, y },
+      scales: { x: { time: false, range: [0, this.motion.duration] }, y: range ? { range } : {} },
       axes: [
         { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
-        { ...axis, size: 48, space: 24, ...(this.spec.unit === "deg" ? { incrs: [1, 5, 15, 30, 45, 90, 180, 360, 720, 1440] } : {}) },
+        { ...axis, size: 48, space: 24, ...(unit === "deg" ? { incrs: [1, 5, 15, 30, 45, 90, 180, 360, 720, 1440] } : {}) },
       ],
-      series: [{}, ...this.spec.lines.map(limit), ...this.spec.series.map(curve)],
-      hooks: { draw: [(plot) => this.drawMarks(plot)] },
+      series: [
+        {},
+        ...lines.map((line) => ({ ...drawn(line), width: 1, dash: [7, 4] })),
+        ...series.map((one) => ({ ...drawn(one), width: 2 })),
+        ...(starts ? [...full, ...rings] : []),
+      ],
     };
-  }
-
-  /* Full dots where the flight starts, rings where it should end. */
-  drawMarks(plot) {
-    const { starts, goals, series, factor } = this.spec;
-    if (!starts) return;
-    series.forEach(({ part, colour }, index) => {
-      const rim = this.stroke(part, colour);
-      drawMark(plot, 0, factor * starts[index], rim, rim);
-      drawMark(plot, this.motion.duration, factor * goals[index], tone("paper"), rim);
-    });
   }
 
   follow(onSeek) {
@@ -146,20 +138,6 @@ class Chart {
       readout.textContent = value === null ? "–" : shown(this.spec.factor * value);
     });
   }
-}
-
-function drawMark(plot, time, value, fill, rim) {
-  const pen = plot.ctx;
-  const ratio = uPlot.pxRatio;
-  pen.save();
-  pen.beginPath();
-  pen.arc(plot.valToPos(time, "x", true), plot.valToPos(value, "y", true), 3.5 * ratio, 0, 2 * Math.PI);
-  pen.fillStyle = fill;
-  pen.fill();
-  pen.lineWidth = 1.5 * ratio;
-  pen.strokeStyle = rim;
-  pen.stroke();
-  pen.restore();
 }
 
 /* A number in five places, so that it does not dance while it changes. */

@@ -14,21 +14,17 @@ class Flight {
   /* The problem of a row: the base problem with the values of its keys, by their paths, in SI units. */
   problem(values) {
     const problem = structuredClone(this.data.problem);
-    const joints = this.data.robot.joints;
+    const { joints } = this.data.robot;
+    const entry = (place, part) => (Array.isArray(place) && joints.includes(part) ? joints.indexOf(part) : part);
     for (const [path, value] of values) {
       const parts = path.split(".");
-      let place = problem;
-      for (const part of parts.slice(0, -1)) place = place && place[entry(place, part)];
-      const last = parts[parts.length - 1];
+      const last = parts.pop();
+      const place = parts.reduce((within, part) => within && within[entry(within, part)], problem);
       if (!place) continue;
       const key = entry(place, last);
       place[key] = Array.isArray(place[key]) ? place[key].map(() => value) : value;
     }
     return problem;
-
-    function entry(place, part) {
-      return Array.isArray(place) && joints.includes(part) ? joints.indexOf(part) : part;
-    }
   }
 
   /* What the stage shows of a row: coefficients are those of powers of s = t / T, joint by joint. */
@@ -37,21 +33,19 @@ class Flight {
     const ranges = problem.limits.position || this.data.ranges;
     const size = coefficients.length / ranges.length;
     const joints = ranges.map((range, index) => [range, coefficients.slice(index * size, (index + 1) * size)]);
-    const states = Array.from({ length: 2 * INTERVALS + 1 }, (_, index) => this.state(joints, duration, h, index / (2 * INTERVALS)));
+    const halves = Array.from({ length: 2 * INTERVALS + 1 }, (_, index) => index / (2 * INTERVALS));
+    const states = halves.map((s) => this.state(joints, duration, h, s));
+    const sampled = states.filter((_, index) => index % 2 === 0);
     const columns = { orientation: [problem.start.orientation], com_x: [], com_y: [] };
-    joints.forEach((_, joint) => {
-      columns[`positions.${joint}`] = states.filter((_, index) => index % 2 === 0).map((state) => state.positions[joint]);
-    });
+    joints.forEach((_, joint) => (columns[`positions.${joint}`] = sampled.map((state) => state.positions[joint])));
     for (let index = 0; index < INTERVALS; index++) {
       const [a, b, c] = states.slice(2 * index, 2 * index + 3).map((state) => state.rate);
       columns.orientation.push(columns.orientation[index] + (duration / INTERVALS) * (a + 4 * b + c) / 6);
     }
     const shown = {
+      ...this.data,
       duration,
       columns,
-      robot: this.data.robot,
-      frames: this.data.frames,
-      trail: this.data.trail,
       obstacles: (problem.obstacles || []).map((one, index) => rowObstacle(this.data.obstacles[index], one)),
       ghosts: Array.from({ length: SNAPSHOTS }, (_, index) => (duration * index) / (SNAPSHOTS - 1)),
       ground: [],
@@ -124,10 +118,8 @@ class Flight {
     const shown = motion.data;
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     const add = (x, y, radius) => {
-      box[0] = Math.min(box[0], x - radius);
-      box[1] = Math.min(box[1], y - radius);
-      box[2] = Math.max(box[2], x + radius);
-      box[3] = Math.max(box[3], y + radius);
+      [x, y].forEach((value, axis) => (box[axis] = Math.min(box[axis], value - radius)));
+      [x, y].forEach((value, axis) => (box[axis + 2] = Math.max(box[axis + 2], value + radius)));
     };
     for (let index = 0; index <= INTERVALS; index += 3) {
       const posture = motion.posture(motion.times[index]);

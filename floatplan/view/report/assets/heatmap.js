@@ -3,7 +3,6 @@
 
 const MARGIN = { left: 62, right: 12, top: 8, bottom: 46 };
 const BETWEEN = 64; // pixels, of two numbers on the scale
-const LOGARITHMIC = 30; // times the least colour: where the largest is more, the scale is logarithmic
 const SOLVED = 2; // statuses below it hold a plan
 const WORST_FIRST = [0, 0, 1, 2, 3]; // which status a cell without a plan shows: impossible only where all are
 
@@ -28,15 +27,13 @@ class HeatMap {
     this.width = this.x.edges.length - 1;
     this.height = this.y.edges.length - 1;
     this.row = new Int32Array(this.width * this.height).fill(-1);
-    const values = z === "status" ? null : rows.column(z);
-    this.values = values;
+    this.values = z === "status" ? null : rows.column(z);
     const sign = z === "clearance" ? -1 : 1;
     const held = fixed.filter(([, cell]) => cell !== null).map(([key, cell]) => [rows.axis(key).cell, cell]);
     for (let index = 0; index < rows.count; index++) {
       if (held.some(([cells, cell]) => cells[index] !== cell)) continue;
-      const place = this.y.cell[index] * this.width + this.x.cell[index];
-      const known = this.row[place];
-      if (known < 0 || this.isBetter(index, known, sign)) this.row[place] = index;
+      const known = this.row[this.placeOf(index)];
+      if (known < 0 || this.isBetter(index, known, sign)) this.row[this.placeOf(index)] = index;
     }
     this.findRange(cut);
     this.hovered = null;
@@ -55,7 +52,8 @@ class HeatMap {
     const hasColour = (row) => row >= 0 && this.rows.status[row] < SOLVED && Number.isFinite(this.values[row]);
     const shown = Float32Array.from(this.values ? this.row.filter(hasColour) : [], (row) => this.values[row]).sort();
     this.range = shown.length ? [shown[0], shown[Math.floor((cut ? 0.98 : 1) * (shown.length - 1))]] : null;
-    this.isLogarithmic = this.range !== null && this.range[0] > 0 && this.range[1] > LOGARITHMIC * this.range[0];
+    const { logarithmic } = this.rows.data.colours;
+    this.isLogarithmic = this.range !== null && this.range[0] > 0 && this.range[1] > logarithmic * this.range[0];
     this.isCut = cut && shown.length > 0 && this.range[1] < shown[shown.length - 1];
   }
 
@@ -84,22 +82,20 @@ class HeatMap {
     this.drawBar();
   }
 
-  /* Screen from values, and back. */
+  /* Screen from values. */
   across(value) {
-    const { edges } = this.x;
-    return this.plot[0] + ((value - edges[0]) / (edges[edges.length - 1] - edges[0])) * (this.plot[2] - this.plot[0]);
+    return this.plot[0] + shareOf(this.x.edges, value) * (this.plot[2] - this.plot[0]);
   }
 
   up(value) {
-    const { edges } = this.y;
-    return this.plot[3] - ((value - edges[0]) / (edges[edges.length - 1] - edges[0])) * (this.plot[3] - this.plot[1]);
+    return this.plot[3] - shareOf(this.y.edges, value) * (this.plot[3] - this.plot[1]);
   }
 
   box(place) {
     const [column, line] = [place % this.width, Math.floor(place / this.width)];
-    const left = this.across(this.x.edges[column]);
-    const top = this.up(this.y.edges[line + 1]);
-    return [left, top, this.across(this.x.edges[column + 1]) - left, this.up(this.y.edges[line]) - top];
+    const [left, right] = [column, column + 1].map((edge) => this.across(this.x.edges[edge]));
+    const [low, top] = [line, line + 1].map((edge) => this.up(this.y.edges[edge]));
+    return [left, top, right - left, low - top];
   }
 
   drawCells() {
@@ -108,22 +104,16 @@ class HeatMap {
     const sharp = (place) => Math.round(place * ratio) / ratio;
     const across = Array.from(this.x.edges, (edge) => sharp(this.across(edge)));
     const up = Array.from(this.y.edges, (edge) => sharp(this.up(edge)));
-    const colourOf = (column, line) => {
-      const row = this.row[line * this.width + column];
-      return row < 0 ? null : this.colour(row);
-    };
-    for (let line = 0; line < this.height; line++) {
-      let colour = colourOf(0, line);
-      for (let first = 0, column = 1; column <= this.width; column++) {
-        const next = column < this.width ? colourOf(column, line) : undefined;
-        if (next === colour) continue; // cells of one colour are drawn together
-        if (colour) {
-          pen.fillStyle = colour;
-          pen.fillRect(across[first], up[line + 1], across[column] - across[first], up[line] - up[line + 1]);
-        }
-        [first, colour] = [column, next];
-      }
-    }
+    this.row.forEach((row, place) => {
+      if (row < 0) return;
+      const [column, line] = [place % this.width, Math.floor(place / this.width)];
+      pen.fillStyle = this.colour(row);
+      pen.fillRect(across[column], up[line + 1], across[column + 1] - across[column], up[line] - up[line + 1]);
+    });
+    this.drawAxes(pen);
+  }
+
+  drawAxes(pen) {
     const [left, top, right, low] = this.plot;
     pen.strokeStyle = pen.fillStyle = tone("ink");
     pen.lineWidth = 1;
@@ -139,18 +129,17 @@ class HeatMap {
       pen.fillRect(left - 5, this.up(value) - 0.5, 5, 1);
       pen.fillText(shortNumber(value), left - 8, this.up(value) + 4);
     }
-    pen.save();
+    pen.textAlign = "center";
     pen.translate(14, (top + low) / 2);
     pen.rotate(-Math.PI / 2);
-    pen.textAlign = "center";
     pen.fillText(this.y.label, 0, 0);
-    pen.restore();
   }
 
   drawMarks() {
     const pen = cleared(this.marks);
-    for (const [place, width] of [[this.hovered, 1.5], [this.selected === null ? null : this.placeOf(this.selected), 2.5]]) {
-      if (place === null || place < 0) continue;
+    const selected = this.selected === null ? null : this.placeOf(this.selected);
+    for (const [place, width] of [[this.hovered, 1.5], [selected, 2.5]]) {
+      if (place === null) continue;
       const [x, y, w, h] = this.box(place);
       const [mx, my] = [Math.max(0, (9 - w) / 2), Math.max(0, (9 - h) / 2)];
       for (const [colour, extra] of [["#ffffff", 2], ["#222222", 0]]) {
@@ -181,7 +170,9 @@ class HeatMap {
     pen.textAlign = "center";
     const room = (right - left) / BETWEEN;
     let last = left + BETWEEN / 2;
-    for (const value of this.isLogarithmic ? logarithmicTicks(...this.range) : ticks(this.range, room)) {
+    const many = this.rows.data.colours.many_decades;
+    const marks = this.isLogarithmic ? logarithmicTicks(...this.range, many) : ticks(this.range, room);
+    for (const value of marks) {
       const place = left + this.share(value) * (right - left);
       if (place < last + BETWEEN / 2 || place > right - BETWEEN) continue;
       pen.fillRect(place - 0.5, 14, 1, 4);
@@ -199,13 +190,9 @@ class HeatMap {
   at(x, y) {
     const [left, top, right, low] = this.plot;
     if (x < left || x > right || y < top || y > low) return null;
-    const find = (edges, share) => {
-      const value = edges[0] + share * (edges[edges.length - 1] - edges[0]);
-      return Math.min(Math.max(cellOf(edges, value), 0), edges.length - 2);
-    };
+    const find = (edges, share) => cellOf(edges, edges[0] + share * (edges.at(-1) - edges[0]));
     const column = find(this.x.edges, (x - left) / (right - left));
-    const line = find(this.y.edges, (low - y) / (low - top));
-    const place = line * this.width + column;
+    const place = find(this.y.edges, (low - y) / (low - top)) * this.width + column;
     return this.row[place] < 0 ? null : place;
   }
 
@@ -228,6 +215,12 @@ class HeatMap {
   }
 }
 
+/* Where a value is between the first and the last edge. */
+function shareOf(edges, value) {
+  return (value - edges[0]) / (edges.at(-1) - edges[0]);
+}
+
+/* The cell that holds a value, or is nearest to it. */
 function cellOf(edges, value) {
   let [low, high] = [0, edges.length - 1];
   while (high - low > 1) {
@@ -240,7 +233,7 @@ function cellOf(edges, value) {
 
 /* Round values between the first and the last edge, about as many as there is room for. */
 function ticks(edges, room) {
-  const [low, high] = [edges[0], edges[edges.length - 1]];
+  const [low, high] = [edges[0], edges.at(-1)];
   const rough = (high - low) / Math.max(room, 1);
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
@@ -250,13 +243,12 @@ function ticks(edges, room) {
 }
 
 /* 1, 2 and 5 times the powers of ten from low to high, where these are few; else the powers alone. */
-function logarithmicTicks(low, high) {
-  const found = [];
-  const factors = high / low < 3000 ? [1, 2, 5] : [1];
-  for (let power = Math.floor(Math.log10(low)); 10 ** power <= high; power++) {
-    found.push(...factors.map((factor) => factor * 10 ** power));
-  }
-  return found.filter((value) => value >= low && value <= high);
+function logarithmicTicks(low, high, many) {
+  const factors = high / low < many ? [1, 2, 5] : [1];
+  const [first, last] = [low, high].map((end) => Math.floor(Math.log10(end)));
+  const powers = Array.from({ length: last - first + 1 }, (_, index) => 10 ** (first + index));
+  const values = powers.flatMap((power) => factors.map((factor) => factor * power));
+  return values.filter((value) => value >= low && value <= high);
 }
 
 function shortNumber(value, digits = 6) {

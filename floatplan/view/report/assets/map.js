@@ -22,15 +22,12 @@ class Rows {
 
   axis(key) {
     const axis = this.axes[key];
-    if (!axis.cell) {
-      const edges = axis.edges;
-      axis.cell = Int32Array.from(this.column(key), (value) => Math.min(Math.max(cellOf(edges, value), 0), edges.length - 2));
-    }
+    axis.cell ??= Int32Array.from(this.column(key), (value) => cellOf(axis.edges, value));
     return axis;
   }
 
   unit(name) {
-    return this.data.columns[name] ? this.data.columns[name].unit : "";
+    return this.data.columns[name]?.unit ?? "";
   }
 
   label(name) {
@@ -50,25 +47,13 @@ class Rows {
   }
 }
 
-/* The bytes that base64 stands for. */
-function unpacked(text) {
-  const letters = atob(text);
-  const bytes = new Uint8Array(letters.length);
-  for (let index = 0; index < bytes.length; index++) bytes[index] = letters.charCodeAt(index);
-  return bytes.buffer;
-}
-
 /* Whether the reader asks for less motion. */
 function isCalm() {
   return matchMedia("(prefers-reduced-motion: reduce)").matches;
 }
 
 function fillSelect(select, options, chosen) {
-  select.replaceChildren(...options.map(([value, text]) => {
-    const option = make("option", "", text);
-    option.value = value;
-    return option;
-  }));
+  select.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
   select.value = chosen;
 }
 
@@ -79,6 +64,7 @@ class Page {
     this.flight = data.flight && new Flight(data.flight);
     this.holder = document.getElementById("map");
     this.tip = document.getElementById("tip");
+    this.film = document.getElementById("stage");
     this.map = new HeatMap(this.rows, this.holder, document.getElementById("bar"));
     this.stage = this.player = null;
     this.fixed = new Map();
@@ -92,11 +78,9 @@ class Page {
     const { data, rows } = this;
     fillHeader(data);
     const keys = data.axes.map((axis) => [axis.key, rows.label(axis.key)]);
-    const colours = Object.keys(data.columns);
+    const colours = ["status", ...Object.keys(data.columns)].map((name) => [name, rows.label(name)]);
     this.selects = ["across", "up", "colour"].map((id) => document.getElementById(id));
-    fillSelect(this.selects[0], keys, data.map[0]);
-    fillSelect(this.selects[1], keys, data.map[1]);
-    fillSelect(this.selects[2], [["status", "status"], ...colours.map((name) => [name, rows.label(name)])], data.map[2]);
+    this.selects.forEach((select, index) => fillSelect(select, index < 2 ? keys : colours, data.map[index]));
     this.cut = document.getElementById("cut");
     const key = document.getElementById("key");
     const counts = rows.statuses.map((_, index) => rows.status.reduce((sum, one) => sum + (one === index), 0));
@@ -109,7 +93,7 @@ class Page {
     const empty = addKey(key, "bar", "no row");
     empty.style.border = "1px solid var(--line)";
     this.empty = empty.parentElement;
-    this.nothing = document.getElementById("stage").appendChild(make("p", "nothing", "Choose a point of the map."));
+    this.nothing = this.film.appendChild(make("p", "nothing", "Choose a point of the map."));
   }
 
   listen() {
@@ -130,7 +114,7 @@ class Page {
       const place = this.map.at(...this.inside(event));
       if (place === null) return;
       this.choose(this.map.row[place]);
-      document.getElementById("stage").scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
+      this.film.scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
     });
     this.holder.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
@@ -145,8 +129,7 @@ class Page {
   redraw() {
     const [x, y, z] = this.selects.map((select) => select.value);
     const others = this.data.axes.filter((axis) => axis.key !== x && axis.key !== y);
-    const holder = document.getElementById("others");
-    holder.replaceChildren(...others.map((axis) => this.slice(axis)));
+    document.getElementById("others").replaceChildren(...others.map((axis) => this.slice(axis)));
     this.map.show(x, y, z, others.map((axis) => [axis.key, this.fixed.get(axis.key) ?? null]), this.cut.checked);
     this.ofPlans.forEach((swatch) => (swatch.style.display = z === "status" ? "" : "none"));
     this.empty.style.display = this.map.row.includes(-1) ? "" : "none";
@@ -177,10 +160,7 @@ class Page {
     if (event.pointerType === "touch") return;
     const [x, y] = this.inside(event);
     const place = this.map.at(x, y);
-    if (place === null) {
-      this.leave();
-      return;
-    }
+    if (place === null) return this.leave();
     this.map.hover(place);
     const row = this.map.row[place];
     const names = [...this.data.axes.map((axis) => axis.key), ...(this.map.values ? [this.map.z] : [])];
@@ -204,10 +184,7 @@ class Page {
     document.getElementById("verdict").textContent = `Row ${row}: ${rows.statuses[rows.status[row]].words}. ${text}`;
     const list = document.getElementById("values");
     list.replaceChildren();
-    for (const name of Object.keys(data.columns)) {
-      list.appendChild(make("dt", "", name));
-      list.appendChild(make("dd", "", rows.shown(name, row)));
-    }
+    addRows(list, Object.keys(data.columns).map((name) => [name, rows.shown(name, row)]));
     this.fly(row);
   }
 
@@ -215,7 +192,6 @@ class Page {
     const coefficients = this.flight && this.rows.coefficientsOf(row);
     this.nothing.hidden = Boolean(coefficients);
     if (this.player) this.player.pause();
-    document.getElementById("stage").classList.toggle("empty", !coefficients);
     if (!coefficients) {
       this.nothing.textContent = "This row has no motion.";
       return;
@@ -223,18 +199,16 @@ class Page {
     const values = this.data.axes.map((axis) => [axis.key, this.rows.column(axis.key)[row] * axis.factor]);
     const motion = this.flight.motion(this.flight.problem(values), this.rows.column("angular_momentum")[row], coefficients);
     if (!this.stage) {
-      this.stage = new Stage(motion, document.getElementById("stage"));
+      this.stage = new Stage(motion, this.film);
       this.player = new Player(motion.duration, (time) => this.stage.draw(time));
     } else {
       this.stage.take(motion);
       this.stage.resize();
-      this.player.duration = motion.duration;
-      this.player.controls.scrub.max = motion.duration;
-      this.player.seek(0);
+      this.player.take(motion.duration);
     }
     if (!isCalm()) this.player.play();
   }
 }
 
 const [data, numbers] = ["data", "numbers"].map((id) => document.getElementById(id).textContent);
-window.floatplan = new Page(JSON.parse(data), unpacked(numbers));
+window.floatplan = new Page(JSON.parse(data), Uint8Array.from(atob(numbers), (letter) => letter.charCodeAt(0)).buffer);

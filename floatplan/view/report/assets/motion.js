@@ -17,8 +17,9 @@ class Motion {
     const samples = this.columns[key];
     const place = Math.min(Math.max(time / this.step, 0), this.count - 1);
     const first = Math.min(Math.max(Math.floor(place) - 1, 0), this.count - 4);
-    const [a, b, c, d] = samples.slice(first, first + 4);
-    if (a === null || b === null || c === null || d === null) return samples[Math.round(place)];
+    const around = samples.slice(first, first + 4);
+    if (around.includes(null)) return samples[Math.round(place)];
+    const [a, b, c, d] = around;
     const x = place - first;
     return (
       (-a * (x - 1) * (x - 2) * (x - 3)) / 6 +
@@ -62,13 +63,11 @@ class Motion {
     return [x, y];
   }
 
-  /* Path of a point, or of the centre of mass where there are no weights: flat x, y of every sample. */
+  /* Path of a point, or of the centre of mass where there are no weights: its place at every sample. */
   path(weights) {
-    const points = new Float64Array(2 * this.count);
-    for (let index = 0; index < this.count; index++) {
-      const posture = this.posture(this.times[index]);
-      points.set(weights ? this.place(posture, weights) : posture.com, 2 * index);
-    }
-    return points;
+    return Array.from(this.times, (time) => {
+      const posture = this.posture(time);
+      return weights ? this.place(posture, weights) : posture.com;
+    });
   }
 }

@@ -6,17 +6,20 @@ const REST = 0.6; // s between landing and the next takeoff, on a loop
 
 class Player {
   constructor(duration, draw) {
-    this.duration = duration;
     this.drawAll = draw;
-    this.time = 0;
     this.speed = 0.5;
     this.playing = false;
     this.rest = 0;
     this.controls = Object.fromEntries(
       ["home", "back", "play", "step", "scrub", "clock", "speed", "loop"].map((id) => [id, document.getElementById(id)]),
     );
-    this.controls.scrub.max = duration;
     this.listen();
+    this.take(duration);
+  }
+
+  /* A flight, from its beginning. */
+  take(duration) {
+    this.duration = this.controls.scrub.max = duration;
     this.seek(0);
   }
 
@@ -59,9 +62,8 @@ class Player {
 
   play() {
     if (this.time >= this.duration) this.seek(0);
-    this.playing = true;
     this.rest = 0;
-    this.showState();
+    this.show(true);
     let before = performance.now();
     const frame = (now) => {
       if (!this.playing) return;
@@ -83,13 +85,13 @@ class Player {
   }
 
   pause() {
-    this.playing = false;
-    this.showState();
+    this.show(false);
   }
 
-  showState() {
-    this.controls.play.setAttribute("aria-pressed", String(this.playing));
-    this.controls.play.setAttribute("aria-label", this.playing ? "Pause" : "Play");
+  show(playing) {
+    this.playing = playing;
+    this.controls.play.setAttribute("aria-pressed", playing);
+    this.controls.play.setAttribute("aria-label", playing ? "Pause" : "Play");
   }
 
   seek(time) {

@@ -1,24 +1,23 @@
 "use strict";
 /* Puts the report together. */
 
-function fillBadge({ word, tone }) {
-  const badge = document.getElementById("verdict");
-  badge.textContent = word;
-  badge.classList.add(tone);
-}
-
-function fillKey(data) {
+function fillKey({ robot, frames }) {
   const list = document.getElementById("key");
-  const names = ["base", ...data.motion.robot.joints];
-  names.forEach((name, index) => {
-    const entry = addColour(list, "bar", data.motion.robot.colours[index], name);
-    entry.dataset.part = index;
+  const add = (shape, colour, words) => {
+    const swatch = addKey(list, shape, words);
+    paint(() => (swatch.style[shape === "ring" ? "borderColor" : "background"] = shade(colour)));
+    return swatch.parentElement;
+  };
+  ["base", ...robot.joints].forEach((name, part) => {
+    const entry = add("bar", robot.colours[part], name);
+    entry.dataset.part = part;
     entry.tabIndex = 0;
     entry.setAttribute("role", "button");
     entry.setAttribute("aria-pressed", "false");
   });
-  for (const { name, role, colour } of data.motion.frames) addColour(list, "ring", colour, `${name} (${role})`);
-  addColour(list, "dot", "#222222", "centre of mass");
+  for (const { name, role, colour } of frames) add("ring", colour, `${name} (${role})`);
+  add("dot", INK, "centre of mass");
+  return list;
 }
 
 /* Parts of the robot are looked at by pointing at their names, and chosen by a click or the return key. */
@@ -28,7 +27,7 @@ function offerParts(list, show) {
   const keep = (entry) => {
     const part = Number(entry.dataset.part);
     kept = kept === part ? null : part;
-    for (const one of entries) one.setAttribute("aria-pressed", String(Number(one.dataset.part) === kept));
+    for (const one of entries) one.setAttribute("aria-pressed", Number(one.dataset.part) === kept);
     show(kept);
   };
   for (const entry of entries) {
@@ -41,60 +40,50 @@ function offerParts(list, show) {
   }
 }
 
-function addColour(list, shape, colour, words) {
-  const swatch = addKey(list, shape, words);
-  paint(() => (swatch.style[shape === "ring" ? "borderColor" : "background"] = shade(colour)));
-  return swatch.parentElement;
-}
-
 function fillFacts(data, onSeek) {
   const holder = document.getElementById("facts");
-  for (const section of data.sections) {
-    const part = holder.appendChild(make("article", section.tone || ""));
-    part.appendChild(make("h2", "", section.title));
-    const list = part.appendChild(make("dl"));
-    for (const [name, text] of section.rows) {
-      list.appendChild(make("dt", "", name));
-      list.appendChild(make("dd", "", text));
-    }
-    if (section.note) part.appendChild(make("p", "note", section.note));
-    if (section.motors) {
+  for (const { title, rows, tone, note, titles, motors, findings } of data.sections) {
+    const part = holder.appendChild(make("article", tone));
+    part.append(make("h2", "", title));
+    addRows(part.appendChild(make("dl")), rows);
+    if (note) part.append(make("p", "note", note));
+    if (motors) {
       part.classList.add("motors");
-      fillTable(part, section.titles, section.motors, onSeek);
+      fillTable(part, titles, motors, onSeek);
     }
-    if (section.findings && section.findings.length) fillFindings(part, section.findings, onSeek);
+    if (findings && findings.length) {
+      const details = part.appendChild(make("details"));
+      details.append(make("summary", "", `All ${findings.length} constraints`));
+      const lines = fillTable(details, ["constraint", "", "bound", "limit", "at, s"], findings, onSeek);
+      findings.forEach(([, verdict], index) => lines[index].classList.add(verdict));
+    }
   }
   const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
-  file.appendChild(make("summary", "", data.own_problem ? "The problem file, as written" : "The problem, as a file"));
-  file.appendChild(make("pre", "", data.problem));
-  const link = file.appendChild(make("a", "download", "Save it"));
+  const link = make("a", "download", "Save it");
   link.href = URL.createObjectURL(new Blob([data.problem], { type: "application/toml" }));
   link.download = `${data.name.replace(/[^\p{L}\p{N}.-]+/gu, "_") || "problem"}.toml`;
-}
-
-function fillFindings(part, findings, onSeek) {
-  const details = part.appendChild(make("details"));
-  details.appendChild(make("summary", "", `All ${findings.length} constraints`));
-  const rows = fillTable(details, ["constraint", "", "bound", "limit", "at, s"], findings, onSeek);
-  findings.forEach((finding, index) => rows[index].classList.add(finding[1]));
+  const summary = data.own_problem ? "The problem file, as written" : "The problem, as a file";
+  file.append(make("summary", "", summary), make("pre", "", data.problem), link);
 }
 
 /* Rows of texts; a click on one goes to the instant in its last cell. */
 function fillTable(part, titles, rows, onSeek) {
   const table = part.appendChild(make("div", "wide")).appendChild(make("table"));
-  const head = table.appendChild(make("thead")).appendChild(make("tr"));
-  for (const title of titles) head.appendChild(make("th", "", title));
-  const body = table.appendChild(make("tbody"));
-  return rows.map((texts) => {
-    const row = body.appendChild(make("tr"));
-    for (const text of texts) row.appendChild(make("td", "", text));
-    const instant = Number(texts[texts.length - 1]);
-    if (Number.isFinite(instant)) {
-      row.classList.add("seekable");
-      row.addEventListener("click", () => onSeek(instant));
-    }
+  const filled = (tag, texts) => {
+    const row = make("tr");
+    row.append(...texts.map((text) => make(tag, "", text)));
     return row;
+  };
+  table.appendChild(make("thead")).append(filled("th", titles));
+  const lines = rows.map((texts) => filled("td", texts));
+  table.appendChild(make("tbody")).append(...lines);
+  lines.forEach((line, index) => {
+    const instant = Number(rows[index].at(-1));
+    if (!Number.isFinite(instant)) return;
+    line.classList.add("seekable");
+    line.addEventListener("click", () => onSeek(instant));
   });
+  return lines;
 }
 
 (function main() {
@@ -106,18 +95,13 @@ function fillTable(part, titles, rows, onSeek) {
     player.seek(time);
   };
   fillHeader(data);
-  fillBadge(data.verdict);
-  fillKey(data);
+  const badge = document.getElementById("verdict");
+  badge.textContent = data.verdict.word;
+  badge.classList.add(data.verdict.tone);
   fillFacts(data, seek);
   const holder = document.getElementById("charts");
   const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
-  const player = new Player(motion.duration, (time) => {
-    stage.draw(time);
-    for (const chart of charts) chart.draw(time);
-  });
-  offerParts(document.getElementById("key"), (part) => {
-    stage.choose(part);
-    for (const chart of charts) chart.choose(part);
-  });
+  const player = new Player(motion.duration, (time) => [stage, ...charts].forEach((one) => one.draw(time)));
+  offerParts(fillKey(data.motion), (part) => [stage, ...charts].forEach((one) => one.choose(part)));
   window.floatplan = { motion, stage, player, charts };
 })();

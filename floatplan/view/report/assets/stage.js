@@ -67,37 +67,21 @@ class Stage {
     if (this.shown.ghosts) this.drawGhosts(pen);
   }
 
+  /* Lines a round number of metres apart, and a rule of that length. */
   drawGrid(pen) {
-    const step = roundBelow(this.size[0] / this.scale / 4);
-    const [left, top] = this.origin;
+    const [width, height] = this.size;
+    const metres = roundBelow(width / this.scale / 4);
+    const step = metres * this.scale;
+    const [left, top] = this.origin.map((place) => ((place % step) + step) % step);
+    const sharp = (place) => Math.round(place) + 0.5;
     pen.lineWidth = 1;
     pen.strokeStyle = tone("grid");
-    pen.beginPath();
-    for (let k = Math.ceil(-left / this.scale / step); left + k * step * this.scale < this.size[0]; k++) {
-      const x = Math.round(left + k * step * this.scale) + 0.5;
-      pen.moveTo(x, 0);
-      pen.lineTo(x, this.size[1]);
-    }
-    for (let k = Math.ceil((top - this.size[1]) / this.scale / step); top - k * step * this.scale > 0; k++) {
-      const y = Math.round(top - k * step * this.scale) + 0.5;
-      pen.moveTo(0, y);
-      pen.lineTo(this.size[0], y);
-    }
-    pen.stroke();
-    this.drawRule(pen, step);
-  }
-
-  drawRule(pen, length) {
-    const [x, y] = [12, 20];
+    for (let x = left; x < width; x += step) stroke(pen, [[sharp(x), 0], [sharp(x), height]]);
+    for (let y = top; y < height; y += step) stroke(pen, [[0, sharp(y)], [width, sharp(y)]]);
     pen.strokeStyle = pen.fillStyle = tone("soft");
     pen.lineWidth = 1.5;
-    pen.beginPath();
-    pen.moveTo(x, y - 4);
-    pen.lineTo(x, y);
-    pen.lineTo(x + length * this.scale, y);
-    pen.lineTo(x + length * this.scale, y - 4);
-    pen.stroke();
-    pen.fillText(`${length} m`, x + length * this.scale + 6, y + 3);
+    stroke(pen, [[12, 16], [12, 20], [12 + step, 20], [12 + step, 16]]);
+    pen.fillText(`${metres} m`, 18 + step, 23);
   }
 
   drawGround(pen, level, low, high) {
@@ -110,49 +94,36 @@ class Stage {
     pen.fillRect(from, y, to - from, Math.min(this.size[1] - y, whole ? 1e4 : 8));
     pen.strokeStyle = tone("ink");
     pen.lineWidth = 1.2;
-    strokeLine(pen, [from, y], [to, y]);
+    stroke(pen, [[from, y], [to, y]]);
   }
 
   drawObstacle(pen, obstacle, time, strength) {
-    const shift = obstacle.velocity.map((speed) => speed * time);
+    const [dx, dy] = obstacle.velocity.map((speed) => speed * time);
+    const placed = (outline) => outline.concat([outline[0]]).map(([x, y]) => this.at([x + dx, y + dy]));
     pen.globalAlpha = strength;
     pen.fillStyle = tone(obstacle.bounded ? "stone" : "wall");
     pen.strokeStyle = shade(obstacle.colour);
     pen.lineWidth = 1.5;
     for (const outline of obstacle.outlines) {
-      this.trace(pen, outline, shift);
+      trace(pen, placed(outline));
       pen.fill();
       pen.stroke();
     }
     if (this.shown.margins) {
-      pen.strokeStyle = tone("alarm");
+      pen.strokeStyle = tone("bad");
       pen.lineWidth = 1;
       pen.setLineDash([4, 3]);
-      for (const outline of obstacle.margins) {
-        this.trace(pen, outline, shift);
-        pen.stroke();
-      }
+      for (const outline of obstacle.margins) stroke(pen, placed(outline));
       pen.setLineDash([]);
     }
     pen.globalAlpha = 1;
   }
 
-  trace(pen, outline, [dx, dy]) {
-    pen.beginPath();
-    for (const [x, y] of outline) pen.lineTo(...this.at([x + dx, y + dy]));
-    pen.closePath();
-  }
-
   drawTrail(pen, { points, colour }, until, strength, width) {
-    const last = Math.round(until / this.motion.step);
     pen.globalAlpha = strength;
     pen.strokeStyle = shade(colour);
     pen.lineWidth = width;
-    pen.beginPath();
-    for (let index = 0; index <= last; index++) {
-      pen.lineTo(...this.at([points[2 * index], points[2 * index + 1]]));
-    }
-    pen.stroke();
+    stroke(pen, points.slice(0, Math.round(until / this.motion.step) + 1).map((point) => this.at(point)));
     pen.globalAlpha = 1;
   }
 
@@ -167,38 +138,27 @@ class Stage {
 
   drawGoal(pen) {
     const { orientation, positions, com } = this.motion.data.goal;
-    const posture = this.motion.pose(orientation, positions, com);
-    const links = this.linkLines(posture);
-    for (const [colour, extra] of [[tone("ink"), 6.5], [tone("paper"), 4]]) {
-      pen.strokeStyle = colour;
-      for (const [start, end, radius] of links) {
-        pen.lineWidth = 2 * radius + extra;
-        strokeLine(pen, start, end);
-      }
-    }
+    const links = this.linkLines(this.motion.pose(orientation, positions, com));
+    drawRings(pen, links, tone("ink"), 6.5);
+    drawRings(pen, links, tone("paper"), 4);
   }
 
   linkLines(posture) {
-    return this.motion.data.robot.links.map((link) => [
-      this.at(this.motion.place(posture, link.start)),
-      this.at(this.motion.place(posture, link.end)),
-      Math.max(link.radius * this.scale, 1.2),
-      link.part,
-    ]);
+    return this.motion.data.robot.links.map(({ start, end, radius, part }) => ({
+      ends: [start, end].map((weights) => this.at(this.motion.place(posture, weights))),
+      radius: Math.max(radius * this.scale, 1.2),
+      part,
+    }));
   }
 
   drawRobot(pen, posture, { strength, ring, width }) {
     const links = this.linkLines(posture);
-    pen.strokeStyle = ring;
-    for (const [start, end, radius] of links) {
-      pen.lineWidth = 2 * radius + 2 * width;
-      strokeLine(pen, start, end);
-    }
-    for (const [start, end, radius, part] of links) {
+    drawRings(pen, links, ring, 2 * width);
+    for (const { ends, radius, part } of links) {
       const stands = this.part === null || this.part === part;
       pen.strokeStyle = faded(this.colours[part], stands ? strength : 0.35 * strength);
       pen.lineWidth = 2 * radius;
-      strokeLine(pen, start, end);
+      stroke(pen, ends);
     }
     return links;
   }
@@ -214,7 +174,7 @@ class Stage {
     if (this.shown.trails) for (const trail of this.trails) this.drawTrail(pen, trail, time, 0.9, 2);
     const posture = this.motion.posture(time);
     const links = this.drawRobot(pen, posture, { strength: 1, ring: tone("paper"), width: 2.5 });
-    const thinnest = Math.min(...links.map((link) => link[2]));
+    const thinnest = Math.min(...links.map((link) => link.radius));
     for (const pivot of this.motion.data.robot.pivots) {
       this.dot(pen, this.motion.place(posture, pivot), Math.max(0.35 * thinnest, 1.5), tone("paper"), null);
     }
@@ -240,11 +200,26 @@ function moves(obstacle) {
   return obstacle.window !== null || obstacle.velocity.some((speed) => speed !== 0);
 }
 
-function strokeLine(pen, start, end) {
+/* A line through points of the screen; from a point to itself it is a dot. */
+function trace(pen, points) {
   pen.beginPath();
-  pen.moveTo(...start);
-  pen.lineTo(end[0] + 1e-3, end[1]);
+  for (const [x, y] of points) pen.lineTo(x, y);
+  const [x, y] = points.at(-1);
+  pen.lineTo(x + 1e-3, y);
+}
+
+function stroke(pen, points) {
+  trace(pen, points);
   pen.stroke();
+}
+
+/* Round the whole robot, so much wider than its links. */
+function drawRings(pen, links, colour, extra) {
+  pen.strokeStyle = colour;
+  for (const { ends, radius } of links) {
+    pen.lineWidth = 2 * radius + extra;
+    stroke(pen, ends);
+  }
 }
 
 /* The largest of ..., 0.5, 1, 2, 5, 10, ... that is not above a positive value. */

@@ -4,41 +4,38 @@
    Light or dark, as the reader's system has it: what is painted with these colours is painted again when that changes. */
 
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
-const TONES = {
-  ink: ["#222222", "#e6e6e6"],
-  soft: ["#666666", "#a6a6a6"],
-  paper: ["#ffffff", "#15181c"],
-  grid: ["#f0f0f0", "#24282e"],
-  ground: ["#f3f1ec", "#26251f"],
-  wall: ["#e6e2da", "#34322b"],
-  stone: ["#a3a3a3", "#6b6b6b"],
-  alarm: ["#b00020", "#ff6b7a"],
-};
+const INK = "#222222"; // of data: the paper's own ink
 const LEAST_LIGHT = 0.22; // of a curve on dark paper, 0 black to 1 white
 const painted = [];
+let tones = {};
 
+/* A colour of the style sheet. */
 function tone(name) {
-  return TONES[name][DARK.matches ? 1 : 0];
+  tones[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  return tones[name];
 }
 
 /* A colour #rrggbb of data: on dark paper, mixed with white until it can be seen. */
 function shade(colour) {
   if (!DARK.matches) return colour;
-  if (colour === TONES.ink[0]) return TONES.ink[1];
-  let parts = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+  if (colour === INK) return tone("ink");
+  let parts = channels(colour);
   while (lightness(parts) < LEAST_LIGHT) parts = parts.map((part) => Math.ceil(part + 0.1 * (255 - part)));
   return `#${parts.map((part) => part.toString(16).padStart(2, "0")).join("")}`;
 }
 
+function channels(colour) {
+  return [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+}
+
 function lightness(parts) {
-  const [red, green, blue] = parts.map((part) => (part / 255) ** 2.2);
-  return 0.2126 * red + 0.7152 * green + 0.0722 * blue;
+  return [0.2126, 0.7152, 0.0722].reduce((sum, share, index) => sum + share * (parts[index] / 255) ** 2.2, 0);
 }
 
 /* A colour #rrggbb mixed with the paper: strength 1 is the colour. */
 function faded(colour, strength) {
   if (strength === 1) return shade(colour);
-  const [ink, paper] = [shade(colour), tone("paper")].map((one) => [1, 3, 5].map((at) => parseInt(one.slice(at, at + 2), 16)));
+  const [ink, paper] = [shade(colour), tone("paper")].map(channels);
   return `rgb(${ink.map((part, index) => Math.round(paper[index] + strength * (part - paper[index]))).join(",")})`;
 }
 
@@ -47,13 +44,21 @@ function paint(action) {
   action();
 }
 
-DARK.addEventListener("change", () => painted.forEach((action) => action()));
+DARK.addEventListener("change", () => {
+  tones = {};
+  painted.forEach((action) => action());
+});
 
 function make(tag, name = "", text = "") {
   const element = document.createElement(tag);
   if (name) element.className = name;
   if (text) element.textContent = text;
   return element;
+}
+
+/* Rows of a list of terms. */
+function addRows(list, rows) {
+  for (const [name, text] of rows) list.append(make("dt", "", name), make("dd", "", text));
 }
 
 function fillHeader({ name, question, version }) {
@@ -64,9 +69,8 @@ function fillHeader({ name, question, version }) {
 
 /* A list's next entry: its swatch, in front of words. */
 function addKey(list, shape, words) {
-  const entry = list.appendChild(make("li"));
-  const swatch = entry.appendChild(make("i", `swatch ${shape}`));
-  entry.appendChild(make("span", "", words));
+  const swatch = make("i", `swatch ${shape}`);
+  list.appendChild(make("li")).append(swatch, make("span", "", words));
   return swatch;
 }
 

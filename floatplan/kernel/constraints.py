@@ -1,0 +1,376 @@
+"""Rows of constraints of planar flights, compiled: distances, and sums of moments and rates, with their derivatives.
+
+Searches and corrections in flight share them; between nodes their least values are looked for. The same as
+:mod:`floatplan.motion.planar.closed_form` and :mod:`floatplan.motion.planar.clearance` compute, in a few calls for each
+motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.bodies import filled_robot, merged_bodies
+from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
+from floatplan.kernel.library import kernel
+from floatplan.motion.dynamics import BaseMotion, FlightDynamics
+from floatplan.motion.planar.closed_form import BaseRate
+from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
+
+SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = ENUMERATIONS["RowKind"]
+RATES, VALUES, DRIFT, JACOBIAN, GRADIENT = ENUMERATIONS["Wanted"]
+QUANTITIES = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # of sums
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleRows:
+    """Distances to an obstacle, less the ``least`` one, over the ``scale``, m."""
+
+    obstacle: Obstacle
+    least: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class PairRows:
+    """Distances of ``first`` capsules to ``second`` ones, by index, less the ``least`` one, over the ``scale``, m."""
+
+    first: Sequence[int]
+    second: Sequence[int]
+    least: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class SumRows:
+    """``constant`` (r,) and ``weights`` (r, m) times quantities, named as those of the table of limits."""
+
+    constant: Array
+    weights: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class ShareRows:
+    """What is left of limits: 1 less the magnitudes of two sums (r, m) of quantities, ``used`` and ``also``."""
+
+    used: Mapping[str, Array]
+    also: Mapping[str, Array] = field(default_factory=dict)
+
+
+Block = ObstacleRows | PairRows | SumRows | ShareRows
+
+
+class CompiledConstraints:
+    """Blocks of rows of a planar flight, and the quantity ``also``, which is wanted even where no row has any.
+
+    Attributes
+    ----------
+    block_first : (blocks + 1,) int
+        Where each block's rows begin.
+    differentiated : (rows,) bool
+        Whether its derivatives are not just the opposite of another's.
+    """
+
+    def __init__(self, flight: PlanarFlight, blocks: Sequence[Block], also: str = "") -> None:
+        self.kernel, self.flight = kernel(), flight
+        tree = flight.tree
+        self.links, self.joints = tree.turns.shape
+        self.terms = 2 + 2 * self.joints + self.links
+        bodies = self.bodies = merged_bodies(tree, np.zeros(self.joints), np.ones(self.joints))
+        written: list[tuple[int, int, int, float, float]] = []
+        obstacles: list[list[float]] = []
+        sums: list[Array] = []
+        counts = [self._write(block, written, obstacles, sums) for block in blocks]
+        self.rows = len(written)
+        self.block_first = np.cumsum([0, *counts])
+        columns = np.array(written).reshape(-1, 5).T
+        kind, first, second = columns[:3].astype(np.int64)
+        of_sums = np.array(sums).reshape(-1, self.terms)
+        accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
+        self.needs_moments = "torque" in also or bool(moments.any())
+        self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
+        self.needs_places = bool((kind > SHARE).any())
+        shapes, path = flight.link_shapes, flight.ballistics
+        ends = bodies.of_points(np.stack(shapes.weights, axis=1))
+        opposite = _opposite(kind, first, of_sums)
+        self.differentiated: BoolArray = opposite < 0
+        self.robot = filled_robot(bodies, [0] * self.joints)
+        self.path = np.array([*path.position0, *path.velocity0, path.gravity])
+        self.filled = Filled(
+            "Constraints",
+            capsules=len(ends),
+            rows=self.rows,
+            needs_moments=self.needs_moments,
+            needs_accelerations=self.needs_accelerations,
+            needs_places=self.needs_places,
+            turn=tree.turn,
+            ends_real=ends.real,
+            ends_imaginary=ends.imag,
+            radius=shapes.radius,
+            path=self.path,
+            obstacles=np.array(obstacles),
+            kind=kind,
+            first=first,
+            second=second,
+            opposite=opposite,
+            least=columns[3],
+            per_scale=columns[4],
+            sums=of_sums,
+        )
+        self.references = self.robot.structure, self.filled.structure
+
+    def _write(
+        self,
+        block: Block,
+        rows: list[tuple[int, int, int, float, float]],
+        obstacles: list[list[float]],
+        sums: list[Array],
+    ) -> int:
+        """Write kind, two indices, least value and inverse scale of each row; how many there are."""
+        before = len(rows)
+        if isinstance(block, SumRows | ShareRows):
+            parts = [self.sums(block)] if isinstance(block, SumRows) else [self._sum(block.used)]
+            if isinstance(block, ShareRows) and block.also:
+                parts.append(self._sum(block.also))
+            begin, count = len(sums), len(parts[0])
+            kind = SUM if isinstance(block, SumRows) else SHARE
+            rows += [(kind, begin + i, begin + count + i if len(parts) > 1 else -1, 0.0, 1.0) for i in range(count)]
+            sums.extend(np.concatenate(parts))
+        elif isinstance(block, PairRows):
+            rows += [(PAIR, i, j, block.least, 1 / block.scale) for i in block.first for j in block.second]
+        else:
+            capsules = self.flight.link_shapes.facing(block.obstacle)
+            for piece in block.obstacle.pieces:
+                sides, numbers = _written_obstacle(piece)
+                index = len(obstacles)
+                rows += [(side, i, index, block.least, 1 / block.scale) for side in sides for i in capsules]
+                obstacles.append(numbers)
+        return len(rows) - before
+
+    def sums(self, block: SumRows) -> Array:
+        """Rows (r, terms) of the kernel's sums: constant, of theta0', of velocities, accelerations and moments."""
+        rows = self._sum(block.weights)
+        rows[:, 0] = block.constant
+        return rows
+
+    def _sum(self, weighted: Mapping[str, Array]) -> Array:
+        n, tree = self.joints, self.flight.tree
+        rows = np.zeros((len(next(iter(weighted.values()))), self.terms))
+        of_torques = {"torques": tree.turns, "motor_torques": tree.motor_turns}
+        begins = {"orientation_rate": 1, "velocities": 2, "accelerations": 2 + n}
+        for quantity, weights in weighted.items():
+            if quantity in of_torques:
+                rows[:, 2 + 2 * n :] += weights @ of_torques[quantity].T[: weights.shape[1]]
+            else:
+                begin = begins[quantity]
+                rows[:, begin : begin + weights.shape[1]] += weights
+        return rows
+
+    @property
+    def widths(self) -> dict[str, int]:
+        """How many numbers each quantity has."""
+        n, motors = self.joints, self.flight.tree.motor_turns.shape[1]
+        return {"velocities": n, "accelerations": n, "torques": n, "motor_torques": motors, "orientation_rate": 1}
+
+
+def can_write(obstacle: Obstacle) -> bool:
+    """Whether the kernel knows all pieces of an obstacle."""
+    return all(isinstance(piece, Circle | Bar | HalfPlane) for piece in obstacle.pieces)
+
+
+def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
+    """Return kinds of the rows of an obstacle's piece, and its numbers: place, end or normal, velocity, radius."""
+    if isinstance(obstacle, Circle):
+        return (CIRCLE,), [*obstacle.center, 0.0, 0.0, *obstacle.velocity, obstacle.radius]
+    if isinstance(obstacle, Bar):
+        return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
+    assert isinstance(obstacle, HalfPlane), "see can_write()"
+    normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
+    return (HALF_PLANE_START, HALF_PLANE_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
+
+
+def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
+    """Of each row (r,) an earlier one whose derivatives are the opposite; -1 where there is none."""
+    known: dict[bytes, int] = {}
+    found = np.full(len(kind), -1)
+    for row in np.flatnonzero(kind == SUM).tolist():
+        weights = sums[first[row], 1:]
+        found[row] = known.get((0.0 - weights).tobytes(), -1)
+        known.setdefault((weights + 0.0).tobytes(), row)
+    return found
+
+
+def compiled_constraints(flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> CompiledConstraints | None:
+    """Return rows of a flight's constraints; None in space, or where the kernel does not know what they measure."""
+    known = all(map(_is_known, blocks)) and also in ("", *QUANTITIES)
+    return CompiledConstraints(flight, blocks, also) if known and isinstance(flight, PlanarFlight) else None
+
+
+def _is_known(block: Block) -> bool:
+    if isinstance(block, ObstacleRows):
+        return can_write(block.obstacle)
+    return not isinstance(block, SumRows) or block.weights.keys() <= set(QUANTITIES)
+
+
+class RowTargets:
+    """Where rows are evaluated: instants ``s`` (K,), and where each goes: ``target`` (K, rows), negative: nowhere.
+
+    ``count`` rows go somewhere; each value is lower by ``back_off``.
+    """
+
+    def __init__(
+        self, constraints: CompiledConstraints, s: Array, target: IntArray, count: int, back_off: float = 0.0
+    ) -> None:
+        self.constraints, self.count, self.instants = constraints, count, len(s)
+        self._kept = constraints.flight.duration * s, target
+        self._template = STRUCTURES["Evaluation"](back_off=back_off)
+        self._template.motion.instants = len(s)
+        self._template.motion.per_second = 1 / constraints.flight.duration
+        self._template.point_to(times=self._kept[0], target=target)
+        self._room = self._placed(self._template, 0)
+
+    def _placed(self, structure: Structure, memory: int) -> int:
+        constraints = self.constraints
+        return constraints.kernel.motion_room(*constraints.references, structure, memory)
+
+    def fresh(self) -> tuple[Structure, Array]:
+        """Return a structure for a motion, and the memory that it points to."""
+        room = np.empty(self._room)
+        structure = type(self._template).from_buffer_copy(self._template)
+        self._placed(structure, address(room))
+        return structure, room
+
+
+@dataclass(frozen=True, eq=False)
+class ByX:
+    """How the joints and h depend on x: ``basis`` (3, K, size) of p and its derivatives by s.
+
+    ``columns`` (n+1,) says where each joint's x begin, and then those of h, which is moved by ``axes`` (H,).
+    """
+
+    basis: Array
+    columns: IntArray
+    axes: Array
+
+
+class MotionRows:
+    """A flight at these instants; what it computes of the base's motion, ``flown`` need not compute again."""
+
+    def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
+        assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
+        self._instants, self._flown, self._constraints = instants, flown, instants.constraints
+        joints, n = flown.joints, instants.constraints.joints
+        self._structure, self._memory = instants.fresh()
+        self._begin = address(self._memory)
+        self._structure.momentum = flown.angular_momentum[0, 0]
+        self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
+        self._call(RATES)
+        flown.__dict__["base_rate"] = BaseRate(
+            self._kept("rate", 1)[:, 0],
+            self._kept("by_speed", n),
+            self._kept("inverse", 1)[:, 0],
+            lambda: self._kept("by_position", n),
+        )
+
+    def _kept(self, name: str, rows: int) -> Array:
+        """What the kernel has written there (K, rows)."""
+        motion, count = self._structure.motion, self._instants.instants
+        begin = (getattr(motion, name) - self._begin) // self._memory.itemsize
+        return self._memory[begin : begin + rows * motion.stride].reshape(rows, -1)[:, :count].T
+
+    def _call(self, wanted: int, given: int = 0, count: int = 0, result: int = 0) -> None:
+        constraints = self._constraints
+        rows, instructions = constraints.kernel.rows, constraints.kernel.instructions
+        rows(*constraints.references, self._structure, wanted, given, count, result, instructions)
+
+    def values(self) -> Array:
+        """Values (count,) of the rows."""
+        constraints, structure, flown = self._constraints, self._structure, self._flown
+        if constraints.needs_accelerations:
+            structure.point_to(accelerations=flown.joints.accelerations)
+        if constraints.needs_places:
+            structure.point_to(attitude=flown.attitude)
+        values = np.empty(self._instants.count)
+        self._call(VALUES, result=address(values))
+        if constraints.needs_moments:
+            flown.__dict__["moments"] = self._kept("moment", constraints.links)
+        return values
+
+    def drift(self, by_x: ByX, instants: int) -> Array:
+        """Derivatives (instants, size) of theta0' by x at the first instants; the others' need it first."""
+        structure, joints = self._structure, self._flown.joints
+        structure.size = by_x.basis.shape[2]
+        structure.point_to(sine=joints.sine, cosine=joints.position_by_p, p_rate=joints.p_rate)
+        if self._constraints.needs_accelerations:
+            structure.point_to(p_curvature=joints.p_curvature)
+        structure.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
+        drift = np.empty((instants, by_x.basis.shape[2]))
+        self._call(DRIFT, count=instants, result=address(drift))
+        return drift
+
+    def jacobian(self, attitude_slopes: Array) -> Array:
+        """Derivatives (count, size) of the rows by x, from those (K, size) of the attitude; after :meth:`drift`."""
+        self._structure.point_to(attitude_slopes=attitude_slopes)
+        jacobian = np.empty((self._instants.count, self._structure.size))
+        self._call(JACOBIAN, result=address(jacobian))
+        return jacobian
+
+    def gradient(self, weights: Array) -> Array:
+        """Derivatives (size,) by x of quantities times ``weights`` (instants, terms), summed; after :meth:`drift`."""
+        gradient = np.empty(self._structure.size)
+        self._call(GRADIENT, address(weights), len(weights), address(gradient))
+        return gradient
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Where to look first: a ``grid`` (K,) of [0, 1], and between which instants each row (rows,) applies."""
+
+    grid: Array
+    low: Array
+    high: Array
+
+
+def minima(
+    constraints: CompiledConstraints,
+    flown: BaseMotion,
+    polynomials: SinePolynomials,
+    look: Look,
+    near: float,
+    span: float,
+) -> tuple[IntArray, Array, Array, int]:
+    """Local minima below ``near`` over a flight, narrowed down from a look by ``span`` to both sides.
+
+    Returned are row, s and value (L,), and at how many instants it looked closer. The flight, on any grid, is of a
+    motion of the class ``polynomials``.
+    """
+    assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
+    p, p_rate, p_curvature = basis(polynomials.form).series @ flown.joints.coefficients
+    most = len(look.grid) * constraints.rows
+    motion = Filled(
+        "Series",
+        terms=len(p),
+        turned_terms=len(flown.turned),
+        duration=constraints.flight.duration,
+        momentum=flown.angular_momentum[0, 0],
+        p=p,
+        p_rate=p_rate,
+        p_curvature=p_curvature,
+        turned=flown.turned,
+        centre=polynomials.centre,
+        amplitude=polynomials.amplitude,
+    )
+    row, s, least = np.empty(most, dtype=np.int64), np.empty(most), np.empty(most)
+    found = Filled(
+        "Minima", instants=len(look.grid), near=near, span=span, **vars(look), row=row, s=s, least=least
+    ).structure
+    compiled = constraints.kernel
+    if compiled.minima(*constraints.references, motion.structure, found, compiled.instructions):
+        raise MemoryError("no memory to look between the nodes")
+    kept = slice(0, found.found)
+    return row[kept], s[kept], least[kept], found.looked

@@ -1,0 +1,144 @@
+// The rest of a flight under a motion of the joints: how the base turns, rows of constraints, and their derivatives.
+
+struct Predicted {
+    Motion motion;
+    double *coefficients;      // (6 + width, n)
+    double *value, *violation; // (rows, K)
+    double *worst;             // (blocks)
+    double miss, square;       // square: of all violations
+};
+
+class RestOfFlight {
+  public:
+    RestOfFlight(const Robot &robot, const Constraints &constraints, const Flight &flight)
+        : has_distances(constraints.needs_places), robot(robot), constraints(constraints), f(flight), n(robot.joints),
+          K(f.instants), columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, nullptr} {}
+
+    const bool has_distances;
+    double T = 0, h = 0, change = 0, orientation = 0;
+    bool landed = false;  // distances are those of a base that turns to the goal: the miss is taken off, by time
+    double *drift = nullptr, *attitude_slopes = nullptr;  // (nodes, size), (size)
+
+    void lay_out(Arena &arena, Predicted &a) const {
+        lay_out_motion(arena, a.motion, robot, constraints.capsules, K);
+        arena.take(a.coefficients, columns * n);
+        for (double **each : {&a.value, &a.violation}) arena.take(*each, constraints.rows * K);
+        arena.take(a.worst, f.blocks);
+    }
+
+    void lay_out(Arena &arena) {
+        arena.take(drift, f.nodes * size);
+        arena.take(attitude_slopes, size);
+    }
+
+    void evaluate(Predicted &a) const {
+        Motion &m = a.motion;
+        m.per_second = 1 / T;
+        for (std::int64_t i = 0; i < n; ++i)
+            for (std::int64_t k = 0; k < K; k += LANES) {
+                Vector p = all(0), rate = all(0), curvature = all(0);
+                for (std::int64_t c = 0; c < columns; ++c) {
+                    const double z = a.coefficients[c * n + i];
+                    p = add_product(z, load(f.value + c * K + k), p);
+                    rate = add_product(z, load(f.first + c * K + k), rate);
+                    curvature = add_product(z, load(f.second + c * K + k), curvature);
+                }
+                store(m.sine + i * K + k, p);
+                store(m.p_rate + i * K + k, rate);
+                store(m.p_curvature + i * K + k, curvature);
+            }
+        swing_joints(robot, m, f.centre, f.amplitude);
+        turn(robot, m, h);
+        if (constraints.needs_moments) move_bodies(robot, m);
+        a.miss = -change;
+        for (std::int64_t k = 0; k < f.nodes; ++k) a.miss += T * f.weights[k] * m.rate[k];
+        if (constraints.needs_places) place_capsules(a);
+        evaluate_rows(a);
+    }
+
+    // Largest torque of each motor, N m.
+    void find_torque_peaks(Predicted &a) const {
+        Motion &m = a.motion;
+        if (!constraints.needs_moments) move_bodies(robot, m);
+        for (std::int64_t motor = 0; motor < f.motors; ++motor) {
+            Vector most = all(0);
+            for (std::int64_t k = 0; k < K; k += LANES) {
+                Vector torque = all(0);
+                for (std::int64_t link = 0; link < robot.links; ++link) {
+                    const double turns = f.motor_turns[link * f.motors + motor];
+                    if (turns != 0) torque = add_product(turns, load(m.moment + link * K + k), torque);
+                }
+                most = larger(magnitude(torque), most);
+            }
+            f.torque_peak[motor] = 0;
+            for (int lane = 0; lane < LANES; ++lane) f.torque_peak[motor] = larger(f.torque_peak[motor], most[lane]);
+        }
+    }
+
+    // Derivative (n width) of the miss; that of rows needs it first.
+    void differentiate_miss(Predicted &a, double *row) const {
+        Motion &m = a.motion;
+        differentiate_turn(robot, m);
+        std::memset(row, 0, size * sizeof(double));
+        std::memset(drift, 0, f.nodes * size * sizeof(double));
+        for (std::int64_t k = 0; k < f.nodes; ++k) {
+            chain_rate(variables, m, n, k, drift + k * size);
+            for (std::int64_t e = 0; e < size; ++e) row[e] += T * f.weights[k] * drift[k * size + e];
+        }
+    }
+
+    // Derivative (n width) of a row at an instant.
+    void differentiate(Predicted &a, std::int64_t row, std::int64_t k, double *slopes) const {
+        if (k >= f.nodes && constraints.kind[row] > share_row) {
+            std::memset(attitude_slopes, 0, size * sizeof(double));
+            for (std::int64_t j = 0; j < f.nodes; ++j) {
+                const double integral = f.integrals[(k - f.nodes) * f.nodes + j] - landed * f.s[k] * f.weights[j];
+                for (std::int64_t e = 0; e < size; ++e) attitude_slopes[e] += T * integral * drift[j * size + e];
+            }
+        }
+        differentiate_row(robot, constraints, a.motion, variables, row, k, attitude_slopes, slopes);
+    }
+
+  private:
+    const Robot &robot;
+    const Constraints &constraints;
+    const Flight &f;
+    const std::int64_t n, K, columns, size;
+    const Variables variables;
+
+    void place_capsules(Predicted &a) const {
+        Motion &m = a.motion;
+        for (std::int64_t k = f.nodes; k < K; ++k) {
+            const double *integral = f.integrals + (k - f.nodes) * f.nodes;
+            double turned = 0;
+            for (std::int64_t j = 0; j < f.nodes; ++j) turned += integral[j] * m.rate[j];
+            m.attitude[k] = orientation + T * turned - landed * a.miss * f.s[k];
+            m.time[k] = f.now + T * f.s[k];
+        }
+        place(robot, constraints, m, f.now, f.nodes);
+    }
+
+    // Values of all rows, those of distances infinite at the nodes and outside of their windows.
+    void evaluate_rows(Predicted &a) const {
+        const double *time = a.motion.time;
+        a.square = 0;
+        for (std::int64_t block = 0; block < f.blocks; ++block) {
+            a.worst[block] = HUGE_VAL;
+            for (std::int64_t r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
+                double *value = a.value + r * K, *violation = a.violation + r * K;
+                if (constraints.kind[r] > share_row)
+                    for (std::int64_t k = 0; k < K; ++k) value[k] = HUGE_VAL;
+                row_values(robot, constraints, a.motion, r, [&](std::int64_t k) {
+                    return k >= f.nodes && time[k] >= f.row_window[2 * r] && time[k] <= f.row_window[2 * r + 1];
+                }, value);
+                for (std::int64_t k = 0; k < K; ++k) {
+                    violation[k] = 0;
+                    if (value[k] < a.worst[block] || std::isnan(value[k])) a.worst[block] = value[k];
+                    if (value[k] >= f.aim[block]) continue;
+                    violation[k] = (f.aim[block] - value[k]) / f.softness[block];
+                    a.square += violation[k] * violation[k];
+                }
+            }
+        }
+    }
+};

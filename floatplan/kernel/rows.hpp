@@ -1,0 +1,264 @@
+// Rows of constraints of a flight, and their derivatives: of searches, and of the rest of a flight that is corrected.
+
+// How joints and h depend on the variables: as in Evaluation.
+struct Variables {
+    std::int64_t size, instants;
+    const double *basis;
+    const std::int64_t *columns;
+    const double *axes;
+};
+
+// Derivatives (size) of what m.by says at instant k, added to a row: by positions, and by as many of their derivatives
+// as `orders` says; with these also by h.
+static inline void chain(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k, int orders,
+                         double *row) {
+    const std::int64_t size = variables.size, *columns = variables.columns;
+    const double per_second = m.per_second, *by = m.by, *b0 = variables.basis + k * size,
+                 *b1 = b0 + variables.instants * size, *b2 = b1 + variables.instants * size;
+    for (std::int64_t i = 0; i < n; ++i) {
+        const std::int64_t at = i * m.stride + k, from = columns[i], to = columns[i + 1];
+        double sine = m.sine[at], cosine = m.cosine[at], w0 = by[i] * cosine;
+        if (orders == 0) {
+            for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c];
+            continue;
+        }
+        double rate = m.p_rate[at], swing = per_second * sine * rate, w1 = by[n + i] * per_second * cosine;
+        w0 -= by[n + i] * swing;
+        if (orders == 1) {
+            for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c] + w1 * b1[c];
+            continue;
+        }
+        double acceleration = by[2 * n + i] * per_second;
+        w0 -= acceleration * per_second * (sine * m.p_curvature[at] + cosine * rate * rate);
+        w1 -= 2 * acceleration * swing;
+        double w2 = acceleration * per_second * cosine;
+        for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c] + w1 * b1[c] + w2 * b2[c];
+    }
+    if (orders == 0) return;
+    for (std::int64_t c = columns[n]; c < size; ++c) row[c] += by[3 * n] * variables.axes[c - columns[n]];
+}
+
+// Derivative (size) of theta0' at instant k, added to a row; after differentiate_turn().
+static inline void chain_rate(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k,
+                              double *row) {
+    for (std::int64_t i = 0; i < n; ++i) {
+        m.by[i] = m.by_position[i * m.stride + k];
+        m.by[n + i] = m.by_speed[i * m.stride + k];
+    }
+    m.by[3 * n] = m.inverse[k];
+    chain(variables, m, n, k, 1, row);
+}
+
+// Ends of the capsules from an instant on, where the attitude is; `began` s since takeoff the path of the CM begins.
+static inline void place(const Robot &robot, const Constraints &constraints, Motion &m, double began,
+                         std::int64_t first) {
+    const std::int64_t instants = m.instants, stride = m.stride;
+    const double *path = constraints.path;
+    for (std::int64_t k = first; k < instants; k += LANES) {
+        Vector s, c;
+        sine_cosine(load(m.attitude + k), s, c);
+        store(m.attitude_sine + k, s);
+        store(m.attitude_cosine + k, c);
+    }
+    for (std::int64_t e = 0; e < 2 * constraints.capsules; ++e)
+        for (std::int64_t k = first; k < instants; k += LANES) {
+            Vector along = all(0), up = all(0), dt = load(m.time + k) - all(began);
+            for (std::int64_t b = 0; b < robot.bodies; ++b) {
+                const double re = constraints.ends_real[e * robot.bodies + b];
+                const double im = constraints.ends_imaginary[e * robot.bodies + b];
+                if (re == 0 && im == 0) continue;
+                Vector c = load(m.body_cosine + b * stride + k), s = load(m.body_sine + b * stride + k);
+                along += all(re) * c - all(im) * s;
+                up += all(re) * s + all(im) * c;
+            }
+            Vector c = load(m.attitude_cosine + k), s = load(m.attitude_sine + k);
+            store(m.end_x + e * stride + k, all(path[0]) + all(path[2]) * dt + (c * along - s * up));
+            store(m.end_y + e * stride + k, all(path[1]) + all(path[3]) * dt - all(path[4] / 2) * dt * dt +
+                                                all(constraints.turn) * (s * along + c * up));
+        }
+}
+
+static inline Nearest nearest(const Constraints &constraints, const Motion &m, std::int64_t row, std::int64_t k) {
+    auto end = [&](std::int64_t e) { return Place{m.end_x[e * m.stride + k], m.end_y[e * m.stride + k]}; };
+    const std::int64_t first = constraints.first[row], second = constraints.second[row];
+    const Place start = end(2 * first), stop = end(2 * first + 1);
+    Nearest found;
+    if (constraints.kind[row] == pair_row) {
+        found = between(start, stop, end(2 * second), end(2 * second + 1));
+        found.distance -= constraints.radius[first] + constraints.radius[second];
+    } else {
+        const double *obstacle = constraints.obstacles + 7 * second;
+        found = to_obstacle(constraints.kind[row], obstacle, m.time[k], start, stop);
+        found.distance -= constraints.radius[first] + obstacle[6];
+    }
+    return found;
+}
+
+static inline void read(const double *from, Vector &value) { value = load(from); }
+static inline void read(const double *from, double &value) { value = *from; }
+
+// A sum at one instant, or at those that are computed at once.
+template <typename Number>
+static inline Number sum_at(const Robot &robot, const Constraints &constraints, const Motion &m, std::int64_t sum,
+                            std::int64_t k) {
+    const std::int64_t n = robot.joints;
+    const double *weights = constraints.sums + sum * (2 + 2 * n + robot.links);
+    Number total = Number{} + weights[0], value;
+    auto add = [&](std::int64_t term, const double *values) {
+        if (weights[term] == 0) return;
+        read(values + k, value);
+        total = add_product(weights[term], value, total);
+    };
+    add(1, m.rate);
+    for (std::int64_t i = 0; i < n; ++i) add(2 + i, m.speed + i * m.stride);
+    for (std::int64_t i = 0; i < n; ++i) add(2 + n + i, m.acceleration + i * m.stride);
+    if (constraints.needs_moments)
+        for (std::int64_t b = 0; b < robot.links; ++b) add(2 + 2 * n + b, m.moment + b * m.stride);
+    return total;
+}
+
+// Values (stride) of a row; distances only where they are wanted.
+template <typename IsWanted>
+static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, std::int64_t row,
+                              IsWanted is_wanted, double *value) {
+    const std::int64_t kind = constraints.kind[row], first = constraints.first[row], second = constraints.second[row];
+    if (kind <= share_row) {
+        for (std::int64_t k = 0; k < m.instants; k += LANES) {
+            Vector sum = sum_at<Vector>(robot, constraints, m, first, k);
+            if (kind == share_row) sum = all(1) - magnitude(sum);
+            if (kind == share_row && second >= 0) sum -= magnitude(sum_at<Vector>(robot, constraints, m, second, k));
+            store(value + k, sum);
+        }
+        return;
+    }
+    for (std::int64_t k = 0; k < m.instants; ++k)
+        if (is_wanted(k))
+            value[k] = (nearest(constraints, m, row, k).distance - constraints.least[row]) * constraints.per_scale[row];
+}
+
+// Derivatives (size) of a row at instant k; those of the attitude there (size) are given.
+static inline void differentiate_row(const Robot &robot, const Constraints &constraints, Motion &m,
+                                     const Variables &variables, std::int64_t row, std::int64_t k,
+                                     const double *attitude_slopes, double *slopes) {
+    const std::int64_t n = robot.joints, bodies = robot.bodies, terms = 2 + 2 * n + robot.links;
+    if (constraints.kind[row] <= share_row) {
+        const double *weights = constraints.sums + constraints.first[row] * terms;
+        if (constraints.kind[row] == share_row) {
+            for (std::int64_t e = 0; e < terms; ++e) m.weights[e] = 0;
+            for (std::int64_t sum : {constraints.first[row], constraints.second[row]}) {
+                if (sum < 0) continue;
+                const double *part = constraints.sums + sum * terms;
+                const double value = sum_at<double>(robot, constraints, m, sum, k), sign = (value > 0) - (value < 0);
+                for (std::int64_t e = 0; e < terms; ++e) m.weights[e] -= sign * part[e];
+            }
+            weights = m.weights;
+        }
+        differentiate_sum(robot, m, k, weights, constraints.needs_moments);
+        std::memset(slopes, 0, variables.size * sizeof(double));
+        return chain(variables, m, n, k, constraints.needs_accelerations ? 2 : 1, slopes);
+    }
+    const Nearest found = nearest(constraints, m, row, k);
+    double *by_angle = m.by_angle;
+    // How fast a point of a capsule, a share along it, moves as a body turns, m/rad; along the distance.
+    auto add_capsule = [&](std::int64_t capsule, double share, double sign) {
+        const double c = m.attitude_cosine[k], s = m.attitude_sine[k];
+        for (std::int64_t b = 0; b < bodies; ++b) {
+            const std::int64_t start = 2 * capsule * bodies + b, end = start + bodies;
+            const double re = (1 - share) * constraints.ends_real[start] + share * constraints.ends_real[end];
+            const double im = (1 - share) * constraints.ends_imaginary[start] + share * constraints.ends_imaginary[end];
+            const double own_c = m.body_cosine[b * m.stride + k], own_s = m.body_sine[b * m.stride + k];
+            const double along = re * own_c - im * own_s, up = re * own_s + im * own_c;
+            by_angle[b] += sign * (constraints.turn * found.direction.y * (c * along - s * up) -
+                                   found.direction.x * (s * along + c * up));
+        }
+    };
+    for (std::int64_t b = 0; b < bodies; ++b) by_angle[b] = 0;
+    add_capsule(constraints.first[row], found.own, constraints.per_scale[row]);
+    if (constraints.kind[row] == pair_row)
+        add_capsule(constraints.second[row], found.other, -constraints.per_scale[row]);
+    gather(robot, by_angle, m.by);
+    for (std::int64_t c = 0; c < variables.size; ++c) slopes[c] = by_angle[0] * attitude_slopes[c];
+    chain(variables, m, n, k, 0, slopes);
+}
+
+// ---- of a motion of a search, step by step
+
+static inline void take(const double *given, std::int64_t count, const Motion &m, double *values) {
+    for (std::int64_t i = 0; i < count; ++i, values += m.stride) {
+        for (std::int64_t k = 0; k < m.instants; ++k) values[k] = given[k * count + i];
+        for (std::int64_t k = m.instants; k < m.stride; ++k) values[k] = 0;
+    }
+}
+
+static inline void evaluate_rates(const Robot &robot, Evaluation &at) {
+    take(at.positions, robot.joints, at.motion, at.motion.position);
+    take(at.velocities, robot.joints, at.motion, at.motion.speed);
+    turn(robot, at.motion, at.momentum);
+    differentiate_turn(robot, at.motion);
+}
+
+// Values of the rows, each where at.target (instants, rows) says.
+static inline void evaluate_rows(const Robot &robot, const Constraints &constraints, Evaluation &at, double *values) {
+    Motion &m = at.motion;
+    if (constraints.needs_accelerations) take(at.accelerations, robot.joints, m, m.acceleration);
+    if (constraints.needs_moments) move_bodies(robot, m);
+    if (constraints.needs_places) {
+        take(at.times, 1, m, m.time);
+        take(at.attitude, 1, m, m.attitude);
+        place(robot, constraints, m, 0, 0);
+    }
+    for (std::int64_t row = 0; row < constraints.rows; ++row) {
+        const std::int64_t *target = at.target + row;
+        auto is_wanted = [&](std::int64_t k) { return target[k * constraints.rows] >= 0; };
+        row_values(robot, constraints, m, row, is_wanted, m.value);
+        for (std::int64_t k = 0; k < m.instants; ++k, target += constraints.rows)
+            if (*target >= 0) values[*target] = m.value[k] - at.back_off;
+    }
+}
+
+static inline Variables variables_of(const Evaluation &at) {
+    return {at.size, at.motion.instants, at.basis, at.columns, at.axes};
+}
+
+// Derivatives (instants, size) by x of theta0', at so many of the first instants.
+static inline void evaluate_drift(const Robot &robot, Evaluation &at, std::int64_t instants, double *drift) {
+    Motion &m = at.motion;
+    take(at.sine, robot.joints, m, m.sine);
+    take(at.cosine, robot.joints, m, m.cosine);
+    take(at.p_rate, robot.joints, m, m.p_rate);
+    if (at.p_curvature) take(at.p_curvature, robot.joints, m, m.p_curvature);
+    std::memset(drift, 0, instants * at.size * sizeof(double));
+    for (std::int64_t k = 0; k < instants; ++k) chain_rate(variables_of(at), m, robot.joints, k, drift + k * at.size);
+}
+
+// Derivatives (.., size) of the rows, each where at.target says; after values and drift of the same motion.
+static inline void evaluate_jacobian(const Robot &robot, const Constraints &constraints, Evaluation &at,
+                                     double *jacobian) {
+    const Variables variables = variables_of(at);
+    for (std::int64_t k = 0; k < at.motion.instants; ++k) {
+        const std::int64_t *target = at.target + k * constraints.rows;
+        const double *attitude = at.attitude_slopes + k * at.size;
+        for (std::int64_t row = 0; row < constraints.rows; ++row) {
+            if (target[row] < 0) continue;
+            double *slopes = jacobian + target[row] * at.size;
+            const std::int64_t opposite = constraints.opposite[row];
+            if (opposite < 0 || target[opposite] < 0) {
+                differentiate_row(robot, constraints, at.motion, variables, row, k, attitude, slopes);
+                continue;
+            }
+            const double *other = jacobian + target[opposite] * at.size;
+            for (std::int64_t c = 0; c < at.size; ++c) slopes[c] = -other[c];
+        }
+    }
+}
+
+// Gradient (size) of sums with weights (instants, terms), together.
+static inline void evaluate_gradient(const Robot &robot, const Constraints &constraints, Evaluation &at,
+                                     const double *weights, std::int64_t instants, double *gradient) {
+    const std::int64_t n = robot.joints, terms = 2 + 2 * n + robot.links;
+    std::memset(gradient, 0, at.size * sizeof(double));
+    for (std::int64_t k = 0; k < instants; ++k, weights += terms) {
+        differentiate_sum(robot, at.motion, k, weights, constraints.needs_moments);
+        chain(variables_of(at), at.motion, n, k, constraints.needs_accelerations ? 2 : 1, gradient);
+    }
+}
