@@ -144,15 +144,15 @@ def standing_feet(robot: Robot, frame: str, positions: Array) -> list[str]:
     return sorted(places, key=lambda each: places[each])
 
 
-def in_the_air(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:
-    """Which contact is not on the ground in a posture (n,), the base level, for a person; empty where all are."""
+def in_the_air(robot: Robot, contacts: Sequence[Contact], positions: Array, most: float = LEVEL) -> str:
+    """Which contact is above the ground, by more than ``most``, m, in a posture (n,), the base level; for a person."""
     heights = {link: _lowest(robot, link, positions) for link, hull in robot.link_hulls.items() if hull}
     if not heights:
         return ""
     lowest = min(heights, key=lambda link: heights[link])
     for contact in contacts:
         above = heights_over_com(robot, contact.spots[:1], 0.0, positions)[0].imag - contact.depth - heights[lowest]
-        if above > LEVEL:
+        if above > most:
             return f"{contact.name!r} is in the air: {lowest!r} is {1e3 * above:.0f} mm lower"
     return ""
 

@@ -27,6 +27,7 @@ from floatplan.stance.program import JumpProgram, inside
 from floatplan.stance.rows import Bounds, NodeRows
 
 MOST = 2  # [-] contacts of a phase
+FAR = 0.1  # [m] above what is lowest in the reference posture: no foot is there
 NEAR = 0.1  # [rad] by which a posture that is given may be moved so that it is static
 TURN = 2 * math.pi
 
@@ -195,7 +196,9 @@ def _side(
     found = standing_posture(robot, outer, wanted, inside(np.asarray(problem.position_limits)))
     own = isinstance(asked, Mapping)
     is_other = own and found is not None and np.abs(found - wanted).max() > NEAR
-    floating = "" if is_other else in_the_air(robot, outer, wanted if found is None else found)
+    floating = "" if own else in_the_air(robot, outer, wanted, FAR)
+    if not floating and found is not None and not is_other:
+        floating = in_the_air(robot, outer, found)
     if floating:
         raise InputError(floating, element=place, advice="name what is on the ground where it stands")
     if found is None or is_other:

@@ -139,8 +139,8 @@ WRONG = {  # in go2.toml: what is replaced, and what is said then
     ),
     "a contact in the air": (
         '[["RL_foot", "FL_foot"], ["RL_foot"]]',
-        '[["RL_foot", "FL_calf"], ["RL_foot"]]',
-        "jump.takeoff.contacts: 'FL_calf' is in the air",
+        '[["RL_foot", "FL_thigh"], ["RL_foot"]]',
+        "jump.takeoff.contacts: 'FL_thigh' is in the air",
     ),
     "friction 0": ("friction = 0.6", "friction = 0", "jump.friction: 0.0 is not positive"),
     "no gravity": ("duration = 0.4", "duration = 0.4\ngravity = 0", "flight.gravity: nothing stands without gravity"),
