@@ -139,7 +139,16 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
             lambda each: into("self_clearances")([each]),
         ),
         "Problem": Call(
-            fp.Problem, {**given, "obstacles": (), "self_clearances": (), "name": "x", "ground": False, "written": None}
+            fp.Problem,
+            {
+                **given,
+                "obstacles": (),
+                "self_clearances": (),
+                "name": "x",
+                "ground": False,
+                "jump": None,
+                "written": None,
+            },
         ),
         "Coupling": Call(fp.Coupling, {"leader": "q1", "ratio": -1.0, "offset": 0.0}),
         "Family": Call(fp.Family, {"base": problem, "varied": {"flight.duration": [1.3, 1.4]}}, lambda f: tried(f)),
