@@ -18,8 +18,9 @@ from floatplan.planning.search import MOST_SOLVED
 
 MADE_BY_FLOATPLAN = {
     *("Authority", "Certificate", "ClosedLoop", "Contact", "Correction", "FlightState", "Plan", "Plans", "Reference"),
-    *("Replay", "Study"),
+    *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch"),
 }
+TRIED_AMONG_JUMPS = ("jump", "launch", "load_jump")  # in tests/stance and tests/cli/test_jump.py
 NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError"}
 FEW_LETTERS = 1500  # of any representation
 
@@ -138,6 +139,21 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
             {"links": ("body0", "body2"), "margin": 0.01},
             lambda each: into("self_clearances")([each]),
         ),
+        "JumpRequest": Call(
+            fp.JumpRequest,
+            {"friction": 0.6, "margin": {}, "fixed": (), "takeoff": fp.JumpTakeoff(), "landing": fp.JumpLanding()},
+            into("jump"),
+        ),
+        "JumpTakeoff": Call(
+            fp.JumpTakeoff,
+            {"contacts": [["hand"]], "durations": [(0.1, 0.2)], "from_": "standing"},
+            lambda each: into("jump")(fp.JumpRequest(takeoff=each)),
+        ),
+        "JumpLanding": Call(
+            fp.JumpLanding,
+            {"contacts": [["hand"]], "durations": [(0.1, 0.2)], "to": "standing"},
+            lambda each: into("jump")(fp.JumpRequest(landing=each)),
+        ),
         "Problem": Call(
             fp.Problem,
             {
@@ -242,6 +258,7 @@ def refusals(name: str, call: Call) -> Iterator[str]:
 
 PARTS = [
     *("Posture", "Posture.degrees", "Takeoff", "Landing", "Flight", "Motion", "Limits", "Motor", "Circle", "HalfPlane"),
+    *("JumpRequest", "JumpTakeoff", "JumpLanding"),
     *("Bar", "SelfClearance", "Problem", "Coupling", "Family", "Perturbation", "Robot"),
 ]
 
@@ -290,7 +307,7 @@ def test_studies(root: Path, problem: fp.Problem, tmp_path: Path, monkeypatch: p
 
 
 def test_every_public_name_is_tried(problem: fp.Problem, plan: fp.Plan, tmp_path: Path) -> None:
-    tried = {name.partition(".")[0] for name in (*PARTS, *calls(problem, plan, tmp_path), "study")}
+    tried = {name.partition(".")[0] for name in (*PARTS, *calls(problem, plan, tmp_path), "study", *TRIED_AMONG_JUMPS)}
     assert set(fp.__all__) == tried | MADE_BY_FLOATPLAN | NO_ARGUMENTS
 
 
