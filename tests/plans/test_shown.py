@@ -60,7 +60,7 @@ def test_notebooks_show_tables(planned: Planned) -> None:
     certificate = fp.certify(plan)
     for shown, expected in (
         (plan.problem, [plan.problem.name, "1.4 s, foot to hand", "start", "circle at (1.485, 3.342) m, radius 0.2 m"]),
-        (fp.replay(plan), ["orientation off by"]),
+        (fp.replay(plan), ["orientation", "off by"]),
         (certificate, ["constraint", *(finding.label for finding in certificate.findings)]),
     ):
         cells = Cells(shown._repr_html_())
