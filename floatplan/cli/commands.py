@@ -116,17 +116,17 @@ def plan(
     from floatplan.cli.asked import asked_problem, is_robot
     from floatplan.cli.results import (
         check_directory,
-        default_directory,
         write_figures,
         write_page,
         write_problem,
         write_results,
     )
     from floatplan.export.table import sample_times
+    from floatplan.files import runs_folder
     from floatplan.planning.planner import plan as search
 
     problem = asked_problem(source, options, choices, degrees)
-    directory = default_directory(problem) if output is None else output
+    directory = runs_folder(problem.name, "flight") if output is None else output
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:

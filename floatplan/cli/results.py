@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,18 +11,12 @@ from floatplan.export.table import table_text
 from floatplan.files import write_atomically, write_together
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
-from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
 LIMITS = LIMIT_TABLE.values()
 PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
-
-
-def default_directory(problem: Problem) -> Path:
-    """Return ``runs/<problem name>``, the name made fit for a folder."""
-    return Path("runs") / (re.sub(r"[^\w.-]+", "_", problem.name).strip("._") or "flight")
 
 
 def check_directory(directory: Path) -> None:

@@ -36,13 +36,13 @@ def studio(
     Drag the robot at takeoff and landing, obstacles, sliders; Ctrl-C ends it. A robot without a problem file begins
     with the flight that floatplan init finds.
     """
-    from floatplan.cli.results import default_directory
     from floatplan.errors import import_optional
+    from floatplan.files import runs_folder
     from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")
     problem = _problem(source, quiet)
-    directory = default_directory(problem) / "studio" if output is None else output
+    directory = runs_folder(problem.name, "flight") / "studio" if output is None else output
     with closing(Studio(problem, folder=str(directory), port=port, with_map=around)) as page:
         typer.echo(f"{escaped(problem.name)}: {page.address} (Ctrl-C ends it)", err=True)
         if open_page:

@@ -30,6 +30,7 @@ from floatplan.view.outlines import (
 )
 from floatplan.view.scene.meshes import bends
 from floatplan.view.scene.scene import (
+    LINES,
     Grip,
     RobotNodes,
     add_grounds,
@@ -39,6 +40,7 @@ from floatplan.view.scene.scene import (
     look,
     move_obstacle,
     obstacle_slab,
+    segments,
 )
 from floatplan.view.style import TRAILS, rgb_bytes
 
@@ -90,13 +92,8 @@ class Stage:
         self.kept.root.visible = False
         self.grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
-        self._paths = server.scene.add_line_segments(
-            "/paths",
-            np.zeros((1, 2, 3), dtype=np.float32),
-            rgb_bytes(TRAILS[0]),
-            thickness=2.0,
-            thickness_units="screen",
-        )
+        nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **LINES)
         self._obstacles: list[Any] = []
         self._grabbed: dict[str, Grabbed] = {}
         self._carried: dict[int, tuple[complex, Obstacle]] = {}
@@ -225,8 +222,7 @@ class Stage:
     def _draw_paths(self, shown: ShownPlan) -> None:
         pairs, colours = [], []
         for places, colour in zip((shown.com, shown.takeoff, shown.landing), TRAILS, strict=True):
-            points = in_space(self._plane, places[bends(places, BEND)])
-            pairs.append(np.stack((points[:-1], points[1:]), axis=1))
+            pairs.append(segments(self._plane, places[bends(places, BEND)]))
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
