@@ -22,7 +22,8 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.impossibility import impossibilities
-from floatplan.planning.work import DEFAULT_WORK, EVALUATION
+from floatplan.planning.search import DEFAULT_WORK
+from floatplan.planning.transcription.trajectory import EVALUATION
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
 
