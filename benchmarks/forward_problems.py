@@ -14,9 +14,8 @@ from generated_problems import random_chain
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import PlanarBaseMotion, gauss_grid, momentum_set
-from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, flight_model, sample_nodes, trajectory
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.parts import Obstacle
 
 GRADES = ("easy", "medium", "hard")
@@ -108,7 +107,7 @@ def _segment_distances(motion: Trajectory, point: complex) -> np.ndarray:
 
 def obstacle_between(rng: np.random.Generator, drawn: Drawn, guess: fp.Plan) -> Obstacle | None:
     """Return a circle that the drawn motion clears and the guess hits, somewhere on the guess's links."""
-    instants = drawn.motion.times
+    instants = drawn.motion.duration * drawn.motion.s
     placed = _placed(guess, instants)
     for _ in range(60):
         k, s = int(rng.integers(8, len(instants) - 8)), int(rng.integers(placed.shape[1]))
@@ -135,8 +134,8 @@ def _placed(plan: fp.Plan, times: np.ndarray) -> np.ndarray:
 
 def _limits_just_above(drawn: Drawn, difficulty: int) -> fp.Limits:
     """Limits 3 % above the drawn motion's peaks."""
-    motion = drawn.motion
-    peaks = [np.abs(values).max(axis=0) for values in (motion.torques, motion.motion.velocities, motion.flown.rate)]
+    flown, velocities = drawn.motion.flown, drawn.motion.motion.velocities
+    peaks = [np.abs(values).max(axis=0) for values in (flown.torques, velocities, flown.rate)]
     return fp.Limits(
         torque=HEADROOM * peaks[0],
         velocity=HEADROOM * peaks[1] if difficulty > 0 else "none",

@@ -51,7 +51,7 @@ def free_problem(seed: int) -> fp.Problem | None:
 
 def _limits(rng: np.random.Generator, drawn: Drawn, guess: fp.Plan, kind: str) -> fp.Limits:
     scarce = rng.uniform(*SCARCITY, 2)
-    enough = rng.uniform(*HEADROOM) * np.abs(drawn.motion.torques).max(axis=0)
+    enough = rng.uniform(*HEADROOM) * np.abs(drawn.motion.flown.torques).max(axis=0)
     torque = enough if "obstacle" in kind else scarce[0] * guess.peaks.torque
     return fp.Limits(
         torque=torque if "torque" in kind else "none",

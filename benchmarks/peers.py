@@ -20,9 +20,11 @@ import floatplan as fp
 from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
 from floatplan.optimization.nonlinear_program import AnyEvaluation
-from floatplan.planning.transcription.asked import constraints
-from floatplan.planning.transcription.program import FlightProgram, decision_variables, objective
+from floatplan.planning.transcription.constraints import constraints
+from floatplan.planning.transcription.objectives import objective
+from floatplan.planning.transcription.program import FlightProgram
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes
+from floatplan.planning.transcription.variables import decision_variables
 
 NODES = 64
 ACCEPTED = 1e-6  # largest violation at the nodes of what counts as solved

@@ -132,7 +132,10 @@ class CompiledSqp:
         weights = ca.DM(duration * sampling.weights)
         turned = at_node.map(sampling.nodes)(*states) @ weights
         rates, by_p, by_rate = with_gradient.map(sampling.nodes)(*states)
-        weighted_value, weighted_derivative = (duration * part[:, CONDITIONS:] for part in sampling.weighted)
+        of_nodes = duration * sampling.weights[:, None]
+        weighted_value, weighted_derivative = (
+            of_nodes * part[: sampling.nodes, CONDITIONS:] for part in sampling.values[:2]
+        )
         by_z = by_p @ weighted_value + by_rate @ weighted_derivative
         jacobian = ca.vec(by_z.T).T @ scaling
         aim = ca.dot(x, x) / 2

@@ -14,8 +14,8 @@ import floatplan as fp
 from floatplan.motion.planar.ballistics import frame_from_com
 from floatplan.motion.planar.contact_rates import equations_at, rates_at
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
-from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import flight_model, sample_nodes, trajectory
+from floatplan.planning.transcription.variables import decision_variables
 
 FASTEST = 12.0  # [rad/s] of joints at takeoff and landing: motions drawn with faster ones are left out
 DENSE = 192  # nodes

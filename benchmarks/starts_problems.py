@@ -21,7 +21,7 @@ def starts_problem(seed: int) -> fp.Problem | None:
     rng = np.random.default_rng([seed, 10])
     kind, objective = KINDS[seed % len(KINDS)], OBJECTIVES[seed // len(KINDS) % len(OBJECTIVES)]
     drawn = draw(rng, joints=int(rng.integers(2, 5)))
-    torque = rng.uniform(*HEADROOM) * np.abs(drawn.motion.torques).max(axis=0)
+    torque = rng.uniform(*HEADROOM) * np.abs(drawn.motion.flown.torques).max(axis=0)
     obstacle = obstacle_between(rng, drawn, fp.plan(drawn.problem))
     if kind == "obstacle" and obstacle is None:
         return None

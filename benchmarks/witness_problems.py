@@ -24,9 +24,8 @@ from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import Trajectory, flight_model, sample_nodes, trajectory
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVES

@@ -40,14 +40,14 @@ POWER: Edits = {
             "        return self.torques * self.velocities\n\n    def shaped(self",
         ),
     ),
-    "floatplan/planning/transcription/quantities.py": (
+    "floatplan/planning/transcription/trajectory.py": (
         (
-            '    "orientation_rate": Quantity(',
-            '    "powers": Quantity(\n'
-            "        lambda it: it.torques * it.motion.velocities,\n"
-            "        lambda it: it.torques[..., None] * it.velocity_jacobian\n"
+            '    "orientation_rate": MotionQuantity(',
+            '    "powers": MotionQuantity(\n'
+            "        lambda it: it.flown.torques * it.motion.velocities,\n"
+            "        lambda it: it.flown.torques[..., None] * it.velocity_jacobian\n"
             "        + it.motion.velocities[..., None] * it.torque_jacobian,\n    ),\n"
-            '    "orientation_rate": Quantity(',
+            '    "orientation_rate": MotionQuantity(',
         ),
     ),
     "floatplan/certificate/planar/flight.py": (
@@ -188,8 +188,9 @@ from floatplan.inflight.prediction import DISTANCE_AIM
 from floatplan.kernel.constraints import ObstacleRows, compiled_constraints
 from floatplan.motion.flight import flight_dynamics
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.transcription import compiled_rows
-from floatplan.planning.transcription.program import FlightProgram, objective, watching
+from floatplan.planning.transcription import program
+from floatplan.planning.transcription.objectives import objective
+from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio.panel import ObstaclesTab, obstacle_dials
 from floatplan.view.scene.scene import obstacle_slab
@@ -220,8 +221,8 @@ def rows():
     return found.inequality, found.inequality_jacobian
 
 of_kernel = rows()
-compiled_rows.compiled_constraints = lambda *arguments, **options: None
-compiled_rows.watch_of.cache_clear()
+program.compiled_constraints = lambda *arguments, **options: None
+program.watch_of.cache_clear()
 for one, other in zip(of_kernel, rows(), strict=True):
     assert np.allclose(one, other, rtol=1e-10, atol=1e-10) and np.abs(one).max() > 0
 other = fp.plan(asked, prove=True)

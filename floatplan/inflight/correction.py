@@ -14,7 +14,7 @@ from floatplan.arguments import Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.update import FAR, KEPT, Corrected
-from floatplan.motion.sine_polynomial import CONDITIONS
+from floatplan.motion.exact_polynomials import CONDITIONS
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 REACH = 0.15  # [-] of the plan's angular momentum, either way

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
 from floatplan.arrays import Array, read_only
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import chebyshev_values
-from floatplan.motion.sine_polynomial import CONDITIONS, Form, WrittenMotion, basis
+from floatplan.motion.sine_polynomial import Form, WrittenMotion, basis
 from floatplan.plans.plan import Plan
 
 LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer

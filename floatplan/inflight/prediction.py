@@ -15,10 +15,11 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.kernel.constraints import QUANTITIES, Block, ObstacleRows, PairRows, ShareRows, can_write
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import CONDITIONS, Form, basis
+from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem

@@ -21,8 +21,8 @@ from floatplan.kernel.bodies import Bodies, filled_robot
 from floatplan.kernel.constraints import CompiledConstraints
 from floatplan.kernel.layout import ENUMERATIONS, Filled
 from floatplan.kernel.library import kernel
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.robot.planar.tree import PlanarTree
 
 EVALUATIONS = 1  # [-] of changed motions at most

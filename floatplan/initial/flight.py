@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from floatplan.errors import InputError
-from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.candidates import GRAVITY, Candidate, Flights
-from floatplan.initial.limbs import upright
-from floatplan.initial.problems import problem_of
+from floatplan.initial.candidates import GRAVITY, Candidates, Flights
+from floatplan.initial.problems import problem_of, turns_afloat
 from floatplan.initial.robots import ChosenRobot
 from floatplan.initial.stance import Stance
 from floatplan.planning.planned import planned
@@ -21,11 +19,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 
 LONG, SHORT, LEAPING = (3.0, 3.8), (2.3, 3.0), (1.2, 2.4)  # [-] durations over sqrt(height / g)
-FLIPS_WORK, LEAPS_WORK, ALL_WORK = (
-    2.5e7,
-    4e7,
-    5e7,
-)  # [instants of one body] of the search up to there, about 1 s each 6e6
+FLIPS_WORK, LEAPS_WORK, ALL_WORK = 2.5e7, 4e7, 5e7  # [instants of one body] up to there, about 1 s each 6e6
 PATIENCE = 8e6  # [instants of one body] with one flight, until a motion is found
 GOOD = 1.0  # [-] cost of a flight that is tried before others are sought
 LEAN = math.radians(35)  # [rad] of the base at both ends of a flip
@@ -87,7 +81,7 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
                 continue
             tried += 1
             search.progress(f"{kind} of {math.degrees(candidate.turn):.0f} degrees on {family.stance.frame}")
-            answer = search.planned(problem_of(chosen, family, candidate))
+            answer = search.planned(problem_of(chosen, family.stance.frame, candidate))
             if answer is not None:
                 return FirstFlight(*answer, () if kind == "flip" else tuple(reasons))
         reasons.append(_why(kind, tried, least))
@@ -120,7 +114,7 @@ class _Search:
     progress: Callable[[str], None]
     work: float = 0.0
 
-    def candidates(self, groups: Iterable[Sequence[Flights]], seed: int) -> Iterator[tuple[Flights, Candidate]]:
+    def candidates(self, groups: Iterable[Sequence[Flights]], seed: int) -> Iterator[tuple[Flights, Candidates]]:
         """Yield the best flight of each family: within a group good ones as they are found, then the better before."""
         for group in groups:
             others = []
@@ -190,12 +184,10 @@ def _leaps(chosen: ChosenRobot) -> Iterator[list[Flights]]:
 def _on_feet(
     chosen: ChosenRobot, feet: Sequence[str], turns: int, lean: float, band: tuple[float, float]
 ) -> list[Flights]:
-    robot = chosen.robot
-    if len(robot.joints) == 1:
+    if len(chosen.robot.joints) == 1:
         return []
     found = []
-    for foot in feet:
-        stance, up = Stance(robot, foot, chosen.feet), upright(robot, foot)
-        unit = math.sqrt(max(stance.height(up, robot.resting), 1e-3) / GRAVITY)
-        found.append(Flights(robot, stance, up, turns, (band[0] * unit, band[1] * unit), lean))
+    for stance in (Stance(chosen.robot, foot, chosen.feet) for foot in feet):
+        unit = math.sqrt(stance.size / GRAVITY)
+        found.append(Flights(stance, turns, (band[0] * unit, band[1] * unit), lean))
     return found

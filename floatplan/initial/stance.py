@@ -5,28 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from floatplan.arrays import Array, ComplexArray
-from floatplan.initial.limbs import upright
-from floatplan.initial.rates import EndRates, end_rates
+from floatplan.arrays import Array, BoolArray, ComplexArray
+from floatplan.initial.robots import upright
 from floatplan.motion.planar.ballistics import frame_weights
-from floatplan.motion.planar.closed_form import Dynamics, TurningBodies, tree_dynamics
+from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
 from floatplan.motion.planar.end_rates import STILL
-from floatplan.robot.planar.tree import rotations_of
 from floatplan.robot.robot import LinkCapsule, Robot
 from floatplan.tables import CLEARANCE
-
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
 STRONGEST = 1e9  # [N m] where the URDF gives no torque limit
 SOON = 0.04  # [s] after takeoff, or before landing, when everything still has to be above the ground
 LIFTED = 5.0 * SOON**2 / 2  # [m] at 5 m/s^2, by which the accelerations, which are free, raise a foot by then
 ROUNDING = 1e-9  # [m]
+NOTHING = 1e-12  # [-] of the whole: less is rounding
 ALIKE = 1e-3  # [m] by which the meshes of left and right may differ
 POSTURES = 4  # [-] in which points that are the same place always coincide
 FLAT = math.radians(15)  # [rad] that a sole may be tipped
@@ -35,6 +30,70 @@ FOOT = 0.25  # [-] of the height of the centre of mass at rest, as long as a per
 NEAR = 0.1  # [-] of that height, above the ground, of what the robot stands on
 TRUNK = 0.12  # [-] of that height, between the trunk's true shape and the ground
 GAP = 0.002  # [m] between the ground and what does not stand on it
+
+
+@dataclass(frozen=True, eq=False)
+class EndRates:
+    """Rates at K ends with which a frame is at rest.
+
+    Attributes
+    ----------
+    ratios : (K,) largest ``|rate| / limit``; infinite where no rates hold the frame at rest
+    rates : (K, n) rad/s, of the planned joints; of no meaning where the ratio is infinite
+    orientation_rates : (K,) rad/s
+    """
+
+    ratios: Array
+    rates: Array
+    orientation_rates: Array
+
+
+def end_rates(matrix: Array, target: Array, limits: Array) -> EndRates:
+    """Solve ``matrix @ (orientation rate, rates) = target`` with the least largest ``|rate| / limit``.
+
+    They are those of :func:`floatplan.motion.planar.contact_rates.least_rates`, whose docstring has the linear program,
+    of many postures in general position: one joint is free, all others turn at the same share of their limits.
+
+    Parameters
+    ----------
+    matrix : (K, 3, n+1), n above 1
+    target : (K, 3)
+    limits : (n,) rad/s, finite
+    """
+    size = np.abs(matrix).max(axis=2)
+    size[:, 1:] = size[:, 1:].max(axis=1, keepdims=True)
+    size[size == 0] = 1.0
+    matrix, target = matrix / size[:, :, None], target / size
+    base, joints = matrix[:, :, 0], matrix[:, :, 1:]
+    across = _plane(base)
+    reach, along = across @ (joints * limits), (across @ target[:, :, None])[:, :, 0]
+    normals = np.stack((-reach[:, 1], reach[:, 0]), axis=1)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(lengths > NOTHING, lengths, 1.0)
+    asked = (along[:, :, None] * normals).sum(axis=1)
+    strengths = np.abs(normals.transpose(0, 2, 1) @ reach).sum(axis=2)
+    asked[np.abs(asked) <= NOTHING * np.linalg.norm(target, axis=1, keepdims=True)] = 0.0
+    shares = np.divide(np.abs(asked), strengths, out=np.where(asked == 0, 0.0, np.inf), where=strengths > NOTHING)
+    free = shares.argmax(axis=1)
+    every = np.arange(len(free))
+    pulls = (normals[every, :, free][:, None] @ reach)[:, 0] * np.sign(asked[every, free])[:, None]
+    ratios = shares[every, free]
+    rates = np.where(np.isfinite(ratios), ratios, 0.0)[:, None] * np.sign(pulls) * limits
+    rates[every, free] = 0.0
+    rest = target - (joints @ rates[:, :, None])[:, :, 0]
+    pair = np.stack((base, joints[every, :, free]), axis=2)
+    orientation_rates, of_free = (np.linalg.pinv(pair) @ rest[:, :, None])[:, :, 0].T
+    rates[every, free] = of_free
+    return EndRates(ratios, rates, orientation_rates)
+
+
+def _plane(normals: Array) -> Array:
+    """Orthonormal vectors (K, 2, 3) perpendicular to vectors (K, 3)."""
+    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axes)
+    second = np.cross(normals, first)
+    both = np.stack((first, second), axis=1)
+    return np.asarray(both / np.linalg.norm(both, axis=2, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +113,10 @@ class Stance:
     @cached_property
     def sluggishness(self) -> Array:
         """Torque (n,) that each joint alone takes for an acceleration of 1 rad/s^2 at rest, over its limit: s^2/rad."""
-        robot = self.robot
-        bodies = TurningBodies.of(robot.tree)
-        rotations = rotations_of(bodies.turns @ robot.resting, robot.tree.turn)
-        coupling = (rotations.conj()[:, None] * bodies.coupling * rotations).real
-        matrix = bodies.rates.T @ coupling @ bodies.rates
-        inertia = matrix.diagonal()[1:] - matrix[0, 1:] ** 2 / matrix[0, 0]
-        limits = np.minimum(robot.motor_torque_limits, STRONGEST)
-        return np.asarray(inertia / (limits @ np.abs(robot.motor_ratios)))
+        robot, alone = self.robot, np.eye(len(self.robot.joints))
+        moments = self.dynamics.moments(robot.resting + 0 * alone, 0 * alone, alone, np.zeros(len(alone)))
+        limits = np.minimum(robot.motor_torque_limits, STRONGEST) @ np.abs(robot.motor_ratios)
+        return np.asarray((moments @ robot.tree.turns).diagonal() / limits)
 
     @cached_property
     def dynamics(self) -> Dynamics:
@@ -88,14 +143,16 @@ class Stance:
         bodies, local = (np.array(column) for column in zip(*((shape.body, end) for shape, end in ends), strict=True))
         weights = robot.tree.point_weights(bodies, local)
         stands = np.array([shape.link == self._standing for shape, _ in ends])
-        places = self._somewhere() @ weights.T
+        positions = np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, len(robot.joints)))
+        somewhere = robot.tree.rotations(robot.tree.absolute_angles(np.zeros(POSTURES), positions))
+        places = somewhere @ weights.T
         apart = np.abs(places[:, :, None] - places[:, None, stands]).max(axis=0).min(axis=1)
         feet = (turns[bodies] == turns[frame.body]).all(axis=1) | (apart < ALIKE)  # a shank ends where its foot is
         return weights, np.array([shape.radius for shape, _ in ends]), stands, feet
 
     @cached_property
     def upright(self) -> float:
-        """Orientation, rad, in which the robot stands on the frame; see :func:`floatplan.initial.limbs.upright`."""
+        """Orientation, rad, in which the robot stands on the frame; see :func:`floatplan.initial.robots.upright`."""
         return upright(self.robot, self.frame)
 
     @cached_property
@@ -135,24 +192,9 @@ class Stance:
         own = frame_weights(self.robot, frames[self.frame])
         return np.array([frame_weights(self.robot, frames[foot]) - own for foot in (self.frame, *self.feet)])
 
-    def _somewhere(self) -> ComplexArray:
-        """Rotations (K, m) of the bodies in a few postures."""
-        tree, rng = self.robot.tree, np.random.default_rng(0)
-        positions = rng.uniform(-1.0, 1.0, (POSTURES, len(self.robot.joints)))
-        return tree.rotations(tree.absolute_angles(np.zeros(POSTURES), positions))
-
-    def height(self, orientation: float, positions: Array) -> float:
-        """Height of the centre of mass over the ground, m."""
-        return float(self.standing(np.array([orientation]), positions[None]).height[0])
-
     def standing(self, orientations: Array, positions: Array) -> Standing:
         """The robot in K postures: orientations (K,) and positions (K, n), rad."""
         return Standing(self, orientations, positions)
-
-
-def _wrapped(angles: Array) -> Array:
-    """Angles within half a turn of zero."""
-    return np.asarray((angles + math.pi) % (2 * math.pi) - math.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,10 +237,9 @@ class Standing:
         In rad, or in the height of the centre of mass, at rest.
         """
         stance, size = self.stance, self.stance.size
-        tilt = np.abs(
-            _wrapped(self.orientations - stance.upright + (self.positions - stance.robot.resting) @ stance.foot_turns)
-        )
-        tipped = np.maximum(tilt - FLAT, 0.0) if stance.sole > SOLE else 0.0
+        bent = (self.positions - stance.robot.resting) @ stance.foot_turns
+        tilt = (self.orientations - stance.upright + bent + math.pi) % (2 * math.pi) - math.pi
+        tipped = np.maximum(np.abs(tilt) - FLAT, 0.0) if stance.sole > SOLE else 0.0
         low, high = self.support
         others = self._rotations @ stance.feet_weights.T
         reach = others.real - others.real[:, :1]

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -32,10 +31,9 @@ BARE = re.compile(r"[A-Za-z0-9_-]+")
 def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> str:
     """Return the problem file that goes to ``path``."""
     problem = flight.problem
-    grounded = problem.ground
     blocks = [
         _title(chosen.robot, flight),
-        ['angles = "deg"', *(["ground = true          # every link stays above it"] if grounded else [])],
+        ['angles = "deg"', *(["ground = true          # every link stays above it"] if problem.ground else [])],
         _robot(chosen, path),
         _joints(chosen.robot),
         _posture("start", problem.start, chosen.robot),
@@ -65,10 +63,11 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
     assert robot.path is not None
     relative = Path(os.path.relpath(robot.path.resolve(), path.resolve().parent)).as_posix()
-    lines = ["[robot]", f"urdf = {_value(robot.source if robot.source.startswith(PREFIX) else relative)}"]
-    lines.append(
-        f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base"
-    )
+    lines = [
+        "[robot]",
+        f"urdf = {_value(robot.source if robot.source.startswith(PREFIX) else relative)}",
+        f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
+    ]
     choices = chosen.choices
     if "joints" in choices:
         lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
@@ -88,34 +87,26 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
 def _joints(robot: Robot) -> list[str]:
     """A comment with range, rate and torque of each planned joint."""
     rows = [("joint", "range, degrees", "rate, rad/s", "torque, N m", "at rest, degrees")]
-    motors = [robot.motors.index(joint) for joint in robot.joints]
-    for index, (joint, motor) in enumerate(zip(robot.joints, motors, strict=True)):
-        low, high = np.rad2deg(robot.position_limits[index])
-        rows.append(
-            (
-                joint,
-                f"{low:.0f} to {high:.0f}" if np.isfinite([low, high]).all() else "any",
-                _known(robot.motor_velocity_limits[motor]),
-                _known(robot.motor_torque_limits[motor]),
-                f"{math.degrees(robot.resting[index]):.0f}",
-            )
-        )
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        f"# {'  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()}" for row in rows
-    ]
-
-
-def _known(limit: float) -> str:
-    return f"{limit:.4g}" if math.isfinite(limit) else "no limit"
+    for joint, (low, high), rest in zip(
+        robot.joints, np.rad2deg(robot.position_limits), np.rad2deg(robot.resting), strict=True
+    ):
+        motor = robot.motors.index(joint)
+        limits = robot.motor_velocity_limits[motor], robot.motor_torque_limits[motor]
+        rate, torque = (f"{limit:.4g}" if math.isfinite(limit) else "no limit" for limit in limits)
+        reach = f"{low:.0f} to {high:.0f}" if np.isfinite([low, high]).all() else "any"
+        rows.append((joint, reach, rate, torque, f"{rest:.0f}"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    cells = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
+    return [f"# {'  '.join(row).rstrip()}" for row in cells]
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
-    positions = dict(zip(robot.joints, np.asarray(posture.positions).tolist(), strict=True))
+    angles = zip(robot.joints, np.asarray(posture.positions).tolist(), strict=True)
+    pairs = (f"{joint if BARE.fullmatch(joint) else _value(joint)} = {_degrees(angle)}" for joint, angle in angles)
     lines = [
         f"[{table}]",
         f"orientation = {_degrees(posture.orientation)}",
-        f"positions = {_table({joint: _degrees(angle) for joint, angle in positions.items()})}",
+        f"positions = {{ {', '.join(pairs)} }}",
     ]
     if isinstance(posture.velocities, str):
         verb = "leaves" if posture.velocities == "takeoff" else "meets"
@@ -131,11 +122,13 @@ def _flight(flight: FirstFlight) -> list[str]:
     if not problem.ground:
         return [*lines, "angular_momentum = 0", "gravity = 0"]
     shares = [f"{100 * (contact.ratio or 0):.0f} %" for contact in flight.plan.contacts]
-    lines.append(f"angular_momentum = {_value(asked.angular_momentum)}  # kg m^2/s")
-    lines.append(f"horizontal_velocity = {asked.horizontal_velocity:g}  # m/s")
-    lines.append(f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}  # with {shares[0]} of the velocity limits")
-    lines.append(f"landing = {{ frame = {_value(problem.landing.frame)} }}  # with {shares[1]}")
-    return lines
+    return [
+        *lines,
+        f"angular_momentum = {_value(asked.angular_momentum)}  # kg m^2/s",
+        f"horizontal_velocity = {asked.horizontal_velocity:g}  # m/s",
+        f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}  # with {shares[0]} of the velocity limits",
+        f"landing = {{ frame = {_value(problem.landing.frame)} }}  # with {shares[1]}",
+    ]
 
 
 def _limits(flight: FirstFlight) -> list[str]:
@@ -143,18 +136,13 @@ def _limits(flight: FirstFlight) -> list[str]:
     lines = ["[limits]"]
     if not np.isfinite(position_limits(robot, limits) - robot.position_limits).all():
         lines.append("# Joints without a range in the URDF have -180 to 180 degrees.")
-    if limits.velocity == "urdf":
-        lines.append('velocity = "urdf"')
-    else:
-        degrees = math.degrees(FAST)
-        lines.append(f"velocity = {round(degrees, 6):g}  # degrees/s: the URDF gives none")
-    lines.append(
-        'torque = "urdf"' if limits.torque == "urdf" else "# torque: the URDF gives none; a number is for all, N m"
-    )
+    fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the URDF gives none"
+    lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)
+    none = "# torque: the URDF gives none; a number is for all, N m"
+    lines.append('torque = "urdf"' if limits.torque == "urdf" else none)
     if isinstance(limits.acceleration, int | float):
-        lines.append(
-            f"acceleration = {round(math.degrees(limits.acceleration))}  # degrees/s^2: locked joints hold then"
-        )
+        degrees = round(math.degrees(limits.acceleration))
+        lines.append(f"acceleration = {degrees}  # degrees/s^2: locked joints hold then")
     return lines
 
 
@@ -167,11 +155,6 @@ def _degrees(angle: float) -> float | int:
 def _value(value: Any) -> str:
     """A TOML value: texts are escaped as JSON's are, of which TOML's are a superset."""
     return json.dumps(value, ensure_ascii=False)
-
-
-def _table(values: Mapping[str, float]) -> str:
-    pairs = (f"{key if BARE.fullmatch(key) else _value(key)} = {value}" for key, value in values.items())
-    return f"{{ {', '.join(pairs)} }}"
 
 
 def _comment(text: str) -> list[str]:

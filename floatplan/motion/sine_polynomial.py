@@ -23,9 +23,7 @@ from numpy.polynomial import chebyshev
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.motion.exact_polynomials import (
-    CONDITIONS as CONDITIONS,
-)
-from floatplan.motion.exact_polynomials import (
+    CONDITIONS,
     basis_columns,
     chebyshev_of_powers,
     chebyshev_of_seconds,

@@ -98,16 +98,11 @@ class Settings:
 
     Parameters
     ----------
-    feasibility : float
-        Largest violation of a constraint at a solution.
-    optimality : float
-        Relative change of the Lagrangian that a full step still promises at a solution.
-    iterations : int
-        Most QPs.
-    longest_step : float
-        Of ``|metric @ step|``.
-    polish : bool
-        Whether to end with steps on to the equalities alone.
+    feasibility : largest violation of a constraint at a solution
+    optimality : relative change of the Lagrangian that a full step still promises at a solution
+    iterations : most QPs
+    longest_step : of ``|metric @ step|``
+    polish : whether to end with steps on to the equalities alone
     """
 
     feasibility: float = 1e-9

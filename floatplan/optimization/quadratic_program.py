@@ -65,10 +65,7 @@ class Multipliers(NamedTuple):
         """Move towards the multipliers of the QP by the step length (Nocedal and Wright, algorithm 18.3)."""
         if step_length == 1:
             return target
-        return Multipliers(
-            self.equality + step_length * (target.equality - self.equality),
-            self.inequality + step_length * (target.inequality - self.inequality),
-        )
+        return Multipliers(*(own + step_length * (other - own) for own, other in zip(self, target, strict=True)))
 
 
 class Step(NamedTuple):
@@ -114,17 +111,10 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
     if active.size <= ACTIVE_PER_VARIABLE * len(hessian):  # else after an elastic step, which pulls at all rows
         rows = _union(len(inequality), active, rows)
     for _ in range(GENERATIONS):
-        solved = _proxqp(
-            hessian,
-            current.gradient,
-            current.equality_jacobian,
-            -current.equality,
-            current.inequality_jacobian[rows],
-            -inequality[rows],
-        )
-        if solved is None:
+        solution = _proxqp(current, hessian, rows)
+        if solution is None:
             return None
-        direction, equality_multipliers, row_multipliers = solved
+        direction, equality_multipliers, row_multipliers = solution
         linearised = inequality + current.inequality_jacobian @ direction
         linearised[rows] = np.inf
         violated = _most_violated(linearised, -ROW_TOLERANCE)
@@ -137,7 +127,7 @@ def _by_constraint_generation(current: AnyEvaluation, hessian: Array, active: In
 
 
 def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
-    """Indices below ``count`` that are in either, rising."""
+    """Indices below ``count`` that are in either, rising: sooner than NumPy's, which sorts."""
     chosen = np.zeros(count, dtype=bool)
     chosen[first] = chosen[second] = True
     return np.flatnonzero(chosen)
@@ -145,10 +135,8 @@ def _union(count: int, first: IntArray, second: IntArray) -> IntArray:
 
 def _most_violated(values: Array, threshold: float) -> IntArray:
     """Indices of the lowest values below a threshold, ``ROWS_AT_ONCE`` at most."""
-    if len(values) > ROWS_AT_ONCE:
-        lowest = np.argpartition(values, ROWS_AT_ONCE)[:ROWS_AT_ONCE]
-    else:
-        lowest = np.arange(len(values))
+    few = len(values) <= ROWS_AT_ONCE
+    lowest = np.arange(len(values)) if few else np.argpartition(values, ROWS_AT_ONCE)[:ROWS_AT_ONCE]
     return lowest[values[lowest] < threshold]
 
 
@@ -164,11 +152,8 @@ def elastic_qp(current: AnyEvaluation, hessian: Array, slack_penalty: float) -> 
     violated = current.inequality < 0
     for _ in range(ELASTIC_ITERATIONS):
         jacobian = rows[violated]
-        matrix = (
-            fixed_hessian
-            + slack_penalty * jacobian.T @ jacobian
-            + REGULARISATION * slack_penalty * np.eye(len(hessian))
-        )
+        regular = REGULARISATION * slack_penalty * np.eye(len(hessian))
+        matrix = fixed_hessian + slack_penalty * jacobian.T @ jacobian + regular
         direction = -solved(matrix, fixed_gradient + slack_penalty * jacobian.T @ current.inequality[violated])
         violated_after = current.inequality + rows @ direction < 0
         if (violated_after == violated).all():
@@ -189,32 +174,19 @@ def solved(matrix: Array, right: Array) -> Array:
     return np.zeros(len(right))
 
 
-def _proxqp(
-    hessian: Array,
-    gradient: Array,
-    equality_rows: Array,
-    equality_values: Array,
-    inequality_rows: Array,
-    inequality_bounds: Array,
-) -> tuple[Array, Array, Array] | None:
-    """Minimise ``x H x / 2 + g x`` with ``A x = b``, ``C x >= l``: x, and multipliers y, z >= 0; None if it fails.
+def _proxqp(current: AnyEvaluation, hessian: Array, rows: IntArray) -> tuple[Array, Array, Array] | None:
+    """Solve the QP with some ``rows`` of the inequalities: x, and multipliers y, z >= 0; None if it fails.
 
     At the solution ``H x + g + A^T y - C^T z = 0``.
     """
-    equalities, inequalities = len(equality_values), len(inequality_bounds)
-    qp = proxqp.dense.QP(len(gradient), equalities, inequalities)
+    equality, inequality = current.equality, current.inequality[rows]
+    qp = proxqp.dense.QP(len(hessian), len(equality), len(inequality))
     qp.settings.eps_abs = QP_ACCURACY
     qp.settings.max_iter = QP_ITERATIONS
     qp.settings.max_iter_in = QP_INNER_ITERATIONS
-    qp.init(
-        hessian,
-        gradient,
-        equality_rows if equalities else None,
-        equality_values if equalities else None,
-        inequality_rows if inequalities else None,
-        inequality_bounds if inequalities else None,
-        None,
-    )
+    of_equality = (current.equality_jacobian, -equality) if equality.size else (None, None)
+    of_inequality = (current.inequality_jacobian[rows], -inequality) if inequality.size else (None, None)
+    qp.init(hessian, current.gradient, *of_equality, *of_inequality, None)
     qp.solve()
     results = qp.results
     if results.info.status != proxqp.PROXQP_SOLVED or not np.isfinite(results.x).all():

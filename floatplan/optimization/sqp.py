@@ -4,7 +4,8 @@ minimise f(x) subject to c(x) = 0 and g(x) >= 0. Damped BFGS for the Lagrangian'
 Numerical Optimization, 2nd ed., procedure 18.2), multipliers that follow the step (algorithm 18.3), an l1 merit
 function with Armijo line search (section 18.3), one second-order correction per iteration where there are inequalities
 (section 18.3, (18.42)), and an elastic QP where the linearised constraints contradict each other (section 18.3,
-p. 536).
+p. 536). Without inequalities the inverse of the Hessian is kept instead: a step then needs products only, and a system
+as small as the multipliers (section 16.2, range-space method).
 """
 
 from __future__ import annotations
@@ -12,14 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, NamedTuple
+from typing import Generic, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array
-from floatplan.optimization.hessian import HessianApproximation, solve_small
+from floatplan.arrays import Array, IntArray
 from floatplan.optimization.nonlinear_program import AnyEvaluation, Detail, Evaluation, Program, Settings
-from floatplan.optimization.quadratic_program import Multipliers, Step
+from floatplan.optimization.quadratic_program import FirstWay, Multipliers, Step, elastic_qp, solve_qp
 
 ARMIJO = 1e-4  # [-] sufficient decrease of the merit function, Nocedal and Wright p. 540
 PENALTY_FACTOR = 1.2  # [-] of the l1 merit function's penalty over the largest multiplier
@@ -34,6 +34,94 @@ SLACK_PENALTY = 1e3  # [-] of an elastic QP, relative to the Hessian's largest d
 LARGEST_CURVATURE = 1e10  # [-] of a BFGS update, relative to the slack penalty; beyond it an approximation is rejected
 POLISHING_STEPS = 2
 POLISHED = 1e-12  # in its own unit, of an equality: hardly more than rounding
+
+
+@dataclass(frozen=True, eq=False)
+class DirectHessian:
+    """A quasi-Newton approximation H (m, m) of the Lagrangian's Hessian, for programs with inequalities.
+
+    ``first`` is the way in which their QPs are tried first, see
+    :func:`~floatplan.optimization.quadratic_program.solve_qp`.
+    """
+
+    hessian: Array
+    first: FirstWay | None = None
+
+    @property
+    def largest(self) -> float:
+        """Largest diagonal entry of H."""
+        return float(self.hessian.diagonal().max(initial=1.0))
+
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
+        """Solve the QP of a linearised program, by its active rows."""
+        return solve_qp(current, self.hessian, active, slack_penalty, self.first)
+
+    def product(self, change: Array, step: Step, step_length: float) -> Array:
+        """Hessian product H change (m,); the change of x is ``step_length`` times the step's direction."""
+        return self.hessian @ change
+
+    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> DirectHessian:
+        """BFGS: the new H maps the change to that of the Lagrangian's gradient (m,), Nocedal and Wright (6.19)."""
+        correction = (gradient_change / (gradient_change @ change))[:, None] * gradient_change
+        lost = (hessian_product / (hessian_product @ change))[:, None] * hessian_product
+        return DirectHessian(self.hessian + correction - lost, self.first)
+
+
+@dataclass(frozen=True, eq=False)
+class InverseHessian:
+    """The inverse (m, m) of such an H, for programs without inequalities."""
+
+    inverse: Array
+
+    @property
+    def hessian(self) -> Array:
+        """H itself."""
+        return np.asarray(np.linalg.inv(self.inverse))
+
+    @property
+    def largest(self) -> float:
+        """Reciprocal of the smallest diagonal entry of the inverse: a lower bound of H's largest."""
+        return max(1.0, 1 / float(self.inverse.diagonal().min(initial=1.0)))
+
+    def step(self, current: AnyEvaluation, active: IntArray, slack_penalty: float) -> Step:
+        """``-H^-1 (g + A^T y)``, with the multipliers y for which it satisfies the linearised equalities."""
+        rows, gradient = current.equality_jacobian, current.gradient
+        unconstrained, per_multiplier = self.inverse @ gradient, self.inverse @ rows.T
+        multipliers = solve_small(rows @ per_multiplier, current.equality - rows @ unconstrained)
+        if multipliers is None:
+            return elastic_qp(current, self.hessian, slack_penalty)
+        direction = -(unconstrained + per_multiplier @ multipliers)
+        of_lagrangian = gradient + multipliers @ rows
+        return Step(direction, Multipliers(multipliers, current.inequality), lagrangian_gradient=of_lagrangian)
+
+    def product(self, change: Array, step: Step, step_length: float) -> Array:
+        """Hessian product by the step's own optimality, ``H direction = -lagrangian_gradient``."""
+        assert step.lagrangian_gradient is not None, "an elastic step does not update H"
+        return -step_length * step.lagrangian_gradient
+
+    def updated(self, change: Array, hessian_product: Array, gradient_change: Array) -> InverseHessian:
+        """BFGS of the inverse, Nocedal and Wright (6.17)."""
+        curvature = float(gradient_change @ change)
+        mapped = self.inverse @ gradient_change
+        half = (0.5 + 0.5 * float(gradient_change @ mapped) / curvature) * change - mapped
+        cross = change[:, None] * (half / curvature)
+        return InverseHessian(self.inverse + cross + cross.T)
+
+
+HessianApproximation: TypeAlias = DirectHessian | InverseHessian
+
+
+def hessian_approximation(hessian: Array, *, inequalities: bool, first: FirstWay | None = None) -> HessianApproximation:
+    """Return an initial approximation (m, m), in the form for programs with inequalities or without."""
+    return DirectHessian(hessian, first) if inequalities else InverseHessian(np.asarray(np.linalg.inv(hessian)))
+
+
+def solve_small(matrix: Array, right: Array) -> Array | None:
+    """Solution of a small symmetric system, positive semidefinite: that of least norm; None where there is none."""
+    if len(right) == 1:
+        return np.asarray(right / matrix[0, 0]) if matrix[0, 0] > 0 else None
+    solution = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-12)[0], dtype=np.float64)
+    return solution if np.allclose(matrix @ solution, right, rtol=1e-9, atol=1e-12) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +193,7 @@ def minimise(
         if not squared or required > LARGEST_MULTIPLIER * slack_penalty:
             break
         step_length = 1.0
-        if metric_norm * math.sqrt(squared) > settings.longest_step:
+        if metric_norm * math.sqrt(squared) > settings.longest_step:  # else it is shorter in the metric
             step_length = min(1.0, settings.longest_step / float(np.linalg.norm(program.metric @ step.direction)))
         accepted, used = _line_search(program, x, current, step, slope, step_length, penalty)
         evaluations += used
@@ -142,9 +230,8 @@ def _polish(
         multipliers = solve_small(rows @ rows.T, current.equality)
         if multipliers is None:
             break
-        closer = x - multipliers @ rows
+        closer, used = x - multipliers @ rows, used + 1
         trial = program.evaluate(closer)
-        used += 1
         if not trial.worst_violation < current.worst_violation:
             break
         x, current = closer, trial
@@ -156,16 +243,10 @@ def _is_stationary(current: AnyEvaluation, step: Step, slope: float, settings: S
 
     ``slope`` is the objective's along the step.
     """
-    if step.elastic:
-        return False
     predicted = float(step.multipliers.equality @ current.equality) - slope
     if current.inequality.size:
         predicted -= float(step.multipliers.inequality @ current.inequality)
-    return abs(predicted) <= settings.optimality * (1 + abs(current.objective))
-
-
-def _merit(evaluation: AnyEvaluation, penalty: float) -> float:
-    return evaluation.objective + penalty * evaluation.violation
+    return not step.elastic and abs(predicted) <= settings.optimality * (1 + abs(current.objective))
 
 
 def _line_search(
@@ -178,7 +259,11 @@ def _line_search(
     penalty: float,
 ) -> tuple[_Accepted[Detail] | None, int]:
     """Backtrack from a ``first`` step length: the point accepted, None where none is; and the number of evaluations."""
-    start = _merit(current, penalty)
+
+    def merit(evaluation: AnyEvaluation) -> float:
+        return evaluation.objective + penalty * evaluation.violation
+
+    start = merit(current)
     slope = min(slope - penalty * (current.violation - step.violation_left), 0.0)
     rounding = 1e-13 * (1 + abs(start))
     length, used = first, 0
@@ -187,26 +272,21 @@ def _line_search(
         point = x + change
         trial = program.evaluate(point)
         used += 1
-        rise = _merit(trial, penalty) - start
+        rise = merit(trial) - start
         if rise <= ARMIJO * length * slope + rounding:
             return _Accepted(point, change, trial, length), used
         if length == first and current.inequality.size and trial.violation > current.violation:
-            corrected = point + _second_order_correction(current, trial)
+            violated = trial.inequality < 0  # to zero, to first order, by the shortest step
+            rows = np.concatenate((current.equality_jacobian, current.inequality_jacobian[violated]))
+            lacking = np.concatenate((trial.equality, trial.inequality[violated]))
+            corrected = point - np.linalg.lstsq(rows, lacking, rcond=1e-10)[0]
             evaluation = program.evaluate(corrected)
             used += 1
-            if _merit(evaluation, penalty) - start <= ARMIJO * length * slope + rounding:
+            if merit(evaluation) - start <= ARMIJO * length * slope + rounding:
                 return _Accepted(corrected, corrected - x, evaluation, length), used
         lowest = -slope * length / (2 * (rise - slope * length))  # of the parabola, Nocedal and Wright (3.58)
         length *= min(SHORTENING[1], max(SHORTENING[0], lowest))
     return None, used
-
-
-def _second_order_correction(current: AnyEvaluation, trial: AnyEvaluation) -> Array:
-    """Shortest step that takes the constraints violated after a full step back to zero, to first order."""
-    violated = trial.inequality < 0
-    jacobian = np.concatenate((current.equality_jacobian, current.inequality_jacobian[violated]))
-    residual = np.concatenate((trial.equality, trial.inequality[violated]))
-    return np.asarray(-np.linalg.lstsq(jacobian, residual, rcond=1e-10)[0])
 
 
 def _damped_bfgs(

@@ -10,47 +10,110 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.kernel.batch import EASY_ITERATIONS, FINE, QUADRATURE_ERROR, UNRESOLVED
+from floatplan.kernel.batch import (
+    EASY_ITERATIONS,
+    FEASIBLE,
+    FINE,
+    INFEASIBLE,
+    OPTIMAL,
+    QUADRATURE_ERROR,
+    UNRESOLVED,
+    Answers,
+    Rows,
+    Search,
+)
+from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import momentum_set
-from floatplan.optimization.feasibility import LeastViolation, reduce_violations
+from floatplan.optimization.feasibility import reduce_violations
 from floatplan.optimization.sqp import Solution
-from floatplan.planning.compiled import Compiled, Followed, compiled_solution, solution_of
 from floatplan.planning.starts import Start, starts
-from floatplan.planning.transcription.asked import constraints
-from floatplan.planning.transcription.constraints import Constraint
+from floatplan.planning.transcription.constraints import Constraint, constraints
 from floatplan.planning.transcription.exchange import Worst, local_minima, solve
-from floatplan.planning.transcription.objectives import Objective, objective_value
-from floatplan.planning.transcription.program import (
-    FlightProgram,
-    instants_beside_nodes,
-    objective,
-    scaled_variables,
-    watching,
-)
+from floatplan.planning.transcription.objectives import Objective, objective, objective_value
+from floatplan.planning.transcription.program import FlightProgram, instants_beside_nodes, watching
 from floatplan.planning.transcription.trajectory import (
+    EVALUATION,
     FlightModel,
     Sampling,
     Trajectory,
     flight_model,
     trajectory,
 )
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.variables import DecisionVariables, decision_variables, scaled_variables
+from floatplan.plans.plans import Answer
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 from floatplan.tables import Objective as ObjectiveName
 
+STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
+COMPILED_LEVEL = 3  # of the grid that the kernel's solution is evaluated on; a finer one judges it where that is needed
 CONSTRAINED_LEVEL = 2  # level of grids, at least, where constraints are watched
-SMALLEST_STEP = 0.02  # m, that a link may travel between two nodes even beside a smaller obstacle
+SMALLEST_STEP = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
 CLOSER = 2  # levels of grids, by which constraints are watched more closely after the plain start
 WATCHED_AT_MOST = 6  # level of grids
+COUNTS = ("evaluations", "iterations", "starts", "solved")
 ATTEMPTS = 300  # [-] most starts tried at each degree
 PROMISING = 1e-3  # sum of squared violations below which a motion is worth following to the objective
 CAUTIOUS = replace(FINE, longest_step=0.2)  # with obstacles a long step lands beyond them
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Starts of a plain problem that the kernel has followed: h (1,), kg m^2/s, and the answers of one row."""
+
+    momentum: Array
+    answers: Answers
+    bodies: int
+
+    @property
+    def status(self) -> str:
+        """Of the best of them: "optimal", "feasible" or "infeasible"."""
+        return STATUS[int(self.answers.status[0])]
+
+    @property
+    def work(self) -> float:
+        """What it took, instants of one body."""
+        return float(self.answers.evaluations[0] * EVALUATION + self.answers.instants[0] * self.bodies)
+
+    @property
+    def counts(self) -> dict[str, Any]:
+        """Of all of them together."""
+        return {name: int(getattr(self.answers, name)[0]) for name in COUNTS}
+
+    @property
+    def answer(self) -> Answer:
+        """The best of them."""
+        momentum, coefficients = float(self.momentum[0]), self.answers.coefficients[0]
+        return Answer(self.status, angular_momentum=momentum, coefficients=coefficients, **self.counts)
+
+
+def follow_together(problem: Problem, search: Search) -> Followed | None:
+    """Follow the plain motion of a problem, and random starts as the search says; None where it asks for more."""
+    if problem.raises_degree or not is_plain(problem):
+        return None
+    rows, compiled = Numbers.of_problems([problem]).rows(), solver(problem, problem.degrees)
+    return Followed(rows.momentum, compiled.plan(rows, search), compiled.bodies)
+
+
+def follow_compiled(problem: Problem, model: FlightModel, start: Start, longest_step: float) -> Followed | None:
+    """Follow one start as :func:`~floatplan.planning.transcription.exchange.solve` does; None as above."""
+    if not (is_planar(model.flight) and is_plain(problem)):
+        return None
+    compiled, variables = solver(problem, start.variables.degrees), start.variables
+    rows = Rows(
+        duration=np.array([variables.polynomials.duration]),
+        momentum=variables.angular_momentum(start.x),
+        change=np.array([problem.final.orientation - problem.initial.orientation]),
+        boundary=variables.polynomials.boundary[None],
+        start=variables.free_coefficients(start.x)[None],
+    )
+    return Followed(rows.momentum, compiled.plan(rows, Search(longest_step=longest_step)), compiled.bodies)
 
 
 @dataclass(eq=False)
@@ -59,15 +122,13 @@ class Outcome:
 
     ``violation`` is the largest one of (14), rad, or of a constraint's row; 0 where everything holds. ``objective``
     names what is minimised; ``work`` is what the attempt took, the drawing of its start included. ``starts`` were
-    followed together, of which ``solved`` hold. ``coefficients`` are b (n, k+1), where what solved it has written them.
+    followed together, of which ``solved`` hold. ``coefficients`` are b (n, k+1), where the kernel has written them.
     """
 
     variables: DecisionVariables
     solution: Solution[Trajectory]
     violation: float
     worst: Worst
-    number: int
-    degrees: tuple[int, ...]
     objective: ObjectiveName
     work: float = 0.0
     starts: int = 1
@@ -133,7 +194,7 @@ class Attempts:
     def raised(self, outcome: Outcome, degrees: tuple[int, ...]) -> Start:
         """Return the motion of an outcome as a start at higher degrees."""
         lower, x = outcome.variables, outcome.solution.x
-        rise = zip(lower.polynomials.free, degrees, outcome.degrees, strict=True)
+        rise = zip(lower.polynomials.free, degrees, lower.degrees, strict=True)
         polynomials = replace(lower.polynomials, free=tuple(free + new - old for free, new, old in rise))
         variables = scaled_variables(self.problem, polynomials, self.momentum, lower.following)
         z = lower.free_coefficients(x)
@@ -145,97 +206,91 @@ class Attempts:
 
         The plain motion tells how far the links travel.
         """
-        sizes = [obstacle.thickness for obstacle in self.problem.obstacles]
-        plain = self.plain_start
-        counts = self.model.flight.node_counts
+        sizes, plain = [obstacle.thickness for obstacle in self.problem.obstacles], self.plain_start
         dense = self.model.nodes(-2, plain.variables.polynomials.form)
-        motion = trajectory(self.model, plain.variables, dense, plain.x)
-        wanted = motion.flown.longest_way / max(min(sizes, default=np.inf), SMALLEST_STEP)
-        return min(
-            (level for level, count in enumerate(counts) if count >= wanted and level >= CONSTRAINED_LEVEL),
-            default=WATCHED_AT_MOST,
-        )
+        way = trajectory(self.model, plain.variables, dense, plain.x).flown.longest_way
+        wanted = way / max(min(sizes, default=np.inf), SMALLEST_STEP)
+        counts = enumerate(self.model.flight.node_counts)
+        enough = (level for level, count in counts if count >= wanted and level >= CONSTRAINED_LEVEL)
+        return min(enough, default=WATCHED_AT_MOST)
 
-    def attempt(
-        self,
-        start: Start,
-        number: int,
-        degrees: tuple[int, ...],
-        stop: Callable[[], bool] = lambda: False,
-        most_work: float = np.inf,
-    ) -> Outcome:
+    def attempt(self, start: Start, stop: Callable[[], bool] = lambda: False, most_work: float = np.inf) -> Outcome:
         """Follow one start; from when it is stopped, or has done the most work, it takes what it has."""
-        before = self.model.work.done - start.work
-        outcome = self._follow(start, number, degrees, lambda: self.model.work.done - before > most_work or stop())
-        outcome.work = self.model.work.done - before
+        before = self.model.work - start.work
+        outcome = self._follow(start, lambda: self.model.work - before > most_work or stop())
+        outcome.work = self.model.work - before
         return outcome
 
     def outcome_of(self, followed: Followed) -> Outcome:
         """Return the best of the starts that the kernel has followed together."""
-        before, degrees = self.model.work.done, self.problem.degrees
-        found = solution_of(followed, self.problem, self.model, self.plain_start.variables, degrees)
-        outcome = self._judge_compiled(found, 0, degrees)
-        outcome.work = self.model.work.done - before
-        outcome.starts, outcome.solved = found.starts, found.solved
+        before = self.model.work
+        outcome = self._judge_compiled(followed, self.plain_start.variables)
+        outcome.work = self.model.work - before
         return outcome
 
-    def _follow(self, start: Start, number: int, degrees: tuple[int, ...], stop: Callable[[], bool]) -> Outcome:
+    def _follow(self, start: Start, stop: Callable[[], bool]) -> Outcome:
         """Follow a start straight to the objective, and by way of a feasible motion where that fails."""
-        is_first = number == 0 or start.is_plain
-        settings = FINE if is_first and not self.constraints else CAUTIOUS
-        level = self._level if is_first or not self.constraints else min(self._level + CLOSER, WATCHED_AT_MOST)
-        make_objective = self._objective(start)
+        model, variables, blocks = self.model, start.variables, self.constraints
+        settings = FINE if start.at_once and not blocks else CAUTIOUS
+        level = self._level if start.at_once or not blocks else min(self._level + CLOSER, WATCHED_AT_MOST)
+
+        def make_objective(nodes: Sampling) -> Objective:
+            return objective(self.problem, model, variables, nodes)
 
         def follow(x: Array) -> Outcome:
-            solution = solve(self.model, start.variables, make_objective, self.constraints, x, settings, stop, level)
-            return self._judge(start.variables, solution, number, degrees)
+            solution = solve(model, variables, make_objective, blocks, x, settings, stop, level)
+            return self._judge(variables, solution)
 
-        if not self.constraints:
-            compiled = compiled_solution(self.problem, self.model, start, degrees, settings.longest_step)
-            return self._judge_compiled(compiled, number, degrees) if compiled else follow(start.x)
-        outcome = follow(start.x) if is_first else None
+        def begins() -> Iterator[Array]:
+            """The start; of those followed at once the best motion without limits as well."""
+            yield start.x
+            if start.at_once:
+                yield solve(model, variables, make_objective, (), start.x, FINE, stop).x
+
+        if not blocks:
+            compiled = follow_compiled(self.problem, model, start, settings.longest_step)
+            return self._judge_compiled(compiled, variables) if compiled else follow(start.x)
+        outcome = follow(start.x) if start.at_once else None
         if outcome and (outcome.holds or stop()):
             return outcome
-        nodes = self.model.nodes(level, start.variables.polynomials.form)
-        beside = instants_beside_nodes(start.variables, self.constraints)
-        sampling = watching(nodes, self.constraints, beside)
-        program = FlightProgram(self.model, start.variables, sampling, make_objective(nodes), self.constraints)
-        for nearest in self._nearly_feasible(start, program, is_first, stop):
+        nodes = model.nodes(level, variables.polynomials.form)
+        sampling = watching(nodes, blocks, instants_beside_nodes(variables, blocks))
+        program = FlightProgram(model, variables, sampling, make_objective(nodes), blocks)
+        for x in begins():
+            nearest = reduce_violations(program, x, stop)
             if nearest.squared_violation < PROMISING:
-                found = follow(nearest.x)
+                other = follow(nearest.x)
             else:
                 unsolved = Solution(nearest.x, nearest.evaluation, "infeasible", 0, nearest.evaluations)
-                found = self._judge(start.variables, unsolved, number, degrees)
-            outcome = best([outcome, found]) if outcome else found
+                other = self._judge(variables, unsolved)
+            outcome = best([outcome, other]) if outcome else other
             if outcome.holds or stop():
                 break
         assert outcome is not None, "every start gives a point to follow"
         return outcome
 
-    def _objective(self, start: Start) -> Callable[[Sampling], Objective]:
-        """What makes the objective for a sampling."""
-        return lambda nodes: objective(self.problem, self.model, start.variables, nodes)
+    def _judge_compiled(self, followed: Followed, variables: DecisionVariables) -> Outcome:
+        """Evaluate and check what the kernel answered; ``variables`` are of the branches that it began on.
 
-    def _nearly_feasible(
-        self, start: Start, program: FlightProgram, is_first: bool, stop: Callable[[], bool]
-    ) -> Iterator[LeastViolation[Trajectory]]:
-        """Motions that violate little: from the start; from the plain one also by way of the best without limits."""
-        yield reduce_violations(program, start.x, stop)
-        if not is_first:
-            return
-        free = solve(self.model, start.variables, self._objective(start), (), start.x, FINE, stop)
-        yield reduce_violations(program, free.x, stop)
-
-    def _judge_compiled(self, found: Compiled, number: int, degrees: tuple[int, ...]) -> Outcome:
-        """Check the kernel's solution; its b counts where that holds: far from one, b may be of another x."""
-        outcome = self._judge(found.variables, found.solution, number, degrees)
+        Its b counts where that holds: far from a solution, b may be of another x.
+        """
+        answers, counts, model = followed.answers, followed.counts, self.model
+        model.work += followed.work
+        if answers.branch[0].any():
+            branches = np.array([np.zeros_like(answers.branch[0]), answers.branch[0]])
+            variables = decision_variables(self.problem, variables.degrees, branches, variables.momentum)
+        x = variables.variables(answers.z[0], followed.momentum)
+        nodes = model.nodes(COMPILED_LEVEL, variables.polynomials.form)
+        aim = objective(self.problem, model, variables, nodes)
+        evaluation = FlightProgram(model, variables, nodes, aim).evaluate(x)
+        solution = Solution(x, evaluation, followed.status, counts["iterations"], counts["evaluations"])
+        outcome = self._judge(variables, solution)
+        outcome.starts, outcome.solved = counts["starts"], max(counts["solved"], 1)
         if outcome.holds:
-            outcome.coefficients = found.coefficients
+            outcome.coefficients = answers.coefficients[0]
         return outcome
 
-    def _judge(
-        self, variables: DecisionVariables, solution: Solution[Trajectory], number: int, degrees: tuple[int, ...]
-    ) -> Outcome:
+    def _judge(self, variables: DecisionVariables, solution: Solution[Trajectory]) -> Outcome:
         """Check (14) and the constraints, between the instants too."""
         motion, counts = solution.evaluation.detail, self.model.flight.node_counts
         level = max(motion.flown.level_needed(QUADRATURE_ERROR), self._level)
@@ -259,4 +314,4 @@ class Attempts:
             violation = max(violation, float(-worst.value[worst.value < kept].min(initial=0.0)))
         if violation <= 0 and solution.status == "infeasible":
             solution = replace(solution, status="feasible")  # kept, though not as well inside as the search aims
-        return Outcome(variables, solution, violation, worst, number, degrees, self.problem.motion.objective)
+        return Outcome(variables, solution, violation, worst, self.problem.motion.objective)

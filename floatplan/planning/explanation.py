@@ -20,18 +20,19 @@ INTERRUPTED = "The search was interrupted before it found a plan; there may be o
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
-def proven_impossible(problem: Problem, prepared: Attempts) -> list[str]:
+def proven_impossible(prepared: Attempts) -> list[str]:
     """Reasons, one sentence each, why no motion whatever can be a plan; empty where none is known."""
-    return [*_impossible_ends(prepared), *impossibilities(problem)]
+    return [*_impossible_ends(prepared), *impossibilities(prepared.problem)]
 
 
-def explain(problem: Problem, prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
+def explain(prepared: Attempts, found: SearchResult, reasons: list[str]) -> str:
     """Say, in sentences for a person, what the search found and why it is no plan where it is none.
 
     ``reasons`` are those of :func:`proven_impossible`.
     """
     if found.best.holds:
         return "Every constraint holds at all times." if prepared.constraints else "The goal is met."
+    problem = prepared.problem
     interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
     sentences = [*interrupted, *reasons, *difficulties(problem), *_nearest(prepared, found)]
     momentum = found.best.variables.angular_momentum(found.best.solution.x)
@@ -54,17 +55,14 @@ def _hardly_missed(prepared: Attempts, found: SearchResult) -> list[str]:
         return []
     wishes = [f"the goal's orientation {_numbers(missed, '+.6g')} rad further"] if missed.any() else []
     for number, block in enumerate(prepared.constraints):
-        rows = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
-        if rows.size:
-            row = int(best.worst.row[rows[np.argmin(best.worst.value[rows])]])
-            amount = f"{_rounded_up(-best.worst.value[rows].min() * block.scale[row])} {block.unit}"
-            wishes.append(block.relaxed(row, amount))
+        violated = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
+        if violated.size:
+            lowest = violated[np.argmin(best.worst.value[violated])]
+            row = int(best.worst.row[lowest])
+            amount = -best.worst.value[lowest] * block.scale[row]
+            rounded = f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"  # two digits, not below it
+            wishes.append(block.relaxed.format(label=block.labels[row], amount=f"{rounded} {block.unit}"))
     return [f"It would be a plan with {' and '.join(wishes)}; another seed, or more starts, may find one without that."]
-
-
-def _rounded_up(amount: float) -> str:
-    """A positive number to two digits, not below it."""
-    return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
 
 
 def _missed_turn(found: SearchResult) -> Array:
@@ -105,28 +103,23 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
                 amount = -values[end, row] * block.scale[row]
                 sentences.append(
                     f"At {verb} the {name} itself is impossible: {block.labels[row]} is violated by"
-                    f" {amount:.4g} {block.unit} ({block.cause_at(name)})."
+                    f" {amount:.4g} {block.unit} ({block.cause.format(end=name)})."
                 )
     return sentences
 
 
 def _nearest(prepared: Attempts, found: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try."""
-    best = found.best
-    motion = best.solution.evaluation.detail
-    tried = f"{found.attempts} starts were tried, up to degree {max(best.degrees)}."
-    missed = _missed_turn(found)
-    sentences = []
+    best, missed, sentences = found.best, _missed_turn(found), []
     if missed.any():
         sentences.append(f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad.")
-    if best.worst.value.size and best.worst.least < 0:
-        index = int(np.argmin(best.worst.value))
-        block, row = prepared.constraints[best.worst.block[index]], int(best.worst.row[index])
-        amount, time = -best.worst.value[index] * block.scale[row], best.worst.s[index] * motion.duration
+    if best.worst.least < 0:
+        number, row, value, s = best.worst.lowest
+        block, time = prepared.constraints[number], s * prepared.problem.flight.duration
+        amount = f"{-value * block.scale[row]:.4g} {block.unit}"
         sentences.append(
-            f"In the nearest motion found, {block.labels[row]} is violated by {amount:.4g} {block.unit}"
-            f" at t = {time:.4f} s."
+            f"In the nearest motion found, {block.labels[row]} is violated by {amount} at t = {time:.4f} s."
         )
     if not best.variables.coefficients:
         sentences.append("Degree 5 leaves nothing free to steer with, (16); raise motion.degree to 7.")
-    return [*sentences, tried]
+    return [*sentences, f"{found.counts['starts']} starts were tried, up to degree {max(best.variables.degrees)}."]

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from floatplan.arguments import flag, many
 from floatplan.arrays import IntArray
+from floatplan.certificate.certificate import certify
+from floatplan.errors import InputError
 from floatplan.kernel import rows as plain
-from floatplan.kernel.batch import FEASIBLE, INFEASIBLE, MOST_STARTS, OPTIMAL, Answers, Search
-from floatplan.planning.one_of_many import LONGER, Effort, Task, answers
-from floatplan.planning.search import SearchOptions
-from floatplan.planning.work import DEFAULT_WORK
-from floatplan.plans.plans import SOLVED, Plans
+from floatplan.kernel.batch import INFEASIBLE, MOST_STARTS, Answers, Search
+from floatplan.planning.attempt import STATUS
+from floatplan.planning.planned import planned
+from floatplan.planning.repair import judged, proved_plan
+from floatplan.planning.search import DEFAULT_WORK, SearchOptions
+from floatplan.plans.plans import SOLVED, Answer, Plans
+from floatplan.pool import in_order, processes
 from floatplan.pool.threads import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
 
 CHUNK = 2048  # problems of a batch
-WORDS = {INFEASIBLE: "not_found", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-NOT_FOUND = f"No plan was found from {{}} starts; {LONGER}."
+AT_ONCE = 8  # problems that a process is given at a time
+LONGER = "search=True searches longer"
 PATIENCE = DEFAULT_WORK / 20  # [instants of one body] before a start is solved: about 0.4 s
 
 
@@ -76,38 +82,24 @@ def plan_many(
     search, prove = flag(search, "search"), flag(prove, "prove")
     problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
     plans = Plans.of(problems, *_shape(problems), seed)
-    whole, few = Effort(seed, starts), Effort(seed, starts, _most_starts(options))
-    brief = whole if search else Effort(seed, starts, patience=PATIENCE)
-    batches, others = _sorted_out(problems)
-    tasks = [Task(index, brief) for index in others]
+    whole = replace(options, jobs=1)
+    batches, alone = _sorted_out(problems)
     for batch in batches:
-        doubtful = _plan_batch(plans, batch, options)
-        _finish(plans, [Task(index, few) for index in doubtful], jobs)
-    _finish(plans, tasks, jobs)
+        alone += _plan_batch(plans, batch, options)
+    _finish(plans, [(index, None) for index in alone], whole if search else replace(whole, patience=PATIENCE), jobs)
     if search:
-        searched = {task.index for task in tasks}
-        missed = np.flatnonzero(plans.status == "not_found").tolist()
-        _finish(plans, [Task(index, whole) for index in missed if index not in searched], jobs)
+        missed = set(np.flatnonzero(plans.status == "not_found").tolist()) - set(alone)
+        _finish(plans, [(index, None) for index in sorted(missed)], whole, jobs)
     if prove:
-        found = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
-        _finish(plans, [Task(index, whole, plans.answer(index)) for index in found], jobs)
+        solved = np.flatnonzero(np.isin(plans.status, SOLVED)).tolist()
+        _finish(plans, [(index, plans.answer(index)) for index in solved], whole, jobs)
     return plans
-
-
-def _most_starts(options: SearchOptions) -> int:
-    return MOST_STARTS + options.starts - 1
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:
     """Most joints, and most coefficients of one."""
     degrees = [problems.base.degrees] if isinstance(problems, Family) else [each.degrees for each in problems]
     return max(map(len, degrees), default=0), max((max(each, default=0) for each in degrees), default=0) + 1
-
-
-def _finish(plans: Plans, tasks: Sequence[Task], jobs: int) -> None:
-    """Answer problems one by one."""
-    for index, answer in answers(plans.problems, tasks, jobs):
-        plans.keep(index, answer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,38 +135,94 @@ def _sorted_out(problems: Sequence[Problem] | Family) -> tuple[list[_Batch], lis
 def _plan_batch(plans: Plans, batch: _Batch, options: SearchOptions) -> list[int]:
     """Plan a batch in chunks; indices of the problems whose numbers may be bad are returned, not planned."""
     solver = plain.solver(batch.like, batch.like.degrees)
-    search = Search(starts=options.starts, most_starts=_most_starts(options), seed=options.seed)
+    search = Search(starts=options.starts, most_starts=MOST_STARTS + options.starts - 1, seed=options.seed)
 
-    def planned(chunk: IntArray) -> tuple[IntArray, plain.Numbers, Answers, list[int]]:
-        numbers = batch.numbers(chunk)
+    def answered(chunk: IntArray) -> tuple[IntArray, plain.Numbers, Answers, list[int]]:
+        numbers, left = batch.numbers(chunk), []
         doubtful = numbers.doubtful()
         if doubtful.any():
-            good = np.flatnonzero(~doubtful)
-            numbers = numbers.some(good)
-            return chunk[good], numbers, solver.plan(numbers.rows(), search), chunk[doubtful].tolist()
-        return chunk, numbers, solver.plan(numbers.rows(), search), []
+            left, chunk = chunk[doubtful].tolist(), chunk[~doubtful]
+            numbers = numbers.some(np.flatnonzero(~doubtful))
+        return chunk, numbers, solver.plan(numbers.rows(), search), left
 
     chunks = [batch.indices[first : first + CHUNK] for first in range(0, len(batch.indices), CHUNK)]
-    doubtful: list[int] = []
+    left: list[int] = []
     with ThreadPoolExecutor(options.jobs) as pool:
-        found_in_order = map(planned, chunks) if options.jobs == 1 else pool.map(planned, chunks)
-        for indices, numbers, found, doubted in found_in_order:
-            doubtful += doubted
-            _keep(plans, indices, numbers, found)
-    return doubtful
+        for indices, numbers, answers, doubtful in (map if options.jobs == 1 else pool.map)(answered, chunks):
+            left += doubtful
+            _keep(plans, indices, numbers, answers)
+    return left
 
 
-def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, found: Answers) -> None:
+def _keep(plans: Plans, indices: IntArray, numbers: plain.Numbers, answers: Answers) -> None:
     """Take the answers of a chunk."""
-    for code, word in WORDS.items():
-        plans.status[indices[found.status == code]] = word
-    solved = found.status != INFEASIBLE
-    plans.objective[indices[solved]] = found.objective[solved]
+    solved = answers.status != INFEASIBLE
+    for code, word in STATUS.items():
+        plans.status[indices[answers.status == code]] = "not_found" if code == INFEASIBLE else word
+    plans.objective[indices[solved]] = answers.objective[solved]
     plans.angular_momentum[indices] = numbers.angular_momentum()
-    plans.residual[indices] = found.residual
-    _, n, columns = found.coefficients.shape
-    plans.coefficients[indices, :n, :columns] = found.coefficients
+    plans.residual[indices] = answers.residual
+    _, n, columns = answers.coefficients.shape
+    plans.coefficients[indices, :n, :columns] = answers.coefficients
     for name in ("evaluations", "iterations", "starts", "solved"):
-        getattr(plans, name)[indices] = getattr(found, name)
-    failed = zip(indices[~solved].tolist(), found.starts[~solved].tolist(), strict=True)
-    plans.messages.update({index: NOT_FOUND.format(starts) for index, starts in failed})
+        getattr(plans, name)[indices] = getattr(answers, name)
+    for index, starts in zip(indices[~solved].tolist(), answers.starts[~solved].tolist(), strict=True):
+        plans.messages[index] = f"No plan was found from {starts} starts; {LONGER}."
+
+
+def _finish(plans: Plans, tasks: Sequence[tuple[int, Answer | None]], options: SearchOptions, jobs: int) -> None:
+    """Answer problems one by one, in this process or several; see :func:`_answered`."""
+    groups = [(tasks[first : first + AT_ONCE],) for first in range(0, len(tasks), AT_ONCE)]
+    several = jobs > 1 and len(tasks) > 1
+    ready = (plans.problems, options)
+    with processes(jobs, (__name__,), _receive, *ready) if several else nullcontext() as pool:
+        answers = in_order(pool, _answer, groups, lambda group: _answered(group, *ready))
+        for (index, _), answer in zip(tasks, chain.from_iterable(answers), strict=True):
+            plans.keep(index, answer)
+
+
+def _answered(
+    tasks: Sequence[tuple[int, Answer | None]], problems: Sequence[Problem], options: SearchOptions
+) -> Iterator[Answer]:
+    """Answer problems by their indices, some with a plan to prove; one that is wrong has an answer too."""
+    for index, known in tasks:
+        try:
+            problem = problems[index]
+            yield _proved(problem, known, options) if known else _searched(problem, options)
+        except InputError as error:
+            yield Answer("error", message=str(error))
+
+
+def _searched(problem: Problem, options: SearchOptions) -> Answer:
+    searched = planned(problem, options)
+    plan = searched.plan
+    answer = Answer.of_plan(plan, plan.status if plan.ok else "impossible" if searched.is_impossible else "not_found")
+    if not searched.gave_up or answer.status != "not_found":
+        return answer
+    return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
+
+
+def _proved(problem: Problem, answer: Answer, options: SearchOptions) -> Answer:
+    """Prove a plan; where it is not proved, search again, which corrects what is missing or takes the next best."""
+    plan = answer.plan(problem, options.seed)
+    certificate = certify(plan)
+    if certificate.proved:
+        return replace(Answer.of_plan(judged(plan, certificate), answer.status), residual=answer.residual)
+    better = proved_plan(planned(problem, options))
+    if better.certificate is None or (not better.certificate.proved and certificate.verdict == "undecided"):
+        better = judged(plan, certificate)
+    return Answer.of_plan(better, better.status if better.ok else answer.status)
+
+
+_given: tuple[Sequence[Problem], SearchOptions]
+
+
+def _receive(problems: Sequence[Problem], options: SearchOptions) -> None:
+    """Make a process ready."""
+    global _given
+    _given = problems, options
+
+
+@one_thread
+def _answer(tasks: Sequence[tuple[int, Answer | None]]) -> list[Answer]:
+    return list(_answered(tasks, *_given))

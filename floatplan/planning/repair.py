@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -16,7 +16,10 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
-from floatplan.planning.planned import Planned, alternatives, polished
+from floatplan.planning.attempt import Attempts, Outcome
+from floatplan.planning.planned import SearchedPlan, motion_of
+from floatplan.planning.search import SAME, SearchOptions, search
+from floatplan.planning.starts import Start
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import Certificate, Finding, Kind, Subject
 from floatplan.pool.threads import one_thread
@@ -37,8 +40,10 @@ Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
 
 
 @one_thread
-def proved_plan(found: Planned) -> Plan:
+def proved_plan(found: SearchedPlan) -> Plan:
     """Prove a plan that the search found, or the next best one, and return it with its certificate.
+
+    What is proved goes before what is undecided.
 
     Returns
     -------
@@ -46,30 +51,19 @@ def proved_plan(found: Planned) -> Plan:
         Its ``certificate`` is None where no plan was found. ``ok`` is False where none was found, or the one found was
         refuted; a plan that the certificate cannot decide stays ``ok``; ``explanation`` says what is not proved.
     """
-    return judged(*best_proved(found)) if found.plan.ok else found.plan
-
-
-def best_proved(found: Planned) -> tuple[Plan, Certificate]:
-    """Prove the best plan, or the next best where that is not proved; what is proved goes before what is undecided.
-
-    The best plan proved may have lost by being corrected: then the next best ones may be better still.
-    """
+    if not found.plan.ok:
+        return found.plan
     plan, certificate = proved(found)
     LOG.info("proof: %s, %d intervals of time", certificate.verdict, certificate.subintervals)
-    for other in alternatives(found):
+    for other in alternatives(found):  # a plan proved may have lost by being corrected: then these may be better still
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
-        answer = proved(other)
-        plan, certificate = min((plan, certificate), answer, key=_rank)
-    return plan, certificate
+        answers = (plan, certificate), proved(other)
+        plan, certificate = min(answers, key=lambda each: (VERDICTS.index(each[1].verdict), each[0].objective_value))
+    return judged(plan, certificate)
 
 
-def _rank(answer: tuple[Plan, Certificate]) -> tuple[int, float]:
-    plan, certificate = answer
-    return VERDICTS.index(certificate.verdict), plan.objective_value
-
-
-def proved(found: Planned) -> tuple[Plan, Certificate]:
+def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
     """Prove a plan, correcting it where little is missing; the best plan and its certificate."""
     asked = tighter = found.plan.problem
     plan, certificate = _claims_proved(found.plan, certify(found.plan))
@@ -87,6 +81,37 @@ def proved(found: Planned) -> tuple[Plan, Certificate]:
         found = corrected
         plan, certificate = _claims_proved(found.plan, certify(found.plan))
     return plan, certificate
+
+
+def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
+    """Yield the plans that the other solutions would make."""
+    for outcome in found.others or _not_kept(found):
+        moved = found.plan.moving_as(*motion_of(outcome))
+        yield SearchedPlan(replace(moved, status=outcome.solution.status), outcome)
+
+
+def _not_kept(found: SearchedPlan) -> tuple[Outcome, ...]:
+    """Solutions worse than the best, of starts that the kernel has followed together: now one by one."""
+    solver, best = found.plan.solver, found.best
+    if best.starts == 1 or solver["solved"] < 2:
+        return ()
+    options = SearchOptions(solver["seed"], solver["solved"])
+    again = search(Attempts(found.plan.problem, solver["seed"]), options, solver["starts"])
+    return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + SAME))
+
+
+def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
+    """Follow the motion found to the nearest one that meets a tighter problem; None where that leads to none.
+
+    The plan answers the problem that it answered before.
+    """
+    plan, best = found.plan, found.best
+    prepared = Attempts(tighter, plan.solver["seed"], best.variables.momentum)
+    outcome = prepared.attempt(Start(best.variables, best.solution.x, at_once=True))
+    if not outcome.holds:
+        return None
+    more = {name: plan.solver[name] + getattr(outcome.solution, name) for name in ("iterations", "evaluations")}
+    return SearchedPlan(replace(plan.moving_as(*motion_of(outcome)), solver={**plan.solver, **more}), outcome)
 
 
 def judged(plan: Plan, certificate: Certificate) -> Plan:
@@ -109,7 +134,8 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
     for finding in certificate.unproved:
         if finding.kind in CONSEQUENCES:
             continue
-        if finding.bound is None or finding.limit is None or not _is_correctable(finding):
+        correctable = finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
+        if finding.bound is None or finding.limit is None or not correctable:
             return None
         shortfall = abs(finding.bound - finding.limit)
         scale = finding.limit if finding.kind in RELATIVE else 1.0
@@ -117,10 +143,6 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
             return None
         missing[finding.kind, finding.subject] = shortfall
     return missing or None
-
-
-def _is_correctable(finding: Finding) -> bool:
-    return finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
 
 
 def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:

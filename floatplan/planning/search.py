@@ -10,7 +10,9 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice
 from typing import ClassVar
 
@@ -18,15 +20,17 @@ import numpy as np
 
 from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
 from floatplan.kernel.batch import WANTED_AFTER_FAILURE
-from floatplan.planning.attempt import ATTEMPTS, Attempts, Outcome, best
-from floatplan.planning.compiled import Followed
-from floatplan.planning.runner import expiry, runner
-from floatplan.planning.starts import MOMENTUM_FRACTIONS
-from floatplan.planning.work import DEFAULT_WORK
+from floatplan.motion.dynamics import MomentumSet
+from floatplan.optimization.nonlinear_program import Derivatives
+from floatplan.planning.attempt import ATTEMPTS, Attempts, Followed, Outcome, best
+from floatplan.planning.starts import MOMENTUM_FRACTIONS, Start
+from floatplan.pool import in_order, processes
+from floatplan.pool.threads import one_thread
 from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
 LOG = logging.getLogger(__name__)
+DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: about 7 s at 2 to 3 GHz
 MOST_JOBS = 64  # [-] processes
 MOST_SOLVED = 1000  # [-] solved starts to choose the best from
 JOBS = whole(Range(1, MOST_JOBS, ""))
@@ -44,18 +48,34 @@ STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solv
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Result of a search: the best outcome, all that hold in order of their objectives, and the work it took."""
+    """Where the attempts of a search ended, in their order, and why there are no more of them."""
 
-    best: Outcome
-    holding: tuple[Outcome, ...]
-    attempts: int
-    solved: int
-    iterations: int
-    evaluations: int
-    work: float
-    ran_out_of_time: bool
-    ran_out_of_patience: bool
-    interrupted: bool
+    outcomes: Sequence[Outcome]
+    ran_out_of_time: bool = False
+    ran_out_of_patience: bool = False
+    interrupted: bool = False
+
+    @cached_property
+    def best(self) -> Outcome:
+        """The best outcome, the first of equals."""
+        return best(self.outcomes)
+
+    @cached_property
+    def holding(self) -> tuple[Outcome, ...]:
+        """All that hold, in the order of their objectives, which a single one need not have evaluated."""
+        holding = [outcome for outcome in self.outcomes if outcome.holds]
+        return tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
+        solutions = [outcome.solution for outcome in self.outcomes]
+        return {
+            "iterations": sum(solution.iterations for solution in solutions),
+            "evaluations": sum(solution.evaluations for solution in solutions),
+            "starts": sum(outcome.starts for outcome in self.outcomes),
+            "solved": sum(outcome.solved for outcome in self.outcomes if outcome.holds),
+        }
 
 
 @dataclass(frozen=True)
@@ -69,8 +89,7 @@ class SearchOptions(Checked):
     budget : s, or None: the usual work
     jobs : processes
     progress : told in a few words what the search is doing
-    work : instants of one body, where there is no budget; None: the usual work
-    patience : of that work, how much may be done before a start is solved; None: all of it
+    patience : instants of one body, how much of the usual work may be done before a start is solved; None: all of it
         Only with one process. A search that ends sooner is otherwise the same.
 
     Raises
@@ -84,7 +103,6 @@ class SearchOptions(Checked):
     budget: float | None = None
     jobs: int = 1
     progress: Callable[[str], None] | None = None
-    work: float | None = None
     patience: float | None = None
 
     checks: ClassVar[Mapping[str, Check]] = {
@@ -106,68 +124,45 @@ def search(
     these the best alone is kept. Ctrl-C ends the search with the best motion so far.
     """
     expired = expiry(options.budget)
-    work = (options.work or DEFAULT_WORK) if options.budget is None else np.inf
-    allowance = Allowance(work) if options.patience is None else Allowance.with_patience(work, options.patience)
+    work = DEFAULT_WORK if options.budget is None else np.inf
+    patience = np.inf if options.patience is None else options.patience
+    allowance = Allowance(min(work, patience), held_back=work - patience if patience < work else 0.0)
     outcomes: list[Outcome] = []
     interrupted = False
     announced = time.monotonic()
     try:
         for outcome in islice(_outcomes(prepared, options, expired, allowance, followed), attempts):
             outcomes.append(outcome)
-            tried, solved = _counts(outcomes)
             if LOG.isEnabledFor(logging.INFO):
                 LOG.info("%s", _said(prepared, outcomes))
             if options.progress and time.monotonic() - announced > 1:
-                announced = time.monotonic()
-                options.progress(f"{tried} starts tried, {solved} solved, degree {max(outcome.degrees)}")
+                announced, counts = time.monotonic(), SearchResult(outcomes).counts
+                tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
+                options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")
             if _are_enough(outcomes, options.starts, prepared) or expired():
                 break
     except KeyboardInterrupt:
         interrupted = True
         if not outcomes:
-            outcomes.append(prepared.attempt(prepared.plain_start, 0, prepared.problem.degrees, lambda: True))
-    holding = [outcome for outcome in outcomes if outcome.holds]
-    tried, solved = _counts(outcomes)
-    return SearchResult(
-        best(outcomes),
-        tuple(sorted(holding, key=lambda outcome: outcome.objective_value) if len(holding) > 1 else holding),
-        attempts=tried,
-        solved=solved,
-        iterations=sum(outcome.solution.iterations for outcome in outcomes),
-        evaluations=sum(outcome.solution.evaluations for outcome in outcomes),
-        work=sum(outcome.work for outcome in outcomes),
-        ran_out_of_time=allowance.is_used_up or expired(),
-        ran_out_of_patience=allowance.is_used_up and allowance.held_back > 0,
-        interrupted=interrupted,
-    )
+            outcomes.append(prepared.attempt(prepared.plain_start, lambda: True))
+    out_of_patience = allowance.is_used_up and allowance.held_back > 0
+    return SearchResult(outcomes, allowance.is_used_up or expired(), out_of_patience, interrupted)
 
 
-def _counts(outcomes: Sequence[Outcome]) -> tuple[int, int]:
-    """Starts followed, and of them those solved."""
-    return sum(outcome.starts for outcome in outcomes), sum(outcome.solved for outcome in outcomes if outcome.holds)
-
-
-def _said(prepared: Attempts, outcomes: list[Outcome]) -> str:
+def _said(prepared: Attempts, outcomes: Sequence[Outcome]) -> str:
     """The last attempt in a line: its number, degree, end, what it violates most, and the least violation so far."""
     outcome = outcomes[-1]
-    degrees = sorted(set(outcome.degrees))
-    parts = [
-        f"start {_counts(outcomes)[0]}, degree {' to '.join(map(str, degrees))}, {outcome.solution.iterations} steps"
-    ]
+    degrees = " to ".join(map(str, sorted(set(outcome.variables.degrees))))
+    start = sum(each.starts for each in outcomes)
+    steps = f"start {start}, degree {degrees}, {outcome.solution.iterations} steps"
+    least = f"best violation {min(each.violation for each in outcomes):.3g}"
     if outcome.holds:
-        parts.append(f"{outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}")
-    else:
-        parts.append(f"violation {outcome.violation:.3g}{_of(prepared, outcome)}")
-    return "; ".join([*parts, f"best violation {min(each.violation for each in outcomes):.3g}"])
-
-
-def _of(prepared: Attempts, outcome: Outcome) -> str:
-    worst = outcome.worst
-    if not worst.value.size or -worst.least < outcome.violation:
-        return " rad of the goal's orientation"
-    index = int(np.argmin(worst.value))
-    row = prepared.constraints[worst.block[index]].labels[int(worst.row[index])]
-    return f" of {row} at {worst.s[index] * prepared.problem.flight.duration:.3g} s"
+        return f"{steps}; {outcome.solution.status}, {outcome.objective} {outcome.objective_value:.6g}; {least}"
+    of = " rad of the goal's orientation"
+    if -outcome.worst.least >= outcome.violation:
+        block, row, _, s = outcome.worst.lowest
+        of = f" of {prepared.constraints[block].labels[row]} at {s * prepared.problem.flight.duration:.3g} s"
+    return f"{steps}; violation {outcome.violation:.3g}{of}; {least}"
 
 
 @dataclass
@@ -177,11 +172,6 @@ class Allowance:
     left: float
     held_back: float = 0.0
     is_used_up: bool = False
-
-    @classmethod
-    def with_patience(cls, work: float, patience: float) -> Allowance:
-        """Hold back what is beyond the patience."""
-        return cls(min(work, patience), max(work - patience, 0.0))
 
     def grants(self, outcome: Outcome, is_first: bool) -> bool:
         """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
@@ -201,7 +191,9 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
         return False
     constrained = bool(prepared.constraints)
     if constrained and prepared.plain_start.variables.momentum.free:
-        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or _agree([outcomes[index] for index in solved])
+        values = sorted(outcomes[index].objective_value for index in solved)[:AGREEING]
+        agree = len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
+        return len(outcomes) >= STARTS_OF_FREE_MOMENTUM or agree
     if outcomes[0].converged_quickly or len(solved) >= WANTED_AFTER_FAILURE:
         return True
     return constrained and (
@@ -209,21 +201,13 @@ def _are_enough(outcomes: list[Outcome], wanted: int, prepared: Attempts) -> boo
     )
 
 
-def _agree(solved: list[Outcome]) -> bool:
-    """Whether several of the solutions are the best one: different starts led there."""
-    values = sorted(outcome.objective_value for outcome in solved)[:AGREEING]
-    return len(values) == AGREEING and values[-1] - values[0] <= AGREEMENT * values[-1]
-
-
 def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
     """Degrees and how many starts to try with them."""
     if not problem.raises_degree:
         yield problem.degrees, ATTEMPTS
         return
-    degree = problem.degrees[0]
-    while degree < HIGHEST_AUTOMATIC_DEGREE:
+    for degree in range(problem.degrees[0], HIGHEST_AUTOMATIC_DEGREE, DEGREE_STEP):
         yield (degree,) * len(problem.degrees), ATTEMPTS_BEFORE_RAISING
-        degree += DEGREE_STEP
     yield (HIGHEST_AUTOMATIC_DEGREE,) * len(problem.degrees), ATTEMPTS
 
 
@@ -245,11 +229,20 @@ def _outcomes(
     if together:
         allowance.grants(together, True)
         yield together
-    with runner(prepared, options.jobs, options.budget, expired, lambda: allowance.left) as run:
+
+    def here(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
+        return _follow(prepared, given, number, degrees, expired, allowance.left)
+
+    ready = (prepared.problem, prepared.seed, prepared.momentum, options.budget, allowance.left)
+    several = options.jobs > 1
+    with processes(options.jobs, (__name__,), _prepare, *ready) if several else nullcontext() as pool:
         for degrees, attempts in _stages(prepared.problem):
-            raised = [prepared.raised(outcome, degrees) for outcome in nearest]
-            tried = []
-            for outcome in run(degrees, raised, range(together.starts if together else 0, attempts)):
+            raised = [replace(prepared.raised(each, degrees), at_once=each is nearest[0]) for each in nearest]
+            numbers = range(together.starts if together else 0, attempts)
+            tried: list[Outcome] = []
+            for outcome in in_order(pool, _attempt, [(degrees, raised, number) for number in numbers], here):
+                if outcome is None:  # there are not so many starts
+                    break
                 if not allowance.grants(outcome, is_first):
                     return
                 is_first = False
@@ -266,3 +259,54 @@ def _nearest(outcomes: list[Outcome]) -> list[Outcome]:
         if all(abs(value - other.objective_value) > SAME * abs(value) for other in distinct):
             distinct.append(outcome)
     return distinct[:RAISED]
+
+
+def expiry(budget: float | None) -> Callable[[], bool]:
+    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
+    if budget is None:
+        return lambda: False
+    end = time.monotonic() + budget
+    return lambda: time.monotonic() > end
+
+
+def _follow(
+    prepared: Attempts,
+    given: list[Start],
+    number: int,
+    degrees: tuple[int, ...],
+    expired: Callable[[], bool],
+    most_work: float,
+) -> Outcome | None:
+    """Follow a start by its number: the given ones come first; None where there are not so many."""
+    known = [*given, *prepared.first_starts(degrees, max(number + 1 - len(given), 0))]
+    return prepared.attempt(known[number], expired, most_work) if number < len(known) else None
+
+
+_prepared: Attempts
+_expired: Callable[[], bool]
+_most_work: float
+
+
+@one_thread
+def _prepare(problem: Problem, seed: int, momentum: MomentumSet, budget: float | None, most_work: float) -> None:
+    """Make a process ready for attempts."""
+    global _prepared, _expired, _most_work
+    _prepared, _expired, _most_work = Attempts(problem, seed, momentum), expiry(budget), most_work
+
+
+@one_thread
+def _attempt(degrees: tuple[int, ...], given: list[Start], number: int) -> Outcome | None:
+    outcome = _follow(_prepared, given, number, degrees, _expired, _most_work)
+    return _portable(outcome) if outcome else None
+
+
+def _portable(outcome: Outcome) -> Outcome:
+    """Strip an outcome of what cannot go from one process to another: its derivatives, and what its motion caches."""
+    solution = outcome.solution
+    motion = solution.evaluation.detail
+    evaluation = replace(solution.evaluation, differentiate=_no_derivatives, detail=replace(motion))
+    return replace(outcome, solution=replace(solution, evaluation=evaluation))
+
+
+def _no_derivatives() -> Derivatives:
+    raise AssertionError("the derivatives of an outcome stay in the process that computed them")

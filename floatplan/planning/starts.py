@@ -7,9 +7,8 @@ starts that violate the constraints least are followed first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import count
 
 import numpy as np
@@ -19,25 +18,15 @@ from floatplan.kernel.batch import SECANT_STEPS, SPREADS, Search
 from floatplan.kernel.rows import Numbers, is_plain, is_planar, solver
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.planning.transcription.constraints import Constraint, applies
-from floatplan.planning.transcription.program import decision_variables
 from floatplan.planning.transcription.trajectory import FlightModel, Trajectory, trajectories
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 from floatplan.problem.problem import Problem
 
 BATCH = 160  # motions
 LARGEST_BATCH = 640  # where there are constraints: each batch is twice as large as the one before
 BATCH_LEVEL = 2  # of grids
 STARTS_PER_BATCH = 2
-MOMENTUM_FRACTIONS = (
-    -1.0,
-    1.0,
-    -0.5,
-    0.5,
-    -0.25,
-    0.25,
-    -0.75,
-    0.75,
-)  # of the reach of h, from its middle: plain starts
+MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
 APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 
 
@@ -45,12 +34,13 @@ APART = 0.3  # rad, root mean square of p: nearer starts lead to the same motion
 class Start:
     """A class of motions (with its arcsine branches) and a point x in it.
 
-    ``is_plain`` says that it is the plain motion, at some h; ``work`` is what it took to draw it.
+    ``at_once`` says that it is followed to the objective at once, and only where that fails made feasible before, as
+    promises most of plain motions and of ones that were solved already; ``work`` is what it took to draw it.
     """
 
     variables: DecisionVariables
     x: Array
-    is_plain: bool = False
+    at_once: bool = False
     work: float = 0.0
 
 
@@ -66,13 +56,23 @@ def starts(
 
     Where h is free and there are constraints, the plain motion at other h takes turns with the first random ones.
     """
-    start = _plain_start(problem, degrees, momentum)
+
+    def on_branches(at_landing: IntArray) -> DecisionVariables:
+        return decision_variables(problem, degrees, np.stack((0 * at_landing, at_landing)), momentum)
+
+    plain = on_branches(np.zeros(len(problem.robot.joints), dtype=np.int64))
+    start = Start(plain, plain.plain_motion(), at_once=True)
     yield start
-    if start.variables.size and is_planar(model.flight) and is_plain(problem):
-        yield from _drawn_by_the_kernel(problem, degrees, momentum, seed)
-    drawn = _random_starts(problem, model, constraints, degrees, momentum, start.variables, seed)
+    if plain.size and is_planar(model.flight) and is_plain(problem):
+        rows = replace(Numbers.of_problems([problem]).rows(), momentum=momentum.centre)
+        for number in count(1):  # those that the kernel follows after the plain one
+            search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)
+            draw = solver(problem, degrees).plan(rows, search)
+            variables = on_branches(draw.branch[0])
+            yield Start(variables, variables.variables(draw.z[0], momentum.centre))
+    drawn = _random_starts(model, constraints, plain, on_branches, seed)
     if momentum.free and constraints:
-        coefficients = start.x[: start.variables.coefficients]
+        coefficients = start.x[: plain.coefficients]
         for axis in np.eye(momentum.free):
             for fraction in MOMENTUM_FRACTIONS:
                 yield next(drawn)
@@ -80,52 +80,23 @@ def starts(
     yield from drawn
 
 
-def _drawn_by_the_kernel(
-    problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet, seed: int
-) -> Iterator[Start]:
-    """The starts that the kernel follows after the plain one, without end."""
-    rows = replace(Numbers.of_problems([problem]).rows(), momentum=momentum.centre)
-    for number in count(1):
-        search = Search(first_start=number, most_starts=number + 1, only_draws=True, seed=seed)
-        found = solver(problem, degrees).plan(rows, search)
-        variables = _variables(problem, degrees, momentum, np.stack((0 * found.branch[0], found.branch[0])))
-        yield Start(variables, variables.variables(found.z[0], momentum.centre))
-
-
 def _random_starts(
-    problem: Problem,
     model: FlightModel,
     constraints: tuple[Constraint, ...],
-    degrees: tuple[int, ...],
-    momentum: MomentumSet,
     plain: DecisionVariables,
+    on_branches: Callable[[IntArray], DecisionVariables],
     seed: int,
 ) -> Iterator[Start]:
-    n = len(problem.robot.joints)
+    """Yield starts of batches of random motions, on the plain branches of the arcsine and on random ones in turns."""
+    n = len(plain.polynomials.free)
     rng = np.random.default_rng(seed)
     for number in count() if plain.size else ():
-        variables = plain
-        if number % 2:
-            branches = np.array([np.zeros(n, dtype=np.int64), rng.choice([-1, 0, 0, 1], size=n)])
-            variables = _variables(problem, degrees, momentum, branches)
+        variables = on_branches(rng.choice([-1, 0, 0, 1], size=n)) if number % 2 else plain
         size = min(BATCH * 2**number, LARGEST_BATCH) if constraints else BATCH
-        before = model.work.done
+        before = model.work
         first, *others = starts_among(model, constraints, variables, _random_motions(variables, size, rng))
-        yield replace(first, work=model.work.done - before)
+        yield replace(first, work=model.work - before)
         yield from others
-
-
-@lru_cache(maxsize=8)
-def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet) -> Start:
-    branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
-    variables = _variables(problem, degrees, momentum, branches)
-    return Start(variables, variables.plain_motion(), is_plain=True)
-
-
-def _variables(
-    problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet, branches: IntArray
-) -> DecisionVariables:
-    return decision_variables(problem, degrees, branches, momentum)
 
 
 def starts_among(

@@ -9,9 +9,10 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import contextmanager, suppress
+from itertools import zip_longest
 from multiprocessing import forkserver, get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
@@ -84,6 +85,25 @@ def processes(
             yield executor
         finally:
             answers._writer.close()  # else the rest of what a process was sending when it ended is waited for
+
+
+def in_order(
+    pool: Executor | None, work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], alone: Callable[..., Any]
+) -> Iterator[Any]:
+    """Yield what ``work`` makes of the arguments of each task, in their order, by the processes of a pool.
+
+    What is lost where the system kills a process, and all of it without a pool, is done by ``alone``, here, when its
+    turn comes.
+    """
+    futures: list[Future[Any]] = []
+    with suppress(BrokenExecutor):
+        futures += [pool.submit(work, *task) for task in tasks] if pool else []
+    for task, future in zip_longest(tasks, futures):
+        try:
+            result = future.result() if future else alone(*task)
+        except BrokenExecutor:
+            result = alone(*task)
+        yield result
 
 
 def _begin(ended: Connection, prepare: Callable[..., None] | None, given: tuple[Any, ...]) -> None:

@@ -14,15 +14,7 @@ from floatplan.errors import InputError
 from floatplan.problem.problem import Problem
 
 MOST_PROBLEMS = 10_000_000  # of a family
-FIELDS = {
-    "start": "start",
-    "goal": "goal",
-    "flight": "flight",
-    "motion": "motion",
-    "limits": "limits",
-    "obstacles": "obstacles",
-    "self_clearance": "self_clearances",
-}
+TABLES = ("start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance")
 BY_JOINT = ("positions", "velocities", "accelerations")
 BY_MOTOR = ("velocity", "acceleration", "torque")
 
@@ -102,9 +94,9 @@ def _with_values(base: Problem, values: Mapping[str, float]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for path, value in values.items():
         head, *rest = path.split(".")
-        if head not in FIELDS or not rest:
+        if head not in TABLES or not rest:
             raise InputError("is no number of a problem file that can be varied", element=path)
-        name = FIELDS[head]
+        name = "self_clearances" if head == "self_clearance" else head
         current = found.get(name, getattr(base, name))
         found[name] = _set(_spelt_out(base, head, "", current), rest, value, base, path)
     return found

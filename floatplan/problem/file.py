@@ -27,11 +27,8 @@ from floatplan.tables import REST
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 DATA_PREFIX = "example-robot-data:"
 
-BY_JOINT = {
-    "start": ("positions", "velocities", "accelerations"),
-    "goal": ("positions", "velocities", "accelerations"),
-    "limits": ("position",),
-}
+STATE = ("positions", "velocities", "accelerations")
+BY_JOINT = {"start": STATE, "goal": STATE, "limits": ("position",)}
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -222,12 +219,7 @@ def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str
 
 
 def _posture(state: JointState, rest: str) -> dict[str, Any]:
-    values: dict[str, Any] = {
-        "orientation": state.orientation,
-        "positions": state.positions,
-        "velocities": state.velocities,
-        "accelerations": state.accelerations,
-    }
+    values: dict[str, Any] = {name: getattr(state, name) for name in ("orientation", *STATE)}
     asked = {"velocities": rest if state.frame_rests else None}
     asked["accelerations"] = "free" if state.free_accelerations else None
     for key, word in asked.items():

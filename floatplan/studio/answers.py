@@ -11,7 +11,8 @@ import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import printable
 from floatplan.kernel.rows import is_plain_family
-from floatplan.planning.near import plan_near
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.view.outlines import Poses, body_poses, com_path, postures
 
@@ -117,9 +118,8 @@ class PlanTask:
         """Plan."""
         if self.budget is None:
             return ShownPlan.of(fp.plan(self.problem, prove=True), settled=True)
-        if self.near is None:
-            return ShownPlan.of(fp.plan(self.problem, budget=self.budget), settled=False)
-        return ShownPlan.of(plan_near(self.problem, self.near, self.budget), settled=False)
+        searched = planned(self.problem, SearchOptions(budget=self.budget), self.near)
+        return ShownPlan.of(searched.plan, settled=False)
 
 
 @dataclass(frozen=True)

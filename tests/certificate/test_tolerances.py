@@ -16,7 +16,7 @@ import pytest
 import floatplan as fp
 from floatplan.certificate.certificate import certify
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.planned import Planned, planned
+from floatplan.planning.planned import SearchedPlan, planned
 from floatplan.planning.search import SearchOptions
 from floatplan.planning.starts import Start
 from floatplan.tables import CLEARANCE, ORIENTATION, RELATIVE
@@ -26,7 +26,7 @@ FRACTIONS = (-0.5, 0.25, 0.75, 1.25, 4.0)  # of the tolerance, by which a plan f
 
 
 @cache
-def answer(name: str) -> Planned:
+def answer(name: str) -> SearchedPlan:
     problem = fp.load_problem(PROBLEMS / f"{name}.toml")
     return planned(problem, SearchOptions(budget=60.0))
 
@@ -67,7 +67,7 @@ def test_search_and_certificate_agree(what: str, lacking: float) -> None:
     found = answer(name)
     problem = moved(found.plan, lacking)
     prepared = Attempts(problem, 0)
-    judged = prepared._judge(found.best.variables, found.best.solution, 0, found.best.degrees)
+    judged = prepared._judge(found.best.variables, found.best.solution)
     certificate = certify(replace(found.plan, problem=problem))
     assert judged.holds == (lacking < 1)
     failed = {finding.verdict for finding in certificate.findings if finding.kind != "recorded"}
@@ -78,7 +78,7 @@ def test_a_plan_that_is_kept_but_not_as_well_inside_as_the_search_aims_is_feasib
     found = answer("obstacle")
     problem = obstacle(found.plan, 0.5)
     prepared = Attempts(problem, 0)
-    start = Start(found.best.variables, found.best.solution.x)
-    judged = prepared.attempt(start, 0, found.best.degrees, lambda: True)
+    start = Start(found.best.variables, found.best.solution.x, at_once=True)
+    judged = prepared.attempt(start, lambda: True)
     assert judged.holds
     assert judged.solution.status == "feasible"

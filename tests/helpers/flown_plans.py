@@ -10,7 +10,7 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.flight import momentum_set
-from floatplan.planning.transcription.boundary import boundary, sine_polynomials
+from floatplan.planning.transcription.variables import boundary, sine_polynomials
 
 
 def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Plan:

@@ -11,6 +11,6 @@ from floatplan.planning.transcription import exchange, program
 def take_general_path(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plan without the kernel, but for quadratic programs and the order of starts."""
     monkeypatch.setattr(planned, "follow_together", lambda problem, search: None)
-    monkeypatch.setattr(attempt, "compiled_solution", lambda *problem: None)
-    monkeypatch.setattr(program, "compiled_rows", lambda *rows: None)
-    monkeypatch.setattr(exchange, "watch_of", lambda *constraints: None)
+    monkeypatch.setattr(attempt, "follow_compiled", lambda *problem: None)
+    for room in (program, exchange):
+        monkeypatch.setattr(room, "watch_of", lambda *constraints: None)

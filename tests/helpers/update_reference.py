@@ -14,11 +14,12 @@ from floatplan.inflight import estimate, update
 from floatplan.inflight.motion import RemainingMotion
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.kernel.constraints import ObstacleRows, PairRows, ShareRows
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.ballistics import Ballistics
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.flight import PlanarBaseMotion
-from floatplan.motion.sine_polynomial import CONDITIONS, joint_motion
+from floatplan.motion.sine_polynomial import joint_motion
 
 
 def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float, *joints: Array) -> tuple[Array, Array]:

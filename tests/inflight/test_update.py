@@ -16,7 +16,7 @@ from update_reference import Present, Reference, filtered, step
 import floatplan as fp
 from floatplan.inflight import prediction, update
 from floatplan.inflight.correction import REACHED, Correction
-from floatplan.motion.sine_polynomial import CONDITIONS
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"

@@ -9,8 +9,8 @@ import pytest
 
 import floatplan as fp
 from floatplan.initial import flight
-from floatplan.initial.afloat import turns_afloat
 from floatplan.initial.flight import first_flight
+from floatplan.initial.problems import turns_afloat
 from floatplan.initial.robots import chosen_robot
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions

@@ -11,13 +11,10 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 
 import floatplan as fp
-from floatplan.initial.candidates import MOST, Flights
+from floatplan.initial.candidates import MOST, Flights, PlainMotions
 from floatplan.initial.flight import _flips
-from floatplan.initial.limbs import feet, upright
-from floatplan.initial.plain import plain_motion
-from floatplan.initial.rates import end_rates
-from floatplan.initial.robots import chosen_robot
-from floatplan.initial.stance import Stance
+from floatplan.initial.robots import chosen_robot, feet, upright
+from floatplan.initial.stance import Stance, end_rates
 from floatplan.motion.planar.contact_rates import least_rates
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
@@ -58,7 +55,7 @@ def test_a_chain_stands_up(root):
     angle = upright(robot, "foot")
     assert angle == pytest.approx(math.pi / 2)
     stance = Stance(robot, "foot")
-    assert stance.height(angle, robot.resting) > 0.4
+    assert stance.size > 0.4
     sunk = stance.standing(np.array([angle, angle + math.pi]), np.stack([robot.resting] * 2)).sunk
     assert sunk[0] == 0
     assert sunk[1] > 0.5
@@ -69,16 +66,16 @@ def test_candidates_are_what_the_verdicts_say(root, seed):
     """The ratios of a candidate are those of the problem that is made of it."""
     robot = fp.Robot.from_urdf(root / "urdf" / "high_jumper.urdf")
     stance = Stance(robot, "foot")
-    found = Flights(robot, stance, upright(robot, "foot"), 0, (0.2, 0.5), 0.5).search(seed)
+    found = Flights(stance, 0, (0.2, 0.5), 0.5).search(seed)
     postures = [fp.Posture(o, q) for o, q in zip(found.orientations, found.positions, strict=True)]
     problem = fp.Problem(
         robot,
         *postures,
         fp.Flight(
-            found.duration,
-            found.angular_momentum,
+            float(found.duration),
+            float(found.angular_momentum),
             takeoff=fp.Takeoff("foot"),
-            horizontal_velocity=found.horizontal_velocity,
+            horizontal_velocity=float(found.horizontal_velocity),
         ),
         limits=fp.Limits(velocity="urdf"),
         ground=True,
@@ -89,7 +86,7 @@ def test_candidates_are_what_the_verdicts_say(root, seed):
     assert found.begins_and_ends
     degrees = np.rad2deg([*found.orientations, *found.positions.ravel()])
     np.testing.assert_allclose(degrees, degrees.round(), atol=1e-9)
-    again = Flights(robot, stance, upright(robot, "foot"), 0, (0.2, 0.5), 0.5).search(seed)
+    again = Flights(stance, 0, (0.2, 0.5), 0.5).search(seed)
     assert again.duration == found.duration
     np.testing.assert_array_equal(again.positions, found.positions)
 
@@ -155,11 +152,11 @@ def test_plain_motions_turn_the_base_as_their_integral_says(root):
     stance, rng = Stance(robot, "foot"), np.random.default_rng(3)
     ends, rates = rng.uniform(-0.5, 0.5, (4, 2, 3)), rng.uniform(-2, 2, (4, 2, 3))
     durations, momenta = np.array([0.3, 0.5, 0.7, 1.0]), rng.uniform(-9, 9, 4)
-    plain = plain_motion(ends, rates, durations)
+    plain = PlainMotions.between(ends, rates, durations)
     for index, duration in enumerate(durations):
         spline = CubicHermiteSpline([0.0, duration], ends[index], rates[index])
         times = np.linspace(0, duration, 4001)
-        rows = stance.momentum(spline(times)).rows
+        rows = stance.dynamics.momentum_map(spline(times))
         rate = (momenta[index] - (rows[:, 1:] * spline(times, 1)).sum(axis=1)) / rows[:, 0]
         assert plain.turns(stance, momenta)[index] == pytest.approx(simpson(rate, x=times), abs=1e-4)
         np.testing.assert_allclose(plain.accelerations[index], spline([0.0, duration], 2))

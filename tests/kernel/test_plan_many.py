@@ -25,6 +25,7 @@ from floatplan.kernel.batch import (
 )
 from floatplan.kernel.rows import Numbers, solver
 from floatplan.planning import many
+from floatplan.planning import search as searching
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
@@ -67,7 +68,8 @@ def test_plans_are_those_of_the_general_path(monkeypatch):
     problems = plain_problems(48)
     compiled = fp.plan_many(problems)
     take_general_path(monkeypatch)
-    general = [planned(problem, SearchOptions(), attempts=1).plan for problem in problems]
+    monkeypatch.setattr(searching, "ATTEMPTS", 1)
+    general = [planned(problem, SearchOptions()).plan for problem in problems]
     ok = np.array([plan.ok for plan in general])
     objective = np.array([plan.objective_value if plan.ok else np.nan for plan in general])
     both = compiled.ok & ok

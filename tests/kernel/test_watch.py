@@ -12,7 +12,8 @@ import floatplan as fp
 from floatplan.kernel import library
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.exchange import local_minima
-from floatplan.planning.transcription.program import FlightProgram, objective, watching
+from floatplan.planning.transcription.objectives import objective
+from floatplan.planning.transcription.program import FlightProgram, watching
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
 LEVEL = 4  # of grids

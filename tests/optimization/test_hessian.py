@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from floatplan.optimization.hessian import DirectHessian, InverseHessian, hessian_approximation
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
+from floatplan.optimization.sqp import DirectHessian, InverseHessian, hessian_approximation
 
 NO_ROWS = np.empty(0, dtype=np.int64)
 SIZE = 5

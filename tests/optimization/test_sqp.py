@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from floatplan.optimization import quadratic_program
-from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation, Settings
-from floatplan.optimization.sqp import minimise
+from floatplan.optimization.sqp import hessian_approximation, minimise
 
 
 def none(x):

@@ -18,9 +18,9 @@ from floatplan.optimization import quadratic_program
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning import repair, search
 from floatplan.planning.attempt import best
-from floatplan.planning.planned import Planned, alternatives, planned
-from floatplan.planning.search import SearchOptions
-from floatplan.planning.work import DEFAULT_WORK
+from floatplan.planning.planned import SearchedPlan, planned
+from floatplan.planning.repair import alternatives
+from floatplan.planning.search import DEFAULT_WORK, SearchOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
@@ -39,7 +39,7 @@ def numbered(number: int) -> fp.Problem:
     return list(problems().values())[number]
 
 
-def searched(problem: fp.Problem, starts: int, jobs: int = 1) -> Planned:
+def searched(problem: fp.Problem, starts: int, jobs: int = 1) -> SearchedPlan:
     return planned(problem, SearchOptions(starts=starts, jobs=jobs))
 
 
@@ -120,8 +120,10 @@ def test_a_qp_has_the_same_solution_wherever_its_memory_lies() -> None:
     kept, solutions = [], set()
     for size in rng.integers(1, 400, 60):
         kept.append(np.empty(size))
-        solution = quadratic_program._proxqp(*(np.array(part) for part in data), bounds.copy())
-        hessian, gradient, rows, values = (np.array(part) for part in data[:4])
+        hessian, gradient, rows, values, inequality_rows = (np.array(part) for part in data)
+        derivatives = Derivatives(gradient, rows, inequality_rows)
+        program = Evaluation(0.0, -values, -bounds, lambda found=derivatives: found, None)
+        solution = quadratic_program._proxqp(program, hessian, np.arange(24))
         derivatives = Derivatives(gradient, rows, np.empty((0, 9)))
         program = Evaluation(0.0, -values, np.empty(0), lambda found=derivatives: found, None)
         step = step_by_active_rows(program, hessian, np.empty(0, dtype=np.int64))

@@ -1,7 +1,7 @@
 """Every constraint and objective: derivatives against differences, values against what they say they are.
 
-A class with ``evaluate`` that is added to ``planning/constraints.py`` or ``planning/objectives.py`` without a case
-here fails the first test.
+A class with derivatives that is added to ``constraints.py`` or ``objectives.py`` of ``planning/transcription`` without
+a case here fails the first test.
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ from floatplan.motion.planar.flight import gauss_grid, momentum_set
 from floatplan.motion.sine_polynomial import Form
 from floatplan.planning.transcription import constraints as constraints_module
 from floatplan.planning.transcription import objectives as objectives_module
-from floatplan.planning.transcription.asked import constraints
 from floatplan.planning.transcription.constraints import (
-    LinkClearance,
-    MagnitudeLimit,
-    MotorLimit,
-    ObstacleClearance,
+    Clearance,
+    Limit,
     applies,
+    constraints,
+    link_clearance,
+    magnitude_limit,
+    motor_limit,
+    obstacle_clearance,
     window_ends,
 )
-from floatplan.planning.transcription.objectives import CoefficientNorm, FollowingCoefficientNorm, IntegralOfSquares
-from floatplan.planning.transcription.program import (
-    FlightProgram,
-    decision_variables,
+from floatplan.planning.transcription.objectives import (
+    CoefficientNorm,
+    FollowingCoefficientNorm,
+    IntegralOfSquares,
     objective,
-    watching,
 )
-from floatplan.planning.transcription.quantities import QUANTITIES
+from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.planning.transcription.trajectory import (
     flight_model,
     sample_also,
@@ -46,6 +47,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectories,
     trajectory,
 )
+from floatplan.planning.transcription.variables import decision_variables
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
 GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
@@ -53,35 +55,27 @@ BAR = fp.Bar(start=(0.2, 0.5), end=(0.4, 1.4), radius=0.03, velocity=(0.1, 0.3),
 LINKS = ("shank", "thigh", "trunk", "arms")
 JOINTS, LIMITS = (0, 2), read_only([30.0, 12.0])
 GROUPS = read_only([[1.0, 0.0, 0.0], [0.0, -0.5, 2.0]])
+SLOPE = read_only([2.0, 0.3])
 RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 
+OF_JOINTS = np.eye(3)[list(JOINTS)]
 CONSTRAINTS = {
-    "circle": ObstacleClearance(CIRCLE, "circle", LINKS),
-    "half-plane": ObstacleClearance(GROUND, "ground", LINKS * 2),
-    "bar": ObstacleClearance(BAR, "bar", LINKS, window=BAR.window),
-    "self": LinkClearance((0,), (2, 3), ("shank", "arms"), 0.05),
-    "torque": MagnitudeLimit(
-        QUANTITIES["motor_torques"], ("torque of q1", "generalized torque of q3"), GROUPS, LIMITS, "N m"
-    ),
-    "velocity": MagnitudeLimit(
-        QUANTITIES["velocities"], ("velocity of q1", "velocity of q3"), np.eye(3)[list(JOINTS)], LIMITS, "rad/s"
-    ),
-    "acceleration": MagnitudeLimit(
-        QUANTITIES["accelerations"],
-        ("acceleration of q1", "acceleration of q3"),
-        np.eye(3)[list(JOINTS)],
-        LIMITS,
-        "rad/s^2",
-    ),
-    "motor": MotorLimit(JOINTS, ("q1", "q3"), RATIOS, LIMITS, read_only([2.0, 0.3])),
-    "orientation rate": MagnitudeLimit(
-        QUANTITIES["orientation_rate"], ("orientation rate",), np.eye(1), read_only([4.0]), "rad/s"
+    "circle": obstacle_clearance(CIRCLE, "circle", LINKS),
+    "half-plane": obstacle_clearance(GROUND, "ground", LINKS * 2),
+    "bar": obstacle_clearance(BAR, "bar", LINKS, window=BAR.window),
+    "self": link_clearance((0,), (2, 3), ("shank", "arms"), 0.05),
+    "torque": magnitude_limit("motor_torques", ("torque of q1", "torque of q3"), GROUPS, LIMITS, "N m"),
+    "velocity": magnitude_limit("velocities", ("velocity of q1", "velocity of q3"), OF_JOINTS, LIMITS, "rad/s"),
+    "acceleration": magnitude_limit("accelerations", ("of q1", "of q3"), OF_JOINTS, LIMITS, "rad/s^2"),
+    "motor": motor_limit(("q1", "q3"), OF_JOINTS, RATIOS, LIMITS, SLOPE),
+    "orientation rate": magnitude_limit(
+        "orientation_rate", ("orientation rate",), np.eye(1), read_only([4.0]), "rad/s"
     ),
 }
 OBJECTIVES = {
     "coefficients": CoefficientNorm(8),
-    "acceleration": IntegralOfSquares(QUANTITIES["accelerations"], 300.0),
-    "torque": IntegralOfSquares(QUANTITIES["torques"], 5e4),
+    "acceleration": IntegralOfSquares("accelerations", 300.0),
+    "torque": IntegralOfSquares("torques", 5e4),
 }
 FOLLOWING = {"following coefficients": FollowingCoefficientNorm}  # see TestRatesThatFollow
 INSTANTS = np.array([0.0, 0.123, 0.5, 0.77, 1.0])  # besides the nodes; both ends among them
@@ -105,8 +99,8 @@ def without_case(module: ModuleType, cases) -> set[str]:
 
 
 def test_every_row_of_the_tables_has_a_case():
-    limited = {block.quantity for block in CONSTRAINTS.values() if isinstance(block, MagnitudeLimit)}
-    assert {QUANTITIES[row.quantity] for row in tables.LIMIT_TABLE.values()} <= limited
+    limited = {name for block in CONSTRAINTS.values() if isinstance(block, Limit) for name in block.weights}
+    assert {row.quantity for row in tables.LIMIT_TABLE.values()} <= limited
     assert set(OBJECTIVES) == set(tables.OBJECTIVES) == set(tables.OBJECTIVE_TABLE)
 
 
@@ -302,13 +296,13 @@ class TestConstraints:
 
     def test_limits(self, flight, x):
         motion = trajectory(*flight, x)
-        torque, velocity = motion.motor_torques @ GROUPS.T, motion.motion.velocities[:, JOINTS]
+        torque, velocity = motion.flown.motor_torques @ GROUPS.T, motion.motion.velocities[:, JOINTS]
         for name, state in (("torque", torque), ("velocity", velocity)):
             slack = (CONSTRAINTS[name].values(motion) * CONSTRAINTS[name].scale).reshape(-1, 2, 2)
             assert slack.min(axis=1) == pytest.approx(LIMITS - np.abs(state), abs=1e-11)
         slack = (CONSTRAINTS["motor"].values(motion) * CONSTRAINTS["motor"].scale).reshape(-1, 4, 2)
-        torque, velocity = motion.motor_torques[:, JOINTS], motion.motion.velocities @ RATIOS.T
-        expected = LIMITS - np.abs(torque) - CONSTRAINTS["motor"].slope * np.abs(velocity)
+        torque, velocity = motion.flown.motor_torques[:, JOINTS], motion.motion.velocities @ RATIOS.T
+        expected = LIMITS - np.abs(torque) - SLOPE * np.abs(velocity)
         assert slack.min(axis=1) == pytest.approx(expected, abs=1e-11)
         slack = CONSTRAINTS["orientation rate"].values(motion) * 4.0
         assert slack.min(axis=1) == pytest.approx(4.0 - np.abs(motion.flown.rate[:, 0]), abs=1e-12)
@@ -331,13 +325,13 @@ class TestConstraints:
     def test_window_ends_are_instants_of_the_program_as_they_are(self):
         nodes = sample_nodes(gauss_grid(24), Form(3))
         ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
-        block = ObstacleClearance(BAR, "bar", LINKS, window=ends)
+        block = obstacle_clearance(BAR, "bar", LINKS, window=ends)
         sampling = watching(nodes, (block, CONSTRAINTS["circle"]), np.array([0.5]))
         assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
 
     def test_margin_is_subtracted(self, flight, x):
         motion = trajectory(*flight, x)
-        wider = ObstacleClearance(replace(CIRCLE, margin=0.12), "circle", LINKS)
+        wider = obstacle_clearance(replace(CIRCLE, margin=0.12), "circle", LINKS)
         gap = (CONSTRAINTS["circle"].values(motion) - wider.values(motion)) * wider.scale
         assert gap == pytest.approx(0.1, abs=1e-13)
 
@@ -353,15 +347,15 @@ class TestConstraints:
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         made = constraints(asked, flight_model(asked))
-        kinds = [ObstacleClearance, ObstacleClearance, LinkClearance, MagnitudeLimit, MagnitudeLimit, MotorLimit]
-        assert [type(block) for block in made] == [*kinds, MagnitudeLimit]
+        kinds = [Clearance] * 3 + [Limit] * 4
+        assert [type(block) for block in made] == kinds
         assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
         assert constraints(problem, flight_model(problem)) == ()
         named = {label for block in made for label in block.labels}
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named
 
     def test_a_link_of_several_capsules_has_a_row_for_each_pair(self):
-        block = LinkClearance((0, 1), (2, 3, 4), ("a", "b"), 0.0)
+        block = link_clearance((0, 1), (2, 3, 4), ("a", "b"), 0.0)
         assert len(block.labels) == len(block.scale) == 6
 
 
@@ -389,7 +383,7 @@ class TestObjectives:
         nodes = sample_nodes(gauss_grid(96), variables.polynomials.form)
         s = np.linspace(0, 1, 2001)
         dense = trajectory(model, variables, sample_also(nodes, s), x)
-        values = (dense.torques if name == "torque" else dense.motion.accelerations)[96:]
+        values = (dense.flown.torques if name == "torque" else dense.motion.accelerations)[96:]
         expected = simpson((values**2).sum(axis=1), x=0.9 * s) / unit
         found = OBJECTIVES[name].value(trajectory(model, variables, nodes, x), x)
         assert found == pytest.approx(expected, rel=1e-8)

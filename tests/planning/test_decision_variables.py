@@ -10,8 +10,7 @@ import pytest
 import floatplan as fp
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import momentum_set
-from floatplan.planning.transcription.program import decision_variables
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.planning.transcription.variables import DecisionVariables, decision_variables
 
 
 def variables_of(problem: fp.Problem, degree: int | tuple[int, ...] = 7) -> DecisionVariables:

@@ -14,7 +14,7 @@ from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.attempt import Attempts
 from floatplan.planning.transcription.exchange import QUADRATURE_ERROR, local_minima, solve
-from floatplan.planning.transcription.program import objective
+from floatplan.planning.transcription.objectives import objective
 from floatplan.planning.transcription.trajectory import sample_also, sample_nodes, trajectory
 
 DENSE = 1024

@@ -10,12 +10,17 @@ import pytest
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.planning.near import plan_near
+from floatplan.planning.planned import planned
+from floatplan.planning.search import SearchOptions
 from floatplan.robot.urdf.example_robots import robots_folder
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
 PATIENCE = 60.0  # s of budget that no search here uses up
 NAMES = ("obstacle", "torque_limited", "handstand_ground", "moving_hoop", "new_configuration_moving", "gallery/go2")
+
+
+def plan_near(problem: fp.Problem, near: fp.Plan, budget: float) -> fp.Plan:
+    return planned(problem, SearchOptions(budget=budget), near).plan
 
 
 def problem_of(name: str) -> fp.Problem:

@@ -17,8 +17,7 @@ import pytest
 import floatplan as fp
 from floatplan.planning import search as room
 from floatplan.planning.attempt import Attempts
-from floatplan.planning.runner import expiry
-from floatplan.planning.search import Allowance, SearchOptions, SearchResult, search
+from floatplan.planning.search import Allowance, SearchOptions, SearchResult, expiry, search
 
 MANY = 10**6
 
@@ -41,7 +40,7 @@ def hopeless(problem) -> fp.Problem:
 
 def test_an_easy_problem_needs_one_attempt(problem):
     found = run(problem)
-    assert (found.attempts, found.solved) == (1, 1)
+    assert (found.counts["starts"], found.counts["solved"]) == (1, 1)
     assert found.best.is_optimal
     assert not found.ran_out_of_time
     assert not found.interrupted
@@ -49,16 +48,16 @@ def test_an_easy_problem_needs_one_attempt(problem):
 
 def test_the_best_of_those_wanted_comes_first(problem):
     found = run(problem, starts=4)
-    assert found.solved >= 4
+    assert found.counts["solved"] >= 4
     values = [outcome.objective_value for outcome in found.holding]
     assert values == sorted(values)
     assert found.best is found.holding[0]
-    assert found.iterations >= sum(outcome.solution.iterations for outcome in found.holding)
+    assert found.counts["iterations"] >= sum(outcome.solution.iterations for outcome in found.holding)
 
 
 def test_attempts_bound_the_starts(hopeless):
     found = run(hopeless, attempts=2)
-    assert (found.attempts, found.solved) == (2, 0)
+    assert (found.counts["starts"], found.counts["solved"]) == (2, 0)
     assert not found.best.holds
     assert found.holding == ()
 
@@ -68,15 +67,15 @@ def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
     found = run(hopeless)
     again = run(hopeless)
     assert found.ran_out_of_time
-    assert found.solved == 0
-    assert found.evaluations * 1000 < 3e6 + found.best.work
-    assert found.attempts == again.attempts
+    assert found.counts["solved"] == 0
+    assert found.counts["evaluations"] * 1000 < 3e6 + found.best.work
+    assert found.counts["starts"] == again.counts["starts"]
     assert found.best.solution.x.tobytes() == again.best.solution.x.tobytes()
 
 
 def test_a_budget_that_is_used_up_leaves_the_first_attempt(hopeless):
     found = run(hopeless, budget=1e-9)
-    assert found.attempts == 1
+    assert found.counts["starts"] == 1
     assert found.ran_out_of_time
     assert np.isfinite(found.best.solution.x).all()
 
@@ -95,12 +94,12 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
     monkeypatch.setattr(Attempts, "attempt", interrupting)
     found = run(hopeless)
     assert found.interrupted
-    assert found.attempts == max(after, 1)
+    assert found.counts["starts"] == max(after, 1)
 
 
 def test_processes_find_what_one_finds(problem):
     alone, shared = (run(problem, starts=3, jobs=jobs) for jobs in (1, 2))
-    assert shared.attempts == alone.attempts
+    assert shared.counts["starts"] == alone.counts["starts"]
     assert shared.best.solution.x.tobytes() == alone.best.solution.x.tobytes()
 
 
@@ -138,5 +137,5 @@ def test_killed_processes_lose_no_answer(hopeless, monkeypatch):
     alone = run(hopeless, attempts=3, starts=3)
     monkeypatch.setattr(concurrent.futures, "ProcessPoolExecutor", Killed)
     shared = run(hopeless, attempts=3, starts=3, jobs=2)
-    assert shared.attempts == alone.attempts == 3
+    assert shared.counts["starts"] == alone.counts["starts"] == 3
     assert np.array_equal(shared.best.solution.x, alone.best.solution.x)

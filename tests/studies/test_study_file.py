@@ -199,7 +199,7 @@ def test_the_versions_are_of_the_code_itself(tmp_path):
     shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("__pycache__"))
     code = "from floatplan.studies.file import versions; print(versions())"
     assert told(code, tmp_path).strip() == str(versions())
-    with (tmp_path / "floatplan" / "motion" / "extrema.py").open("a") as module:
+    with (tmp_path / "floatplan" / "motion" / "quadrature.py").open("a") as module:
         module.write("# changed\n")
     assert told(code, tmp_path).strip() != str(versions())
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.arrays import Array, IntArray
 from floatplan.kernel.batch import (
     COARSE,
     COARSELY_RESOLVED,
@@ -24,13 +24,12 @@ from floatplan.kernel.batch import (
     ROUGH,
     nearly_resolved,
 )
+from floatplan.kernel.constraints import CompiledConstraints, Look, minima
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
-from floatplan.optimization.hessian import hessian_approximation
 from floatplan.optimization.nonlinear_program import Evaluation, Settings
-from floatplan.optimization.sqp import Solution, minimise
-from floatplan.planning.transcription.compiled_rows import compiled_minima, first_instants, watch_of
+from floatplan.optimization.sqp import Solution, hessian_approximation, minimise
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
 from floatplan.planning.transcription.objectives import Objective
 from floatplan.planning.transcription.program import (
@@ -39,15 +38,10 @@ from floatplan.planning.transcription.program import (
     instants_beside_nodes,
     scaled,
     steerable,
+    watch_of,
     watching,
 )
-from floatplan.planning.transcription.trajectory import (
-    FlightModel,
-    Sampling,
-    Trajectory,
-    sample_also,
-    trajectory,
-)
+from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
 from floatplan.tables import ORIENTATION
 
@@ -75,6 +69,12 @@ class Worst:
         """The lowest value; infinite where nothing is near."""
         return float(self.value.min(initial=np.inf))
 
+    @property
+    def lowest(self) -> tuple[int, int, float, float]:
+        """Block, row, value and s of the lowest, where there is one."""
+        index = int(np.argmin(self.value))
+        return int(self.block[index]), int(self.row[index]), float(self.value[index]), float(self.s[index])
+
 
 NOTHING_NEAR = Worst(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
 
@@ -94,45 +94,45 @@ def local_minima(
     if not constraints:
         return NOTHING_NEAR
     nodes = model.nodes(level, variables.polynomials.form)
-    if watch_of(model.flight, constraints, ""):
+    if watch := watch_of(model.flight, constraints, ""):
         resolved = known if known and known.sampling.nodes == nodes.nodes else trajectory(model, variables, nodes, x)
-        return Worst(*compiled_minima(resolved, constraints, FIRST_LOOK, NEAR))
+        return _compiled_minima(watch, resolved, constraints)
 
-    def values(sampling: Sampling) -> list[Array]:
+    def values(sampling: Sampling) -> Array:
         motion = trajectory(model, variables, sampling, x)
-        result = []
-        for block in constraints:
-            rows = block.values(motion)[sampling.nodes :]
-            exists = applies(block, sampling.s[sampling.nodes :])
-            result.append(rows if exists.all() else np.where(exists[:, None], rows, np.inf))
-        return result
+        s = sampling.s[nodes.nodes :]
+        rows = [(block.values(motion)[nodes.nodes :], applies(block, s)) for block in constraints]
+        return np.concatenate([np.where(exists[:, None], row, np.inf) for row, exists in rows], axis=1)
 
-    first_look = _first_look(nodes, window_ends(constraints))
-    return _refined(values(first_look), first_look.s[nodes.nodes :], lambda s: values(sample_also(nodes, s)))
-
-
-@lru_cache(maxsize=64)
-def _first_look(nodes: Sampling, ends: tuple[float, ...]) -> Sampling:
-    return sample_also(nodes, first_instants(FIRST_LOOK, ends))
-
-
-def _refined(first: list[Array], grid: Array, values: Callable[[Array], list[Array]]) -> Worst:
-    """Narrow down the local minima of values (K, r) on a grid, by ever finer grids about each of them."""
-    columns = np.cumsum([0, *(rows.shape[1] for rows in first)])
-    value = np.concatenate(first, axis=1)
-    at, column = lowest_of_neighbours(value)
-    near = (value - _rise(value))[at, column] < NEAR
+    block, row, look = _look(constraints)
+    first = values(sample_also(nodes, look.grid))
+    at, column = lowest_of_neighbours(first)
+    near = (first - _rise(first))[at, column] < NEAR
     at, column = at[near], column[near]
-    s, low = narrowed(
-        lambda instants: np.concatenate(values(instants), axis=1),
-        column,
-        grid[at],
-        value[at, column],
-        1 / (FIRST_LOOK - 1),
-        1.0,
-    )
-    block = np.searchsorted(columns, column, side="right") - 1
-    return Worst(block, column - columns[block], s, low)
+    closer, span = lambda s: values(sample_also(nodes, s)), 1 / (FIRST_LOOK - 1)
+    s, least = narrowed(closer, column, look.grid[at], first[at, column], span, 1.0)
+    return Worst(block[column], row[column], s, least)
+
+
+def _compiled_minima(watch: CompiledConstraints, motion: Trajectory, constraints: tuple[Constraint, ...]) -> Worst:
+    """The same by the kernel."""
+    block, rows, look = _look(constraints)
+    found = minima(watch, motion.flown, motion.variables.polynomials, look, NEAR, 1 / (FIRST_LOOK - 1))
+    row, s, value, looked = found
+    motion.model.evaluated(motion.sampling.nodes + len(look.grid))
+    motion.model.evaluated(looked, len(row))
+    return Worst(block[row], rows[row], s, value)
+
+
+@lru_cache(maxsize=16)
+def _look(constraints: tuple[Constraint, ...]) -> tuple[IntArray, IntArray, Look]:
+    """Block and row (rows,) of each row of all constraints, and where to look first: a grid, and ends of windows."""
+    lengths = [len(block.labels) for block in constraints]
+    block = np.repeat(np.arange(len(lengths)), lengths)
+    low, high = np.array([each.window for each in constraints])[block].T
+    grid = np.union1d(np.linspace(0, 1, FIRST_LOOK), window_ends(constraints))
+    row = np.concatenate([np.arange(length) for length in lengths])
+    return block, row, Look(grid, np.ascontiguousarray(low), np.ascontiguousarray(high))
 
 
 def _rise(value: Array) -> Array:
@@ -173,22 +173,22 @@ def solve(
     for level in range(max(first_level, _cheap_level(counts, model.flight.bodies)), len(counts)):
         program = program_at(level, extra, x)
         start = program.evaluate(x)
-        if _is_resolved(start):
+        if start.detail.flown.unresolved < COARSELY_RESOLVED:
             break
     guess = hessian_approximation(program.hessian(start), inequalities=bool(constraints), first=step_by_active_rows)
     stages = _stages(settings, start, level, bool(constraints))
-    stage = next(stages)
+    stage, error = next(stages)
     iterations = evaluations = 0
     for _ in range(MOST_ROUNDS):
-        solution = minimise(program, x, guess, stage.settings, stop, start)
+        solution = minimise(program, x, guess, stage, stop, start)
         iterations += solution.iterations
         evaluations += solution.evaluations
         if constraints and solution.status == "infeasible" and solution.evaluation.worst_violation < HOPELESS:
             solution = _made_feasible(program, solution, stop)
         x, start, guess = solution.x, solution.evaluation, solution.hessian or guess
         motion = start.detail
-        was_last, stage = stage.settings == settings, next(stages, stage)
-        needed = max(level, motion.flown.level_needed(stage.quadrature_error))
+        was_last, (stage, error) = stage == settings, next(stages, (stage, error))
+        needed = max(level, motion.flown.level_needed(error))
         finished = was_last and needed == level
         if iterations > MOST_ITERATIONS:
             break
@@ -199,9 +199,10 @@ def solve(
         if constraints:
             worst = local_minima(model, variables, constraints, needed, x, motion)
             inside = steerable(worst.s)
-            if finished and not (inside & (worst.value < _kept(constraints, back_off)[worst.block])).any():
+            kept = np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
+            if finished and not (inside & (worst.value < kept[worst.block])).any():
                 break
-            extra = _still_near(worst, extra, inside)
+            extra = _still_near(np.unique(worst.s[inside & (worst.value < WATCHED)]), extra)
         elif finished:
             break
         if needed > level or constraints:
@@ -210,28 +211,22 @@ def solve(
     return Solution(x, solution.evaluation, solution.status, iterations, evaluations)
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """A part of the way: when it ends, and the error of the attitude at landing, rad, that its nodes may leave."""
-
-    settings: Settings
-    quadrature_error: float
-
-
-def _stages(settings: Settings, start: Evaluation[Trajectory], level: int, constrained: bool) -> Iterator[_Stage]:
+def _stages(
+    settings: Settings, start: Evaluation[Trajectory], level: int, constrained: bool
+) -> Iterator[tuple[Settings, float]]:
     """The way to a solution, from nodes at ``level``: the fewer nodes, the cheaper the iterations.
 
-    Where the nodes are enough from the beginning, there is but the last stage.
+    Each part of it is when it ends, and the error of the attitude at landing, rad, that its nodes may leave. Where the
+    nodes are enough from the beginning, there is but the last stage.
     """
-    motion = start.detail
+    flown = start.detail.flown
     if constrained:
-        yield _Stage(replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR)
-    elif motion.flown.level_needed(NEARLY_RESOLVED) > level:
-        same = ROUGH.longest_step == settings.longest_step
-        yield _Stage(ROUGH if same else replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED)
-    if not constrained and motion.flown.level_needed(QUADRATURE_ERROR) > level:
-        yield _Stage(nearly_resolved(settings), NEARLY_RESOLVED)
-    yield _Stage(settings, QUADRATURE_ERROR)
+        yield replace(COARSE, longest_step=settings.longest_step), QUADRATURE_ERROR
+    elif flown.level_needed(NEARLY_RESOLVED) > level:
+        yield replace(ROUGH, longest_step=settings.longest_step), NEARLY_RESOLVED
+    if not constrained and flown.level_needed(QUADRATURE_ERROR) > level:
+        yield nearly_resolved(settings), NEARLY_RESOLVED
+    yield settings, QUADRATURE_ERROR
 
 
 def _made_feasible(
@@ -252,32 +247,14 @@ def _made_feasible(
     )
 
 
-def _kept(constraints: tuple[Constraint, ...], back_off: float) -> Array:
-    """Least value, by block, of a motion that keeps the constraints between the nodes: inside, if that is aimed at."""
-    return np.array([INSIDE_ENOUGH * (back_off or -block.tolerance) for block in constraints])
-
-
-def _still_near(worst: Worst, extra: Array, inside: BoolArray) -> Array:
-    """Instants to watch next: the local minima that matter, and of the old instants those beside one of them."""
-    new = np.unique(worst.s[inside & (worst.value < WATCHED)])
-    if not extra.size or not new.size:
-        return _thinned(new)
-    beside = np.abs(extra[:, None] - new).min(axis=1) < BESIDE
-    return _thinned(np.unique(np.concatenate((extra[beside], new))))
-
-
-def _thinned(instants: Array) -> Array:
-    """Of rising instants (K,) those that are ``SAME_INSTANT`` apart: rows at one instant twice say nothing more."""
-    return instants[np.diff(instants, prepend=-np.inf) > SAME_INSTANT]
+def _still_near(new: Array, extra: Array) -> Array:
+    """Instants to watch next: new ones, rising, and of the old ones those beside one of them."""
+    if extra.size and new.size:
+        new = np.unique(np.concatenate((extra[np.abs(extra[:, None] - new).min(axis=1) < BESIDE], new)))
+    return new[np.diff(new, prepend=-np.inf) > SAME_INSTANT]  # rows at one instant twice say nothing more
 
 
 @lru_cache(maxsize=32)
 def _cheap_level(node_counts: tuple[int, ...], bodies: int) -> int:
     """Level of grids up to which fewer nodes would hardly be faster."""
     return max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
-
-
-def _is_resolved(start: Evaluation[Trajectory]) -> bool:
-    """Whether the nodes resolve the motion well enough to start from."""
-    motion = start.detail
-    return motion.flown.unresolved < COARSELY_RESOLVED

@@ -7,16 +7,16 @@ own, by which motions of different classes compare.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.motion.sine_polynomial import Form, SinePolynomials, powers_map
-from floatplan.planning.transcription.quantities import QUANTITIES, Quantity
-from floatplan.planning.transcription.trajectory import Trajectory, trajectory
-from floatplan.planning.transcription.variables import DecisionVariables
+from floatplan.motion.sine_polynomial import powers_map
+from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Sampling, Trajectory, trajectory
+from floatplan.planning.transcription.variables import DecisionVariables, whitened_unit
+from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 from floatplan.tables import Objective as ObjectiveName
 
@@ -69,7 +69,7 @@ class FollowingCoefficientNorm:
     def _map(self) -> Array:
         """Matrix (k+1, g+width) from a joint's given conditions and z to its b, over the unit."""
         polynomials = self.variables.polynomials
-        return np.asarray(powers_map(polynomials.form, polynomials.duration) / _unit(polynomials))
+        return np.asarray(powers_map(polynomials.form, polynomials.duration) / whitened_unit(polynomials))
 
     def _written(self, trajectory: Trajectory, x: Array) -> Array:
         """B (n, k+1) over the unit."""
@@ -104,32 +104,30 @@ class FollowingCoefficientNorm:
 
 @dataclass(frozen=True, eq=False)
 class IntegralOfSquares:
-    """Integral over the flight of a quantity's square, summed over the joints and divided by ``scale``."""
+    """Integral over the flight of the square of a quantity, by its name, over the joints, divided by ``scale``."""
 
-    quantity: Quantity
+    quantity: str
     scale: float
 
     def value(self, trajectory: Trajectory, x: Array) -> float:
         """Value."""
-        nodes = trajectory.sampling.nodes
-        values = self.quantity.values(trajectory)[:nodes]
+        values = QUANTITIES[self.quantity].values(trajectory)[: trajectory.sampling.nodes]
         return float((_time_weights(trajectory) / self.scale) @ (values**2).sum(axis=1))
 
     def gradient(self, trajectory: Trajectory, x: Array) -> Array:
         """Gradient (size,) by x."""
-        nodes = trajectory.sampling.nodes
-        by_quantity = self.quantity.jacobian(trajectory)[:nodes]
+        by_quantity = QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.nodes]
         return np.asarray(np.einsum("kr,krx->x", self.weights(trajectory), by_quantity))
 
     def weights(self, trajectory: Trajectory) -> Array:
         """Derivatives (N, r) by the quantity at the nodes."""
-        values = self.quantity.values(trajectory)[: trajectory.sampling.nodes]
+        values = QUANTITIES[self.quantity].values(trajectory)[: trajectory.sampling.nodes]
         return np.asarray((2 / self.scale * _time_weights(trajectory))[:, None] * values)
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation, with the least curvature added."""
         weights = np.sqrt(2 * _time_weights(trajectory) / self.scale)
-        weighted = weights[:, None, None] * self.quantity.jacobian(trajectory)[: trajectory.sampling.nodes]
+        weighted = weights[:, None, None] * QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.nodes]
         rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
         hessian: Array = rows.T @ rows
         diagonal = hessian.diagonal()
@@ -141,7 +139,7 @@ def objective_term(name: ObjectiveName, variables: DecisionVariables, scale: flo
     quantity = OBJECTIVE_TABLE[name].quantity
     if quantity is None:
         return FollowingCoefficientNorm(variables) if variables.following else CoefficientNorm(variables.coefficients)
-    return IntegralOfSquares(QUANTITIES[quantity], scale)
+    return IntegralOfSquares(quantity, scale)
 
 
 def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
@@ -162,48 +160,11 @@ def _time_weights(trajectory: Trajectory) -> Array:
     return trajectory.duration * trajectory.sampling.weights
 
 
-def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
-    """Offset (m,) and scaling (m, m) for which (17) is ``constant + unit^2 |x|^2``.
-
-    A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
-    the most sensitive direction of x move p by one radian (root mean square).
-    """
-    factors, unit = _factors_of(polynomials), _unit(polynomials)
-    given = polynomials.given_boundary
-    offsets = [factor.offset_by_boundary @ boundary for factor, boundary in zip(factors, given, strict=True)]
-    size = sum(polynomials.free)
-    scaling, start = np.zeros((size, size)), 0
-    for factor in factors:
-        stop = start + len(factor.inverse)
-        scaling[start:stop, start:stop] = unit * factor.inverse
-        start = stop
-    return np.concatenate(offsets), scaling
-
-
-def _factors_of(polynomials: SinePolynomials) -> list[_Factors]:
-    return [_factors(polynomials.form, free, polynomials.duration) for free in polynomials.free]
-
-
-def _unit(polynomials: SinePolynomials) -> float:
-    """Size of b that one unit of whitened variables makes."""
-    return 1 / max(factor.longest for factor in _factors_of(polynomials))
-
-
-@dataclass(frozen=True, eq=False)
-class _Factors:
-    """Of ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map from the boundary to b_0."""
-
-    inverse: Array
-    longest: float
-    offset_by_boundary: Array
-
-
-@lru_cache(maxsize=64)
-def _factors(form: Form, free: int, duration: float) -> _Factors:
-    """Factors for a joint with ``free`` of a form's coefficients and a duration in s."""
-    powers, given = powers_map(form, duration), len(form.given)
-    columns = powers[:, given : given + free]
-    orthogonal, triangular = np.linalg.qr(columns)
-    inverse = np.linalg.inv(triangular)
-    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
-    return _Factors(inverse, longest, -inverse @ (orthogonal.T @ powers[:, :given]))
+def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
+    """The problem's objective, scaled to 1 at the motion with no free part; (17) is scaled by its variables."""
+    name = problem.motion.objective
+    if name == "coefficients":
+        return objective_term(name, variables)
+    x = variables.plain_motion()
+    value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
+    return objective_term(name, variables, max(value, 1e-6))

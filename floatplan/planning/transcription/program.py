@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import SinePolynomials
+from floatplan.arrays import Array, BoolArray
+from floatplan.kernel.constraints import ByX, CompiledConstraints, MotionRows, RowTargets, SumRows, compiled_constraints
+from floatplan.motion.dynamics import FlightDynamics
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
-from floatplan.planning.transcription.boundary import Boundary, boundary, sine_polynomials
-from floatplan.planning.transcription.compiled_rows import CompiledRows, compiled_rows
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
-from floatplan.planning.transcription.objectives import IntegralOfSquares, Objective, objective_term, whitened_variables
+from floatplan.planning.transcription.objectives import IntegralOfSquares, Objective
 from floatplan.planning.transcription.trajectory import FlightModel, Sampling, Trajectory, sample_also, trajectory
 from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
 BACK_OFF = 2e-7  # of each row's scale: the search keeps this far inside, so that its plan holds between instants too
-
-
 RANK = 1e-7  # singular values below this, relative to the largest, are rounding
 MOST_RAISED = 100.0  # by how much the equality hardest to change is scaled up against the easiest
 GIVEN = 1e-9  # of the flight: nearer to its ends than that, nothing moves that is not given
@@ -68,63 +63,112 @@ class FlightProgram:
             for block in self.constraints
         )
 
-    @cached_property
-    def _compiled(self) -> CompiledRows | None:
-        """The rows by the kernel, where it can."""
-        if not (self.constraints or isinstance(self.objective, IntegralOfSquares)):
-            return None
-        return compiled_rows(
-            self.model, self.variables, self.sampling, self.constraints, self._watched, self.objective, self.back_off
-        )
-
     def trajectory(self, x: Array) -> Trajectory:
         """Motion of x at the instants of the sampling."""
         return trajectory(self.model, self.variables, self.sampling, x)
 
     def evaluate(self, x: Array) -> Evaluation[Trajectory]:
         """Objective, (14) and constraints; their derivatives by x when asked for."""
-        motion, rows = self.trajectory(x), self._compiled
-        if rows:
-            seen = rows.see(motion)
-            return Evaluation(
-                inequality=seen.values(),
-                objective=self.objective.value(motion, x),
-                equality=self._combined(motion.residual[0]),
-                differentiate=lambda: rows.derivatives(motion, seen, x),
-                detail=motion,
-            )
-        return Evaluation(
-            objective=self.objective.value(motion, x),
-            equality=self._combined(motion.residual[0]),
-            inequality=self._inequality(motion),
-            differentiate=lambda: Derivatives(
-                self.objective.gradient(motion, x),
-                self._combined(motion.residual_jacobian),
-                self._inequality_jacobian(motion, len(x)),
-            ),
-            detail=motion,
-        )
+        motion = self.trajectory(x)
+        compiled = MotionRows(self._instants, motion.flown) if self._watch else None
 
-    def _combined(self, residual: Array) -> Array:
-        """Equalities (r, ...) of residuals (e, ...)."""
-        return residual if self.combinations is None else self.combinations @ residual
+        def differentiate() -> Derivatives:
+            return self._compiled_derivatives(motion, compiled, x) if compiled else self._derivatives(motion, x)
+
+        inequality = compiled.values() if compiled else self._inequality(motion)
+        equality = self._combined(motion.residual[0])
+        return Evaluation(self.objective.value(motion, x), equality, inequality, differentiate, motion)
 
     def hessian(self, evaluation: Evaluation[Trajectory]) -> Array:
         """Return a positive definite first guess of the Lagrangian's Hessian at a point."""
         return self.objective.hessian(evaluation.detail)
 
+    def _combined(self, residual: Array) -> Array:
+        """Equalities (r, ...) of residuals (e, ...)."""
+        return residual if self.combinations is None else self.combinations @ residual
+
     def _inequality(self, motion: Trajectory) -> Array:
         """The constraints at the instants that are watched."""
-        if not self.constraints:
-            return np.empty(0)
         watched = zip(self.constraints, self._watched, strict=True)
-        return np.concatenate([(block.values(motion) - self.back_off)[instants].ravel() for block, instants in watched])
+        rows = [(block.values(motion) - self.back_off)[instants].ravel() for block, instants in watched]
+        return np.concatenate([np.empty(0), *rows])
 
-    def _inequality_jacobian(self, motion: Trajectory, size: int) -> Array:
-        if not self.constraints:
-            return np.empty((0, size))
+    def _derivatives(self, motion: Trajectory, x: Array) -> Derivatives:
         watched = zip(self.constraints, self._watched, strict=True)
-        return np.concatenate([block.jacobian(motion)[instants].reshape(-1, size) for block, instants in watched])
+        rows = [block.jacobian(motion)[instants].reshape(-1, len(x)) for block, instants in watched]
+        gradient, equality = self.objective.gradient(motion, x), self._combined(motion.residual_jacobian)
+        return Derivatives(gradient, equality, np.concatenate([np.empty((0, len(x))), *rows]))
+
+    @cached_property
+    def _watch(self) -> CompiledConstraints | None:
+        """What computes rows, and the quantity of the objective, in the kernel; None where it does not know them."""
+        quantity = self.objective.quantity if isinstance(self.objective, IntegralOfSquares) else ""
+        return None if self.variables.following else watch_of(self.model.flight, self.constraints, quantity)
+
+    @cached_property
+    def _instants(self) -> RowTargets:
+        """Rows of each constraint together, instant by instant, those of the next after them."""
+        assert self._watch, "there is a kernel for them"
+        wanted = np.full((len(self.sampling.s), self._watch.rows), -1)
+        column = count = 0
+        for constraint, watched in zip(self.constraints, self._watched, strict=True):
+            rows, instants = len(constraint.labels), int(watched.sum())
+            wanted[watched, column : column + rows] = count + np.arange(instants * rows).reshape(instants, rows)
+            column += rows
+            count += instants * rows
+        return RowTargets(self._watch, self.sampling.s, wanted, count, self.back_off)
+
+    @cached_property
+    def _by_x(self) -> ByX:
+        """The basis of p combined as x combines it, joint by joint."""
+        variables, sampling = self.variables, self.sampling
+        free, scaling = variables.polynomials.free, variables.scaling
+        columns = np.cumsum([0, *free])
+        basis = np.zeros((3, len(sampling.s), variables.size))
+        for derivative, values in enumerate(sampling.values):
+            for joint, width in enumerate(free):
+                own = slice(columns[joint], columns[joint + 1])
+                first = sampling.given
+                np.matmul(values[:, first : first + width], scaling[own, own], out=basis[derivative, :, own])
+        return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
+
+    @cached_property
+    def _entries(self) -> list[int]:
+        """Entries of each constraint's Jacobian, but for rows that are only the opposite of others."""
+        assert self._watch, "there is a kernel for them"
+        ends = np.cumsum([len(block.labels) for block in self.constraints])[:-1]
+        counts = [int(own.sum()) for own in np.split(self._watch.differentiated, ends)]
+        return [len(self.sampling.s) * rows * self.variables.size for rows in counts]
+
+    @cached_property
+    def _sums(self) -> Array:
+        """The quantity of an integral as the kernel's sums (r, terms)."""
+        assert self._watch, "there is a kernel for them"
+        assert isinstance(self.objective, IntegralOfSquares), "the others have none"
+        width = self._watch.widths[self.objective.quantity]
+        return self._watch.sums(SumRows(np.zeros(width), {self.objective.quantity: np.eye(width)}))
+
+    def _compiled_derivatives(self, motion: Trajectory, compiled: MotionRows, x: Array) -> Derivatives:
+        """Gradient, (14) and rows by x, after the values."""
+        assert self._watch, "there is a kernel for them"
+        drift = compiled.drift(self._by_x, self.sampling.nodes)
+        slopes = drift[:, None, :]
+        jacobian = compiled.jacobian(motion.flown.transport(slopes) if self._watch.needs_places else slopes)
+        for entries in self._entries:
+            self.model.differentiated(entries)
+        if isinstance(self.objective, IntegralOfSquares):
+            gradient = compiled.gradient(self.objective.weights(motion) @ self._sums)
+            self.model.differentiated(len(self.sampling.s) * len(x))
+        else:
+            gradient = self.objective.gradient(motion, x)
+        return Derivatives(gradient, motion.duration * (self.sampling.weights @ drift)[None], jacobian)
+
+
+@lru_cache(maxsize=16)
+def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints | None:
+    """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel does not know one."""
+    blocks = [block for constraint in constraints if (block := constraint.compiled())]
+    return compiled_constraints(flight, blocks, also) if len(blocks) == len(constraints) else None
 
 
 def scaled(program: FlightProgram, x: Array) -> FlightProgram:
@@ -154,33 +198,3 @@ def instants_beside_nodes(variables: DecisionVariables, constraints: tuple[Const
 def changes_at_ends(variables: DecisionVariables, block: Constraint) -> bool:
     """Whether the values of a block at takeoff or landing depend on what the search chooses."""
     return bool(variables.chosen_at_ends & block.depends_at_ends_on)
-
-
-def decision_variables(
-    problem: Problem, degrees: tuple[int, ...], branches: IntArray, momentum: MomentumSet
-) -> DecisionVariables:
-    """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
-    conditions = boundary(problem, branches, momentum)
-    polynomials = sine_polynomials(problem, degrees, conditions(momentum.centre))
-    follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
-    return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
-
-
-def scaled_variables(
-    problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet, following: Boundary | None
-) -> DecisionVariables:
-    """Variables scaled for the problem's objective."""
-    size = sum(polynomials.free)
-    if problem.motion.objective == "coefficients" and size:
-        return DecisionVariables(polynomials, *whitened_variables(polynomials), momentum, following)
-    return DecisionVariables(polynomials, np.zeros(size), np.eye(size), momentum, following)
-
-
-def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:
-    """The problem's objective, scaled to 1 at the motion with no free part; (17) is scaled by its variables."""
-    name = problem.motion.objective
-    if name == "coefficients":
-        return objective_term(name, variables)
-    x = variables.plain_motion()
-    value = objective_term(name, variables).value(trajectory(model, variables, sampling, x), x)
-    return objective_term(name, variables, max(value, 1e-6))

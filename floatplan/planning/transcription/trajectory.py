@@ -1,8 +1,14 @@
-"""The motion of the whole robot at chosen instants, and its derivatives by the decision variables of the search."""
+"""The motion of the whole robot at chosen instants, and its derivatives by the decision variables of the search.
+
+How much a search has done is measured here without a clock, the same on every machine, busy or quiet. Where answers are
+compared or repeated, a search must end at the same place each time; processor time is no such measure, but the instants
+evaluated are, and they cost nearly all of it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -11,9 +17,12 @@ from floatplan.arrays import Array
 from floatplan.motion.dynamics import BaseMotion, Distances, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis, joint_motion
-from floatplan.planning.transcription.variables import DecisionVariables
-from floatplan.planning.work import Work
+from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
 from floatplan.problem.problem import Problem
+
+EVALUATION = 1000.0  # [instants of one body] of a motion, whatever its size
+DIFFERENTIATION = 1500.0  # [instants of one body] of a block of constraints, whatever its size
+ENTRY = 0.5  # [instants of one body] of a Jacobian
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +48,6 @@ class Sampling:
         """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
         return self.grid.weights
 
-    @cached_property
-    def weighted(self) -> tuple[Array, Array]:
-        """The basis and its first derivatives at the nodes (N, g+width), times the quadrature weights."""
-        weights = self.weights[:, None]
-        value, derivative = (part[: self.nodes] for part in self.values[:2])
-        return weights * value, weights * derivative
-
     @property
     def given(self) -> int:
         """Number g of columns of the basis that belong to given conditions."""
@@ -60,24 +62,24 @@ def sample_nodes(grid: FlightGrid, form: Form) -> Sampling:
 
 def sample_also(sampling: Sampling, extra: Array) -> Sampling:
     """Add ``extra`` instants of [0, 1] to a sampling."""
-    values, added = sampling.values, basis(sampling.form).values(extra)
-    return Sampling(
-        sampling.grid.also(extra),
-        sampling.form,
-        (
-            np.concatenate((values[0], added[0])),
-            np.concatenate((values[1], added[1])),
-            np.concatenate((values[2], added[2])),
-        ),
-    )
+    value, rate, curvature = map(np.concatenate, zip(sampling.values, basis(sampling.form).values(extra), strict=True))
+    return Sampling(sampling.grid.also(extra), sampling.form, (value, rate, curvature))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FlightModel:
-    """What a problem fixes of every motion; ``work`` counts the motions evaluated with it."""
+    """What a problem fixes of every motion, and the ``work`` done with it: evaluations of one body at one instant."""
 
     flight: FlightDynamics
-    work: Work = field(default_factory=Work)
+    work: float = 0.0
+
+    def evaluated(self, instants: int, motions: int = 1) -> None:
+        """Count the evaluation of a motion, or of several at so many instants in all."""
+        self.work += motions * EVALUATION + instants * self.flight.bodies
+
+    def differentiated(self, entries: int) -> None:
+        """Count a Jacobian."""
+        self.work += DIFFERENTIATION + ENTRY * entries
 
     def nodes(self, level: int, form: Form) -> Sampling:
         """Sample at the nodes of a level, for motions of a form."""
@@ -127,24 +129,9 @@ class Trajectory:
         return self.sampling.s if motions == 1 else np.tile(self.sampling.s, motions)
 
     @cached_property
-    def times(self) -> Array:
-        """Instants (S K,) s."""
-        return self.duration * self.s
-
-    @cached_property
     def distances(self) -> dict[object, Distances]:
         """What constraints have measured here, for their derivatives."""
         return {}
-
-    @property
-    def torques(self) -> Array:
-        """Generalised joint torques (S K, n) N m: of a leader and its followers together."""
-        return self.flown.torques
-
-    @property
-    def motor_torques(self) -> Array:
-        """Each motor's own torque (S K, m) N m."""
-        return self.flown.motor_torques
 
     @cached_property
     def torque_jacobian(self) -> Array:
@@ -161,8 +148,17 @@ class Trajectory:
     @cached_property
     def velocity_jacobian(self) -> Array:
         """Derivatives (K, n, size) of the joint velocities by x."""
+        return self.jacobian(Partials(by_velocity=self._of_each_joint))
+
+    @property
+    def acceleration_jacobian(self) -> Array:
+        """Derivatives (K, n, size) of the joint accelerations by x."""
+        return self.jacobian(Partials(by_acceleration=self._of_each_joint))
+
+    @property
+    def _of_each_joint(self) -> Array:
         count, n = self.motion.velocities.shape
-        return self.jacobian(Partials(by_velocity=np.broadcast_to(np.eye(n), (count, n, n))))
+        return np.broadcast_to(np.eye(n), (count, n, n))
 
     @cached_property
     def base_rate_jacobian(self) -> Array:
@@ -182,31 +178,7 @@ class Trajectory:
     @cached_property
     def residual_jacobian(self) -> Array:
         """Derivatives (e, size) of the residual by x."""
-        partials, motion, sampling = self.flown.residual_partials, self.motion, self.sampling
-        by_position, by_velocity, by_momentum = partials.by_position, partials.by_velocity, partials.by_momentum
-        assert by_position is not None, "the residual is by joint positions,"
-        assert by_velocity is not None, "joint velocities"
-        assert by_momentum is not None, "and h"
-        nodes = sampling.nodes
-        by_p = by_position * motion.position_by_p[:nodes, None]
-        by_p += by_velocity * motion.velocity_by_p[:nodes, None]
-        by_rate = by_velocity * motion.velocity_by_rate[:nodes, None]
-        first = 0 if self.boundary_by_axes is not None else sampling.given
-        value, derivative = (part[:, first:] for part in sampling.weighted)
-        by_all = by_p.reshape(nodes, -1).T @ value
-        by_all += by_rate.reshape(nodes, -1).T @ derivative
-        by_h = np.tensordot(sampling.weights, by_momentum, 1) if self.variables.momentum.free else None
-        directions, joints = by_position.shape[1:]
-        by_z, by_axes = self._split(by_all.reshape(directions, joints, by_all.shape[-1]))
-        return self.duration * self.variables.flat_gradient(by_z.reshape(directions, -1), by_h, by_axes)
-
-    def _split(self, by_all: Array) -> tuple[Array, Array | None]:
-        """Derivatives by z (..., n, width), and by h by way of the boundary (..., H), of those by all of the basis."""
-        if self.boundary_by_axes is None:
-            return by_all, None
-        given = self.sampling.given
-        by_axes = np.tensordot(by_all[..., :given], self.boundary_by_axes, 2)
-        return by_all[..., given:], by_axes
+        return self.duration * np.tensordot(self.sampling.weights, self._chained(self.flown.residual_partials), 1)
 
     @cached_property
     def attitude_jacobian(self) -> Array:
@@ -219,46 +191,40 @@ class Trajectory:
         if partials.by_attitude is not None:
             for direction in range(self.model.flight.tangent):
                 result += partials.by_attitude[..., direction, None] * self.attitude_jacobian[:, None, direction, :]
-        self.model.work.differentiated(result.size)
+        self.model.differentiated(result.size)
         return result
 
     def _chained(self, partials: Partials) -> Array:
         """Derivatives (L, r, size) by x through joints and h alone, of partials at the first L instants."""
         motion = self.motion
-        weights: list[Array | None] = [None, None, None]
+        weights: dict[int, Array] = {}  # by p, its rate and its curvature
+
+        def add(derivative: int, partial: Array, slope: Array) -> None:
+            weight = partial * slope[: len(partial), None]
+            weights[derivative] = weights[derivative] + weight if derivative in weights else weight
+
         if partials.by_position is not None:
-            count = len(partials.by_position)
-            weights[0] = partials.by_position * motion.position_by_p[:count, None, :]
+            add(0, partials.by_position, motion.position_by_p)
         if partials.by_velocity is not None:
-            count = len(partials.by_velocity)
-            weights[0] = _sum(weights[0], partials.by_velocity * motion.velocity_by_p[:count, None, :])
-            weights[1] = partials.by_velocity * motion.velocity_by_rate[:count, None, :]
+            add(0, partials.by_velocity, motion.velocity_by_p)
+            add(1, partials.by_velocity, motion.velocity_by_rate)
         if partials.by_acceleration is not None:
-            count, by_acceleration = len(partials.by_acceleration), partials.by_acceleration
-            weights[0] = _sum(weights[0], by_acceleration * motion.acceleration_by_p[:count, None, :])
-            weights[1] = _sum(weights[1], by_acceleration * motion.acceleration_by_rate[:count, None, :])
-            weights[2] = by_acceleration * motion.acceleration_by_curvature[:count, None, :]
-        by_all: Array | None = None
-        first = 0 if self.boundary_by_axes is not None else self.sampling.given
-        for weight, value in zip(weights, self.sampling.values, strict=True):
-            if weight is not None:
-                by_all = _sum(by_all, weight[..., None] * value[: len(weight), None, None, first:])
-        assert by_all is not None, "partials are by a state of the joints"
-        by_z, by_axes = self._split(by_all)
-        return self.variables.gradient(by_z, partials.by_momentum, by_axes)
-
-
-def _sum(first: Array | None, second: Array) -> Array:
-    """Add, into the first."""
-    if first is None:
-        return second
-    first += second
-    return first
+            add(0, partials.by_acceleration, motion.acceleration_by_p)
+            add(1, partials.by_acceleration, motion.acceleration_by_rate)
+            add(2, partials.by_acceleration, motion.acceleration_by_curvature)
+        columns = slice(0 if self.boundary_by_axes is not None else self.sampling.given, None)
+        values = self.sampling.values
+        by_all = np.asarray(sum(w[..., None] * values[d][: len(w), None, None, columns] for d, w in weights.items()))
+        if self.boundary_by_axes is None:
+            return self.variables.gradient(by_all, partials.by_momentum)
+        given = self.sampling.given
+        by_axes = np.tensordot(by_all[..., :given], self.boundary_by_axes, 2)
+        return self.variables.gradient(by_all[..., given:], partials.by_momentum, by_axes)
 
 
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
-    model.work.evaluated(len(sampling.s), model.flight.bodies)
+    model.evaluated(len(sampling.s))
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
@@ -271,7 +237,7 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     """
     polynomials, momentum = variables.polynomials, variables.momentum
     sampling = model.nodes(level, polynomials.form)
-    model.work.evaluated(len(x) * sampling.nodes, model.flight.bodies)
+    model.evaluated(len(x) * sampling.nodes)
     z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
     h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
@@ -283,3 +249,33 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     centre, amplitude, duration = polynomials.centre, polynomials.amplitude, polynomials.duration
     motion = joint_motion(centre, amplitude, duration, coefficients, sampling.values)
     return Trajectory(model, variables, sampling, motion, h)
+
+
+EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
+
+
+@dataclass(frozen=True)
+class MotionQuantity:
+    """What limits and objectives are about: values (K, m) of a trajectory, and their derivatives (K, m, size) by x.
+
+    ``depends_at_ends_on`` : on what, beside the posture, it depends at takeoff and landing.
+    """
+
+    values: Callable[[Trajectory], Array]
+    jacobian: Callable[[Trajectory], Array]
+    depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
+
+
+QUANTITIES: dict[str, MotionQuantity] = {
+    "velocities": MotionQuantity(
+        lambda it: it.motion.velocities, lambda it: it.velocity_jacobian, frozenset({"velocities"})
+    ),
+    "accelerations": MotionQuantity(
+        lambda it: it.motion.accelerations, lambda it: it.acceleration_jacobian, frozenset({"accelerations"})
+    ),
+    "torques": MotionQuantity(lambda it: it.flown.torques, lambda it: it.torque_jacobian),
+    "motor_torques": MotionQuantity(lambda it: it.flown.motor_torques, lambda it: it.motor_torque_jacobian),
+    "orientation_rate": MotionQuantity(
+        lambda it: it.flown.rate, lambda it: it.base_rate_jacobian, frozenset({"velocities", "momentum"})
+    ),
+}

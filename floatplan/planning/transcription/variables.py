@@ -1,21 +1,96 @@
-"""The numbers that the search chooses, and the motions they stand for."""
+"""The numbers that the search chooses, the motions they stand for, and the conditions (13) at both ends of these."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import Array
-from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import SinePolynomials
-from floatplan.planning.transcription.boundary import Boundary
+from floatplan.arrays import Array, IntArray
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.flight import end_rates
+from floatplan.motion.sine_polynomial import CURVATURES, EDGE, Form, SinePolynomials, boundary_arguments, powers_map
+from floatplan.problem.problem import Problem
 
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The conditions (13) of a problem, for arcsine branches (2, n) at takeoff and at landing.
+
+    ``positions, accelerations`` (2, n) rad and rad/s^2; ``centre, amplitude`` (n,) rad; ``duration`` s.
+    """
+
+    positions: Array
+    accelerations: Array
+    rates: RatesAtEnds
+    centre: Array
+    amplitude: Array
+    duration: float
+    branches: IntArray
+
+    def __call__(self, angular_momentum: Array) -> Array:
+        """p, dp/ds, d2p/ds2 (n, 6) at s = 0, then at s = 1, for h (e,) kg m^2/s; zero for p'' that is free."""
+        return self._by_joint(*self._arguments(self.rates(angular_momentum)[0]))
+
+    def by_momentum(self, angular_momentum: Array) -> Array:
+        """Derivatives (n, 6, e) of them by h."""
+        rates, slopes = self.rates(angular_momentum)
+        p, rate, _ = self._arguments(rates)
+        sine, cosine = np.sin(p), np.cos(p)
+        movable = np.abs(cosine) > EDGE
+        inverse = np.where(movable, 1 / np.where(movable, cosine, 1.0), 0.0)
+        columns = []
+        for slope in np.moveaxis(slopes, -1, 0):
+            by_rate = slope * inverse / self.amplitude
+            columns.append(self._by_joint(np.zeros_like(p), by_rate, 2 * sine * rate * by_rate * inverse))
+        return np.stack(columns, axis=-1)
+
+    def _arguments(self, rates: Array) -> tuple[Array, Array, Array]:
+        accelerations = np.nan_to_num(self.accelerations)
+        return boundary_arguments(self.positions, rates, accelerations, self.centre, self.amplitude, self.branches)
+
+    def _by_joint(self, p: Array, rate: Array, curvature: Array) -> Array:
+        given = np.where(np.isnan(self.accelerations), 0.0, self.duration**2 * curvature)
+        ends = np.array([p, self.duration * rate, given])
+        return ends.transpose(2, 1, 0).reshape(-1, CONDITIONS)
+
+
+def boundary(problem: Problem, branches: IntArray, momentum: MomentumSet) -> Boundary:
+    """Return the conditions (13) of a problem, for an angular momentum of the set."""
+    states = (problem.initial, problem.final)
+    low, high = problem.position_limits.T
+    accelerations = [s.accelerations + (np.nan if s.free_accelerations else 0.0) for s in states]
+    return Boundary(
+        positions=np.array([state.positions for state in states]),
+        accelerations=np.array(accelerations),
+        rates=end_rates(problem, momentum),
+        centre=(low + high) / 2,
+        amplitude=(high - low) / 2,
+        duration=problem.flight.duration,
+        branches=branches,
+    )
+
+
+def sine_polynomials(problem: Problem, degrees: tuple[int, ...], conditions: Array) -> SinePolynomials:
+    """The class of motions of a problem with conditions (13) (n, 6)."""
+    low, high = problem.position_limits.T
+    states = (problem.initial, problem.final)
+    free_ends = tuple(end for end, state in zip(CURVATURES, states, strict=True) if state.free_accelerations)
+    return SinePolynomials(
+        (low + high) / 2,
+        (high - low) / 2,
+        problem.flight.duration,
+        conditions,
+        tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
+        free_ends,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +123,12 @@ class DecisionVariables:
     def size(self) -> int:
         """Number of variables."""
         return self.coefficients + self.momentum.free
+
+    @property
+    def degrees(self) -> tuple[int, ...]:
+        """Degree of p of each joint."""
+        given = CONDITIONS - len(self.polynomials.free_ends)
+        return tuple(free + given - 1 for free in self.polynomials.free)
 
     @cached_property
     def metric(self) -> Array:
@@ -114,20 +195,64 @@ class DecisionVariables:
         ``by_axes`` (..., H) are added: what h does by way of the boundary.
         """
         *shape, joints, width = by_z.shape
-        rows = math.prod(shape)  # one product of matrices is faster than many
-        flat = self.flat_gradient(
-            by_z.reshape(rows, joints * width),
-            None if by_momentum is None else by_momentum.reshape(rows, -1),
-            None if by_axes is None else by_axes.reshape(rows, -1),
-        )
-        return flat.reshape(*shape, self.size)
+        flat = by_z.reshape(math.prod(shape), joints * width)  # one product of matrices is faster than many
+        by_x = (flat if flat.shape[1] == len(self.offset) else flat[:, self.polynomials.free_indices]) @ self.scaling
+        if self.momentum.free:
+            chosen = np.zeros((*shape, self.momentum.free)) if by_axes is None else by_axes
+            if by_momentum is not None:
+                chosen = chosen + by_momentum @ self.momentum.axes
+            by_x = np.concatenate((by_x, chosen.reshape(len(flat), -1)), axis=1)
+        return by_x.reshape(*shape, self.size)
 
-    def flat_gradient(self, by_z: Array, by_momentum: Array | None, by_axes: Array | None = None) -> Array:
-        """Derivatives (r, size) by x, from those by z (r, n width) and by h (r, e), as of :meth:`gradient`."""
-        by_x = (by_z if by_z.shape[1] == len(self.offset) else by_z[:, self.polynomials.free_indices]) @ self.scaling
-        if not self.momentum.free:
-            return by_x
-        chosen = np.zeros((len(by_x), self.momentum.free)) if by_axes is None else by_axes
-        if by_momentum is not None:
-            chosen = chosen + by_momentum @ self.momentum.axes
-        return np.concatenate((by_x, chosen), axis=1)
+
+def decision_variables(
+    problem: Problem, degrees: tuple[int, ...], branches: IntArray, momentum: MomentumSet
+) -> DecisionVariables:
+    """Variables of a problem's motions, for arcsine branches (2, n) at takeoff and at landing."""
+    conditions = boundary(problem, branches, momentum)
+    polynomials = sine_polynomials(problem, degrees, conditions(momentum.centre))
+    follows = momentum.free and (problem.initial.frame_rests or problem.final.frame_rests)
+    return scaled_variables(problem, polynomials, momentum, conditions if follows else None)
+
+
+def scaled_variables(
+    problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet, following: Boundary | None
+) -> DecisionVariables:
+    """Variables scaled for the problem's objective."""
+    size = sum(polynomials.free)
+    whitened = problem.motion.objective == "coefficients" and size
+    offset, scaling = whitened_variables(polynomials) if whitened else (np.zeros(size), np.eye(size))
+    return DecisionVariables(polynomials, offset, scaling, momentum, following)
+
+
+def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
+    """Offset (m,) and scaling (m, m) for which (17) is ``constant + unit^2 |x|^2``.
+
+    A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
+    the most sensitive direction of x move p by one radian (root mean square).
+    """
+    form, free, unit = polynomials.form, polynomials.free, whitened_unit(polynomials)
+    offset, scaling = np.zeros(sum(free)), np.zeros((sum(free), sum(free)))
+    for width, end, boundary in zip(free, np.cumsum(free).tolist(), polynomials.given_boundary, strict=True):
+        inverse, _, offset_by_boundary = _factors(form, width, polynomials.duration)
+        own = slice(end - width, end)
+        offset[own], scaling[own, own] = offset_by_boundary @ boundary, unit * inverse
+    return offset, scaling
+
+
+def whitened_unit(polynomials: SinePolynomials) -> float:
+    """Size of b that one unit of whitened variables makes."""
+    return 1 / max(_factors(polynomials.form, free, polynomials.duration)[1] for free in polynomials.free)
+
+
+@lru_cache(maxsize=64)
+def _factors(form: Form, free: int, duration: float) -> tuple[Array, float, Array]:
+    """Of ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map from the boundary to b_0.
+
+    They are those of a joint with ``free`` of a form's coefficients and a duration in s.
+    """
+    powers, given = powers_map(form, duration), len(form.given)
+    orthogonal, triangular = np.linalg.qr(powers[:, given : given + free])
+    inverse = np.linalg.inv(triangular)
+    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
+    return inverse, longest, -inverse @ (orthogonal.T @ powers[:, :given])
