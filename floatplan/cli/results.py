@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from floatplan.errors import InputError
@@ -13,7 +13,6 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
 from floatplan.tables import LIMIT_TABLE
 
-LIMITS = LIMIT_TABLE.values()
 PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
@@ -70,7 +69,7 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None
     from floatplan.export.formats import FORMATS
 
     drawn = {"snapshots", "kinogram", "configuration", "momentum", "inertia", "clearance"} | {
-        row.title.lower() for row in LIMITS
+        row.title.lower() for row in LIMIT_TABLE.values()
     }
     made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
@@ -92,19 +91,3 @@ def write_problem(plan: Plan, directory: Path) -> Path:
 def schema_line(directory: Path) -> str:
     """The first line of a problem file by which editors find its schema, where that is beside it; else empty."""
     return f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
-
-
-def write_figures(
-    plan: Plan, directory: Path, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
-) -> list[Path]:
-    """Draw the pictures, and those of a plan to compare, into the folder figures; errors as :func:`write_results`."""
-    from floatplan.view.figures.figures import save_figures
-
-    return save_figures(plan, directory / FIGURES, compare=compare, formats=formats)
-
-
-def write_page(plan: Plan, directory: Path) -> Path:
-    """Write report.html, the page that plays the plan; errors as :func:`write_results`."""
-    from floatplan.view.report.report import write_report
-
-    return write_report(plan, directory / REPORT)

@@ -7,7 +7,7 @@ writes as text.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from floatplan.files import plain
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES
-from floatplan.problem.parts import JointState, Obstacle
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, clearance_range, margins
@@ -40,7 +40,6 @@ FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so tha
 SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
 BOX_PAD = 0.02  # [-] room around what is drawn
-LONGEST_LIST = 12  # [-] joints listed one by one
 
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
@@ -188,7 +187,7 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     findings = ((), []) if certificate is None else certificate.table()
     tables: list[dict[str, Any]] = [
-        {"title": "Problem", "rows": _problem(plan.problem)},
+        {"title": "Problem", "rows": plan.problem.rows()},
         {
             "title": "Result",
             "rows": result_rows(plan),
@@ -211,50 +210,9 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
     return tables
 
 
-def _problem(problem: Problem) -> list[tuple[str, str]]:
-    flight, robot = problem.flight, problem.robot
-    momentum = flight.angular_momentum
-    degrees = ", ".join(map(str, problem.degrees if len(set(problem.degrees)) > 1 else problem.degrees[:1]))
-    rows = [
-        ("robot", f"{robot.name}, {len(robot.joints)} planned joints, {robot.mass:.4g} kg"),
-        ("start", _posture(problem.initial, robot.joints)),
-        ("goal", _posture(problem.final, robot.joints)),
-        ("duration", f"{flight.duration:g} s"),
-        ("takes off", f"{problem.takeoff.frame} at {_pair(problem.takeoff.position)} m"),
-        ("lands", f"{problem.landing.frame} at height {problem.landing_height:g} m"),
-        ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
-        ("momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m²/s"),
-        ("motion", f"sine polynomials of degree {degrees}, least {problem.motion.objective}"),
-    ]
-    if problem.ground:
-        rows.append(("ground", "no link below the line on which it took off"))
-    return rows + [("obstacle", _obstacle(obstacle)) for obstacle in problem.obstacles]
-
-
 def _replayed(replay: Mapping[str, Any] | None) -> Row:
     if replay is None:
         return Row("replay", "none in the plan file; floatplan replay --save makes one")
     landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
     error = short(replay.get("orientation_error"))
     return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
-
-
-def _posture(state: JointState, joints: Sequence[str]) -> str:
-    angles = np.rad2deg([state.orientation, *state.positions]) + 0.0
-    if len(joints) <= LONGEST_LIST:
-        return ", ".join(f"{name} {angle:.5g}°" for name, angle in zip(("orientation", *joints), angles, strict=True))
-    listed = ", ".join(map(short, angles[1 : LONGEST_LIST + 1]))
-    return f"orientation {angles[0]:.5g}°, joints {listed}, … ({len(joints)} in all)°"
-
-
-def _obstacle(obstacle: Obstacle) -> str:
-    text = f"{obstacle.kind} {obstacle.where}, margin {obstacle.margin:g} m"
-    if any(obstacle.velocity):
-        text += f", moving at {_pair(obstacle.velocity)} m/s"
-    if obstacle.window is not None:
-        text += f", from {obstacle.window[0]:g} to {obstacle.window[1]:g} s"
-    return text
-
-
-def _pair(values: Iterable[float]) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
