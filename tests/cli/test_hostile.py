@@ -248,7 +248,13 @@ class TestWrites:
 
     @pytest.mark.parametrize(
         ("shell", "code"),
-        [(">&- 2>&-", 0), ("2>&- >/dev/null", 0), ("2>/dev/full", 0), (">/dev/full", 2), ("--json >/dev/full", 2)],
+        [
+            (">&- 2>&-", 0),
+            (">/dev/full", 2),
+            ("--json >/dev/full", 2),
+            pytest.param("2>&- >/dev/null", 0, marks=pytest.mark.long),
+            pytest.param("2>/dev/full", 0, marks=pytest.mark.long),
+        ],
     )
     def test_closed_and_full_streams_lose_no_plan(self, root, tmp_path, shell, code):
         problem = root / "problems" / "new_configuration.toml"
