@@ -21,6 +21,8 @@ from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
 from floatplan.plans.record import RobotRecord
 
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # all six in an <inertia>; without one a link is a point mass
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -160,10 +162,12 @@ def _link(element: Element) -> Link:
     if inertial is None:
         return Link(name, flint.arb(0), Placement(), flint.arb_mat(3, 3), False, collides)
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
-    if mass is None or inertia is None:
-        raise InputError("its <inertial> lacks a mass or an inertia", element=f'link "{name}"')
-    xx, xy, xz, yy, yz, zz = (_number(inertia.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-    value = _number(mass.get("value"))
+    written = dict.fromkeys(MOMENTS, "0") if inertia is None else inertia.attrib
+    for key in MOMENTS:
+        if key not in written:
+            raise InputError(f"its <inertia> has no {key}", element=f'link "{name}"')
+    xx, xy, xz, yy, yz, zz = (_number(written[key]) for key in MOMENTS)
+    value = _number("0" if mass is None else mass.get("value"))
     if not value >= 0:
         raise InputError("its mass is negative", element=f'link "{name}"')
     moments = flint.arb_mat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
