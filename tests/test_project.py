@@ -131,7 +131,7 @@ class TestScripts:
 
     def test_continuous_integration_runs_the_readme_s_test_command_and_that_the_checks(self) -> None:
         commands = (ROOT / ".ci" / "run").read_text().splitlines()[-2:]
-        assert commands == ["scripts/test", "exec scripts/check --all -m long"]
+        assert commands == ["scripts/test", "exec scripts/check --long"]
         assert (ROOT / "scripts" / "test").read_text().splitlines()[-1] == "exec scripts/check"
 
     @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")

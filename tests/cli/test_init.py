@@ -43,7 +43,12 @@ BAR = {
     "a1": PREFIX + "a1_description/urdf/a1.urdf",
     "solo12": PREFIX + "solo_description/robots/solo12.urdf",
 }
-LONG = {"a1", "solo12", "g1_29dof_rev_1_0"}  # planned as those of the others are
+LONG = {"go2", "a1", "solo12"}  # planned as that of the gymnast is
+UR5, G1, TALOS = (
+    "ur_description/urdf/ur5_robot.urdf",
+    "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+    "talos_data/robots/talos_reduced.urdf",
+)
 
 
 @pytest.mark.parametrize("name", cases(BAR, LONG))
@@ -78,14 +83,7 @@ def test_where_there_is_no_flight(floatplan: Command) -> None:
 
 
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
-@pytest.mark.parametrize(
-    "urdf",
-    [
-        "ur_description/urdf/ur5_robot.urdf",
-        "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-        "talos_data/robots/talos_reduced.urdf",
-    ],
-)
+@pytest.mark.parametrize("urdf", cases((UR5, G1, TALOS), {G1, TALOS}))
 def test_a_robot_that_cannot_take_off_turns_its_base_afloat(floatplan: Command, urdf: str) -> None:
     """An arm has no feet; for a G1 and a Talos with flat soles no motion is found on them."""
     assert floatplan("init", PREFIX + urdf, "-o", "arm.toml").code == 0

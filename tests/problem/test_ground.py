@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from long_cases import cases
 from robot_samples import inertial, joint, robot_text
 from true_heights import lowest_by_link
 
@@ -276,7 +277,7 @@ class TestTrueShapes:
         assert not fp.plan(asked, budget=1).ok
 
 
-@pytest.mark.parametrize("name", ["go2", "g1", "talos"])
+@pytest.mark.parametrize("name", cases(["go2", "g1", "talos"], {"g1", "talos"}))
 def test_real_robots_warn_of_true_depths(root, name):
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")

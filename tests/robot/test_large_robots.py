@@ -21,6 +21,7 @@ def chain_problem(monkeypatch):
     return runpy.run_path(str(BENCHMARKS / "long_chains.py"))["chain_problem"]
 
 
+@pytest.mark.long
 def test_a_chain_of_50_joints_plans(chain_problem):
     plan = fp.plan(chain_problem(50))
     assert plan.ok, plan.explanation

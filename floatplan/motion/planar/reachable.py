@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rate_limits
+from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rate_limits, row_sizes
 from floatplan.problem.problem import Problem
 
 PARALLEL = 1e-12  # [-] relative: less is rounding
@@ -52,7 +52,7 @@ def reachable(problem: Problem, end: End, angular_momentum: float) -> Reachable:
     matrix = equations.matrix * [[1.0], [-1.0], [-1.0]]
     limits = rate_limits(problem)
     asked = np.array([angular_momentum, *velocity])
-    normals, reach = _half_planes(matrix, equations.scale, limits)
+    normals, reach = _half_planes(matrix, row_sizes(matrix), limits)
     momentum, horizontal, vertical = (_interval(normals, reach, asked, direction) for direction in np.eye(3))
     return Reachable(momentum, horizontal, vertical, polygon=_polygon(matrix, limits, asked[1]), asked=read_only(asked))
 
