@@ -137,6 +137,14 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
 
 
 @lru_cache(maxsize=64)
+def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Filled]:
+    """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
+    joints = tree.turns.shape[1]
+    bodies = merged_bodies(tree, np.zeros(joints), np.ones(joints))
+    return bodies, filled_robot(bodies, [0] * joints)
+
+
+@lru_cache(maxsize=64)
 def filled_grid(width: int, count: int) -> Filled:
     """Return the basis at so many nodes."""
     quadrature = gauss_legendre(count)
