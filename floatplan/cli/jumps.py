@@ -46,12 +46,13 @@ def jump(
     jump.json, and the flight's plan.json. Exit code 0 only where a jump was found, proved and checked so.
     """
     from floatplan.certificate.certificate import certify
-    from floatplan.cli.results import check_directory, default_directory, write_jump
+    from floatplan.cli.results import check_directory, write_jump
+    from floatplan.files import runs_folder
     from floatplan.problem.file import load_problem
     from floatplan.stance.planner import jump as search
 
     problem = load_problem(problem_file)
-    directory = default_directory(problem) if output is None else output
+    directory = runs_folder(problem.name, "jump") if output is None else output
     check_directory(directory)
     began = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):

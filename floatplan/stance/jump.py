@@ -74,7 +74,7 @@ class Jump(JumpMotion):
         """What was found out, for a person: "flight proved, stances checked" only where both are true."""
         if self.flight is None:
             return "no jump found"
-        flight = verdict_in_words(self.flight.ok, self.flight.certificate, False)
+        flight, _ = verdict_in_words(self.flight.ok, self.flight.certificate, False)
         stances = "stances checked" if self.check.ok else "stances not within limits"
         return ", ".join([flight, stances, *(["with warnings"] if self.flight.warnings else [])])
 
