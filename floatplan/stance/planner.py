@@ -10,6 +10,7 @@ import numpy as np
 
 from floatplan.arguments import SEED, made, optional, whole
 from floatplan.errors import InputError, naming
+from floatplan.kernel.library import kernel
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
@@ -70,6 +71,7 @@ def jump(
         The problem or the request is wrong, nothing can stand as asked, or CasADi is not installed.
     """
     casadi()
+    kernel()  # an error of its own is none of a flight's
     file = None if isinstance(problem, Problem) else problem
     problem = given_problem(problem)
     asked: JumpRequest = optional(made(JumpRequest))(request, "request") or problem.jump or JumpRequest()
