@@ -142,7 +142,7 @@ def _client(jobs: int, scheduler: str | None) -> Iterator[Any]:
             if scheduler is None:
                 opened.enter_context(same_modules())  # until the end, as workers that die are begun anew
                 local = distributed.LocalCluster(
-                    n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+                    n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
                 )
                 cluster = opened.enter_context(local)
             client = opened.enter_context(distributed.Client(cluster, timeout=PATIENCE))
