@@ -17,7 +17,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, momentum_set, planar_flight
 from floatplan.optimization.nonlinear_program import AnyEvaluation
 from floatplan.planning.transcription.constraints import constraints
@@ -114,7 +113,7 @@ class SymbolicFlight:
     @cached_property
     def coupling(self) -> tuple[np.ndarray, np.ndarray]:
         """Magnitude and angle of C."""
-        c = centroidal_coupling(self.model.tree)
+        c = self.model.tree.coupling
         return np.abs(c), np.angle(c)
 
     def cosines(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
-from floatplan.motion.planar.closed_form import Dynamics, centroidal_coupling
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
 
@@ -240,7 +240,7 @@ class Identification:
         bodies = len(tree.mass)
         self._nominal = dynamics
         self._weights = tree.point_weights(np.arange(bodies), tree.center)
-        self._coupling, self._inertia, self._mass = centroidal_coupling(tree), np.array(tree.inertia), tree.mass
+        self._coupling, self._inertia, self._mass = tree.coupling, np.array(tree.inertia), tree.mass
         scale = MOMENTUM_ERROR * max(abs(angular_momentum), SLOWEST_TURN * inertia)
         self.deviations = np.concatenate(([ORIENTATION_ERROR, scale], np.full(2 * bodies, MASS_ERROR)))
         self.covariance = np.diag(self.deviations**2)

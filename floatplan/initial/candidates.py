@@ -198,11 +198,11 @@ class Flights:
         heights = standing.height.reshape(count, 2)
         first = (heights[:, 1] - heights[:, 0]) / durations + GRAVITY * durations / 2
         rises = np.stack((first, first - GRAVITY * durations), axis=1).ravel()
-        at_rest = standing.rates(np.column_stack((np.repeat(speeds, 2), rises)), np.repeat(momenta, 2))
-        depths = np.maximum(standing.sunk, standing.depth(rises, at_rest)).reshape(count, 2).max(axis=1)
+        ratios, rates = standing.rates(np.column_stack((np.repeat(speeds, 2), rises)), np.repeat(momenta, 2))
+        depths = np.maximum(standing.sunk, standing.depth(rises, rates)).reshape(count, 2).max(axis=1)
         unsteady = standing.unsteady.reshape(count, 2).max(axis=1)
-        positions, ratios = poses[:, 1:].reshape(count, 2, -1), at_rest.ratios.reshape(count, 2)
-        plain = PlainMotions.between(positions, at_rest.rates.reshape(count, 2, -1), durations)
+        positions, ratios = poses[:, 1:].reshape(count, 2, -1), ratios.reshape(count, 2)
+        plain = PlainMotions.between(positions, rates[:, 1:].reshape(count, 2, -1), durations)
         missed = np.abs(plain.turns(stance, momenta) - turn)
         used = np.minimum(np.nan_to_num(np.maximum(ratios.max(axis=1), plain.efforts(stance)), nan=np.inf), UNBOUNDED)
         lean, bent = poses[:, 0] - stance.upright, poses[:, 1:] - stance.robot.resting

@@ -12,16 +12,15 @@ from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.initial.robots import upright
 from floatplan.motion.planar.ballistics import frame_weights
 from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
-from floatplan.motion.planar.end_rates import STILL
+from floatplan.motion.planar.contact_rates import contact_matrices, least_rates, row_sizes
 from floatplan.robot.robot import LinkCapsule, Robot
-from floatplan.tables import CLEARANCE
+from floatplan.tables import AT_REST, CLEARANCE
 
 FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
 STRONGEST = 1e9  # [N m] where the URDF gives no torque limit
 SOON = 0.04  # [s] after takeoff, or before landing, when everything still has to be above the ground
 LIFTED = 5.0 * SOON**2 / 2  # [m] at 5 m/s^2, by which the accelerations, which are free, raise a foot by then
 ROUNDING = 1e-9  # [m]
-NOTHING = 1e-12  # [-] of the whole: less is rounding
 ALIKE = 1e-3  # [m] by which the meshes of left and right may differ
 POSTURES = 4  # [-] in which points that are the same place always coincide
 FLAT = math.radians(15)  # [rad] that a sole may be tipped
@@ -30,70 +29,6 @@ FOOT = 0.25  # [-] of the height of the centre of mass at rest, as long as a per
 NEAR = 0.1  # [-] of that height, above the ground, of what the robot stands on
 TRUNK = 0.12  # [-] of that height, between the trunk's true shape and the ground
 GAP = 0.002  # [m] between the ground and what does not stand on it
-
-
-@dataclass(frozen=True, eq=False)
-class EndRates:
-    """Rates at K ends with which a frame is at rest.
-
-    Attributes
-    ----------
-    ratios : (K,) largest ``|rate| / limit``; infinite where no rates hold the frame at rest
-    rates : (K, n) rad/s, of the planned joints; of no meaning where the ratio is infinite
-    orientation_rates : (K,) rad/s
-    """
-
-    ratios: Array
-    rates: Array
-    orientation_rates: Array
-
-
-def end_rates(matrix: Array, target: Array, limits: Array) -> EndRates:
-    """Solve ``matrix @ (orientation rate, rates) = target`` with the least largest ``|rate| / limit``.
-
-    They are those of :func:`floatplan.motion.planar.contact_rates.least_rates`, whose docstring has the linear program,
-    of many postures in general position: one joint is free, all others turn at the same share of their limits.
-
-    Parameters
-    ----------
-    matrix : (K, 3, n+1), n above 1
-    target : (K, 3)
-    limits : (n,) rad/s, finite
-    """
-    size = np.abs(matrix).max(axis=2)
-    size[:, 1:] = size[:, 1:].max(axis=1, keepdims=True)
-    size[size == 0] = 1.0
-    matrix, target = matrix / size[:, :, None], target / size
-    base, joints = matrix[:, :, 0], matrix[:, :, 1:]
-    across = _plane(base)
-    reach, along = across @ (joints * limits), (across @ target[:, :, None])[:, :, 0]
-    normals = np.stack((-reach[:, 1], reach[:, 0]), axis=1)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.where(lengths > NOTHING, lengths, 1.0)
-    asked = (along[:, :, None] * normals).sum(axis=1)
-    strengths = np.abs(normals.transpose(0, 2, 1) @ reach).sum(axis=2)
-    asked[np.abs(asked) <= NOTHING * np.linalg.norm(target, axis=1, keepdims=True)] = 0.0
-    shares = np.divide(np.abs(asked), strengths, out=np.where(asked == 0, 0.0, np.inf), where=strengths > NOTHING)
-    free = shares.argmax(axis=1)
-    every = np.arange(len(free))
-    pulls = (normals[every, :, free][:, None] @ reach)[:, 0] * np.sign(asked[every, free])[:, None]
-    ratios = shares[every, free]
-    rates = np.where(np.isfinite(ratios), ratios, 0.0)[:, None] * np.sign(pulls) * limits
-    rates[every, free] = 0.0
-    rest = target - (joints @ rates[:, :, None])[:, :, 0]
-    pair = np.stack((base, joints[every, :, free]), axis=2)
-    orientation_rates, of_free = (np.linalg.pinv(pair) @ rest[:, :, None])[:, :, 0].T
-    rates[every, free] = of_free
-    return EndRates(ratios, rates, orientation_rates)
-
-
-def _plane(normals: Array) -> Array:
-    """Orthonormal vectors (K, 2, 3) perpendicular to vectors (K, 3)."""
-    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, axes)
-    second = np.cross(normals, first)
-    both = np.stack((first, second), axis=1)
-    return np.asarray(both / np.linalg.norm(both, axis=2, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,31 +190,35 @@ class Standing:
         """D (K, n+1) of (4), kg m^2."""
         return self.stance.dynamics.momentum_map(self.positions)
 
-    def rates(self, com_velocities: Array, momenta: Array) -> EndRates:
-        """Least rates with which the frame is at rest; ``com_velocities`` (K, 2) m/s, momenta (K,) kg m^2/s."""
-        robot = self.stance.robot
-        tree = robot.tree
-        swings = 1j * tree.turn * self._rotations * frame_weights(robot, robot.frames[self.stance.frame])
-        of_frame = np.concatenate((swings.sum(axis=1)[:, None], swings @ tree.turns), axis=1)
-        matrix = np.stack((self.inertia, of_frame.real, of_frame.imag), axis=1)
-        return end_rates(matrix, np.column_stack((momenta, -com_velocities)), self.stance.limits)
+    def rates(self, com_velocities: Array, momenta: Array) -> tuple[Array, Array]:
+        """Least rates with which the frame is at rest; ``com_velocities`` (K, 2) m/s, momenta (K,) kg m^2/s.
 
-    def depth(self, com_rises: Array, found: EndRates) -> Array:
+        Returned are the largest ``|rate| / limit`` (K,), infinite where no rates hold the frame at rest, and the rates
+        of base and joints (K, n+1) rad/s: zeros there.
+        """
+        robot = self.stance.robot
+        matrix = contact_matrices(robot, robot.frames[self.stance.frame], self.inertia, self._rotations)
+        sizes, target = row_sizes(matrix), np.column_stack((momenta, -com_velocities))
+        limits = np.concatenate(([np.inf], self.stance.limits))
+        least = least_rates(matrix / sizes[:, :, None], target / sizes, limits)
+        return least.ratio, np.nan_to_num(least.values)
+
+    def depth(self, com_rises: Array, rates: Array) -> Array:
         """How far (K,) something soon would be below the ground, m, or how fast pressed into it, m/s; else 0.
 
         Parameters
         ----------
         com_rises : (K,) m/s, of the centre of mass: upwards at takeoff, downwards at landing, where time runs backwards
-        found : the rates there
+        rates : (K, n+1) rad/s, of base and joints there
         """
         tree = self.stance.robot.tree
-        rates = found.orientation_rates[:, None] + found.rates @ tree.turns.T
-        rises = com_rises[:, None] + ((1j * tree.turn * rates * self._rotations) @ self.stance.points[0].T).imag
+        of_bodies = rates[:, :1] + rates[:, 1:] @ tree.turns.T
+        rises = com_rises[:, None] + ((1j * tree.turn * of_bodies * self._rotations) @ self.stance.points[0].T).imag
         velocities = np.copysign(1.0, com_rises)[:, None] * rises
         lifted = np.where(self.stance.points[3], LIFTED, 0.0)
         soon = -(self._heights + velocities * SOON + lifted).min(axis=1)
         pressed = -np.where(self._heights < CLEARANCE, velocities, 0.0).min(axis=1)
-        return np.asarray(np.maximum(np.maximum(soon, np.where(pressed > STILL, pressed, 0.0)), 0.0))
+        return np.asarray(np.maximum(np.maximum(soon, np.where(pressed > AT_REST, pressed, 0.0)), 0.0))
 
     @cached_property
     def _rotations(self) -> ComplexArray:

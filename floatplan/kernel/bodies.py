@@ -16,7 +16,6 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.layout import Filled
-from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree
@@ -76,8 +75,8 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     first = np.cumsum([0, *map(len, terms)])
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
     rotations = np.eye(len(turns))[group].T * constant
-    coupling = rotations.conj() @ (centroidal_coupling(tree) + np.diag(tree.inertia)) @ rotations.T
-    links = (constant.conj()[:, None] * centroidal_coupling(tree)) @ rotations.T
+    coupling = rotations.conj() @ (tree.coupling + np.diag(tree.inertia)) @ rotations.T
+    links = (constant.conj()[:, None] * tree.coupling) @ rotations.T
     links[np.arange(len(group)), group] += tree.inertia
     is_mirrored = tree.turn < 0
     if is_mirrored:
@@ -135,6 +134,14 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
         link_real=bodies.links.real,
         link_imaginary=bodies.links.imag,
     )
+
+
+@lru_cache(maxsize=64)
+def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Filled]:
+    """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
+    joints = tree.turns.shape[1]
+    bodies = merged_bodies(tree, np.zeros(joints), np.ones(joints))
+    return bodies, filled_robot(bodies, [0] * joints)
 
 
 @lru_cache(maxsize=64)

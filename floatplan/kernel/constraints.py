@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.kernel.bodies import filled_robot, merged_bodies
+from floatplan.arrays import Array, IntArray
+from floatplan.kernel.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
 from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
@@ -72,8 +73,8 @@ class CompiledConstraints:
     ----------
     block_first : (blocks + 1,) int
         Where each block's rows begin.
-    differentiated : (rows,) bool
-        Whether its derivatives are not just the opposite of another's.
+    differentiated : list of int
+        Of each block, how many rows have derivatives that are not just the opposite of another's.
     """
 
     def __init__(self, flight: PlanarFlight, blocks: Sequence[Block], also: str = "") -> None:
@@ -81,7 +82,7 @@ class CompiledConstraints:
         tree = flight.tree
         self.links, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.links
-        bodies = self.bodies = merged_bodies(tree, np.zeros(self.joints), np.ones(self.joints))
+        self.bodies, self.robot = unscaled_robot(tree)
         written: list[tuple[int, int, int, float, float]] = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
@@ -96,10 +97,10 @@ class CompiledConstraints:
         self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
         self.needs_places = bool((kind > SHARE).any())
         shapes, path = flight.link_shapes, flight.ballistics
-        ends = bodies.of_points(np.stack(shapes.weights, axis=1))
+        ends = self.bodies.of_points(np.stack(shapes.weights, axis=1))
         opposite = _opposite(kind, first, of_sums)
-        self.differentiated: BoolArray = opposite < 0
-        self.robot = filled_robot(bodies, [0] * self.joints)
+        is_differentiated = opposite < 0
+        self.differentiated = [int(is_differentiated[i:j].sum()) for i, j in pairwise(self.block_first.tolist())]
         self.path = np.array([*path.position0, *path.velocity0, path.gravity])
         self.filled = Filled(
             "Constraints",
@@ -233,17 +234,22 @@ class RowTargets:
         self._template.motion.per_second = 1 / constraints.flight.duration
         self._template.point_to(times=self._kept[0], target=target)
         self._room = self._placed(self._template, 0)
+        self.stride = self._template.motion.stride
+        structure, begin = self._template, -(-address(room := np.empty(self._room)) // 64) * 64
+        self._placed(structure, address(room))
+        kept = ("rate", "inverse", "by_speed", "by_position", "moment")
+        self.begins = {name: (getattr(structure.motion, name) - begin) // 8 for name in kept}
 
     def _placed(self, structure: Structure, memory: int) -> int:
         constraints = self.constraints
         return constraints.kernel.motion_room(*constraints.references, structure, memory)
 
     def fresh(self) -> tuple[Structure, Array]:
-        """Return a structure for a motion, and the memory that it points to."""
+        """Return a structure for a motion, and the memory that it points to, where arrays begin as ``begins`` says."""
         room = np.empty(self._room)
-        structure = type(self._template).from_buffer_copy(self._template)
-        self._placed(structure, address(room))
-        return structure, room
+        structure, begin = type(self._template).from_buffer_copy(self._template), address(room)
+        self._placed(structure, begin)
+        return structure, room[-begin % 64 // 8 :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +272,6 @@ class MotionRows:
         self._instants, self._flown, self._constraints = instants, flown, instants.constraints
         joints, n = flown.joints, instants.constraints.joints
         self._structure, self._memory = instants.fresh()
-        self._begin = address(self._memory)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
         self._call(RATES)
@@ -279,9 +284,8 @@ class MotionRows:
 
     def _kept(self, name: str, rows: int) -> Array:
         """What the kernel has written there (K, rows)."""
-        motion, count = self._structure.motion, self._instants.instants
-        begin = (getattr(motion, name) - self._begin) // self._memory.itemsize
-        return self._memory[begin : begin + rows * motion.stride].reshape(rows, -1)[:, :count].T
+        begin, stride = self._instants.begins[name], self._instants.stride
+        return self._memory[begin : begin + rows * stride].reshape(rows, stride)[:, : self._instants.instants].T
 
     def _call(self, wanted: int, given: int = 0, count: int = 0, result: int = 0) -> None:
         constraints = self._constraints

@@ -50,11 +50,11 @@ class Structure(ctypes.Structure):
 
     def point_to(self, **arrays: Array | IntArray) -> None:
         """Point to arrays as they are, which must be kept as long."""
+        known = self.arrays
         for name, array in arrays.items():
-            numbers = self.arrays[name][0]
-            if array.dtype != numbers or not array.flags.c_contiguous:
-                raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {numbers}")
-            setattr(self, name, address(array))
+            if array.dtype != known[name][0] or not array.flags.c_contiguous:
+                raise TypeError(f"{type(self).__name__}.{name} takes a contiguous array of {known[name][0]}")
+            setattr(self, name, _begins(id(array) + HEAD).value)  # address() without the time of a call
 
 
 def address(values: np.ndarray[Any, Any]) -> int:
@@ -124,17 +124,14 @@ class Filled:
 
     def __init__(self, name: str, **values: Any) -> None:
         kind = STRUCTURES[name]
-        numbers: dict[str, Any] = {}
+        if missing := kind.arrays.keys() - values.keys():
+            raise TypeError(f"{name} needs {', '.join(sorted(missing))}")
         arrays: dict[str, Array | IntArray] = {}
-        for field, value in values.items():
-            if isinstance(value, np.ndarray):
-                dtype, is_read = kind.arrays[field]
-                arrays[field] = np.ascontiguousarray(value, dtype=dtype) if is_read else value
-            else:
-                numbers[field] = value
-        if not kind.arrays.keys() <= values.keys():
-            raise TypeError(f"{name} needs {', '.join(sorted(kind.arrays.keys() - values.keys()))}")
-        self.structure: Any = kind(**numbers)
+        for field, (dtype, is_read) in kind.arrays.items():
+            value = values.pop(field)
+            if value is not None:
+                arrays[field] = np.ascontiguousarray(value, dtype) if is_read else value
+        self.structure: Any = kind(**values)
         self.structure.point_to(**arrays)
         self._kept = arrays
 

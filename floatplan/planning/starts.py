@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import count
 
 import numpy as np
@@ -60,8 +61,8 @@ def starts(
     def on_branches(at_landing: IntArray) -> DecisionVariables:
         return decision_variables(problem, degrees, np.stack((0 * at_landing, at_landing)), momentum)
 
-    plain = on_branches(np.zeros(len(problem.robot.joints), dtype=np.int64))
-    start = Start(plain, plain.plain_motion(), at_once=True)
+    start = _plain_start(problem, degrees, momentum)
+    plain = start.variables
     yield start
     if plain.size and is_planar(model.flight) and is_plain(problem):
         rows = replace(Numbers.of_problems([problem]).rows(), momentum=momentum.centre)
@@ -78,6 +79,13 @@ def starts(
                 yield next(drawn)
                 yield replace(start, x=np.concatenate((coefficients, fraction * axis)))
     yield from drawn
+
+
+@lru_cache(maxsize=8)
+def _plain_start(problem: Problem, degrees: tuple[int, ...], momentum: MomentumSet) -> Start:
+    """Each search of a problem begins with it: with another seed, or for another best one."""
+    variables = decision_variables(problem, degrees, np.zeros((2, len(problem.robot.joints)), np.int64), momentum)
+    return Start(variables, variables.plain_motion(), at_once=True)
 
 
 def _random_starts(

@@ -22,7 +22,6 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
 from floatplan.files import plain
-from floatplan.motion.planar.closed_form import centroidal_coupling
 from floatplan.problem.file import problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.view.outlines import pairs
@@ -150,7 +149,7 @@ def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> byt
 def flight_data(problem: Problem) -> dict[str, Any]:
     """Return what the page needs to fly any row: links and inertia, and the problem whose numbers vary."""
     scene, tree = scene_data(problem), problem.robot.tree
-    inertia = {"coupling": rounded(pairs(centroidal_coupling(tree))), "inertia": rounded(tree.inertia)}
+    inertia = {"coupling": rounded(pairs(tree.coupling)), "inertia": rounded(tree.inertia)}
     return {
         **scene,
         "robot": {**scene["robot"], **inertia},

@@ -12,6 +12,7 @@ from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan
 
 from floatplan.arrays import read_only
 from floatplan.certificate.certificate import certify_record, shapes_of
+from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import urdf_path
@@ -418,7 +419,8 @@ def test_another_urdf_is_refused(plan_a, tmp_path):
         "<robot/>",
         "<robot><link name='a'/><link name='a'/></robot>",
         "<robot><link name='a'/><link name='b'/></robot>",
-        "<robot><link name='a'><inertial><mass value='nan'/><inertia/></inertial></link></robot>",
+        "<robot><link name='a'><inertial><mass value='nan'/></inertial></link></robot>",
+        "<robot><link name='a'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1'/></inertial></link></robot>",
     ],
 )
 def test_what_is_no_urdf_is_refused(plan_a, tmp_path, text):
@@ -427,6 +429,13 @@ def test_what_is_no_urdf_is_refused(plan_a, tmp_path, text):
     robot = replace(plan_a.robot, sha256=hashlib.sha256(text.encode()).hexdigest())
     with pytest.raises(InputError):
         certify_record(replace(plan_a, robot=robot), path)
+
+
+def test_a_link_without_an_inertia_is_a_point_mass():
+    text = b"<robot><link name='a'><inertial><origin xyz='1 0 0'/><mass value='2'/></inertial></link></robot>"
+    link = read_urdf(text, Path("point.urdf")).links["a"]
+    assert link.mass == 2
+    assert all(moment == 0 for moment in link.inertia.entries())
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from floatplan.errors import InputError
 from floatplan.plans.plan import load_plan
 from floatplan.plans.reading import load_record
 from floatplan.robot import Robot
-from floatplan.robot.shapes.cache import cache_folder
+from floatplan.robot.shapes.links import cache_folder
 
 MESH = "package://meshes/part.stl"
 SPHERE = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'

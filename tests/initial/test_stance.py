@@ -14,8 +14,7 @@ import floatplan as fp
 from floatplan.initial.candidates import MOST, Flights, PlainMotions
 from floatplan.initial.flight import _flips
 from floatplan.initial.robots import chosen_robot, feet, upright
-from floatplan.initial.stance import Stance, end_rates
-from floatplan.motion.planar.contact_rates import least_rates
+from floatplan.initial.stance import Stance
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
@@ -126,25 +125,6 @@ def test_flips_backwards_are_from_the_hind_legs():
     assert {each.stance.frame for each in group if each.turns == turns} == {chosen.feet[0]}
     assert {each.stance.frame for each in group if each.turns == -turns} == {chosen.feet[-1]}
     assert chosen.feet[0].startswith("R")
-
-
-@pytest.mark.parametrize("joints", [2, 3, 9])
-def test_rates_at_ends_are_the_least(joints):
-    """Of many ends at once they are those of the linear program, one at a time."""
-    rng = np.random.default_rng(joints)
-    matrix, target = rng.standard_normal((20, 3, joints + 1)), rng.standard_normal((20, 3))
-    limits = rng.uniform(0.5, 2.0, joints)
-    found = end_rates(matrix, target, limits)
-    for index in range(20):
-        least = least_rates(matrix[index], target[index], np.r_[np.inf, limits])
-        assert found.ratios[index] == pytest.approx(least.ratio, rel=1e-9)
-        np.testing.assert_allclose(found.rates[index], least.values[1:], atol=1e-8)
-        assert found.orientation_rates[index] == pytest.approx(least.values[0], abs=1e-8)
-
-
-def test_no_rates_stop_a_foot_that_no_joint_moves():
-    matrix = np.array([[[1.0, 0.2, 0.3], [0.5, 0.0, 0.0], [0.2, 0.0, 0.0]]])
-    assert np.isinf(end_rates(matrix, np.array([[1.0, 0.1, 0.4]]), np.ones(2)).ratios[0])
 
 
 def test_plain_motions_turn_the_base_as_their_integral_says(root):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -13,16 +13,23 @@ from scipy.optimize import linprog
 
 import floatplan as fp
 from floatplan.motion.planar.contact_rates import (
+    LeastRates,
     at_end,
     contact_rates,
     equations_at,
     has_contact,
-    least_rates,
     rate_limits,
 )
+from floatplan.motion.planar.contact_rates import least_rates as least_of_many
 from floatplan.robot.urdf.example_robots import robots_folder
 
 POSTURES = 30  # of each of eight robots
+
+
+def least_rates(columns, target, limits):
+    """Of one posture."""
+    found = least_of_many(columns[None], target[None], limits)
+    return LeastRates(*(getattr(found, each.name)[0] for each in fields(LeastRates)))
 
 
 def random_problem(robot, rng):
@@ -44,7 +51,7 @@ def random_problem(robot, rng):
 
 def brute_force(equations, momentum, limits):
     """Least ratio over all vertices of the linear program: every joint but one at plus or minus its limit."""
-    target = equations.constant + momentum * equations.by_momentum
+    target = equations.target(momentum)
     scale = np.abs(equations.matrix).max(axis=1)
     matrix, target = equations.matrix / scale[:, None], target / scale
     n, best = len(limits), np.inf
@@ -125,6 +132,20 @@ class TestOptimum:
                 assert np.max(np.abs(found.values) / limits) == pytest.approx(best, rel=1e-7, abs=1e-9)
                 assert columns @ found.values == pytest.approx(target, abs=1e-9)
                 assert found.influence.sum() == pytest.approx(1.0 if best > 1e-9 else found.influence.sum())
+
+    @pytest.mark.parametrize("joints", [2, 3, 9])
+    def test_of_many_postures_they_are_those_of_each(self, joints):
+        """Also where no joint moves the foot of one of them."""
+        rng = np.random.default_rng(joints)
+        columns, target = rng.standard_normal((20, 3, joints + 1)), rng.standard_normal((20, 3))
+        columns[7, 1:, 1:] = 0.0
+        limits = np.r_[np.inf, rng.uniform(0.5, 2.0, joints)]
+        found = least_of_many(columns, target, limits)
+        assert np.isinf(found.ratio).tolist() == [index == 7 for index in range(20)]
+        for index in range(20):
+            alone = least_rates(columns[index], target[index], limits)
+            assert found.ratio[index] == pytest.approx(alone.ratio, rel=1e-9)
+            np.testing.assert_allclose(found.values[index], alone.values, atol=1e-8)
 
     def test_limits_of_any_size(self):
         """The least and the largest that a problem may have, side by side."""
@@ -277,7 +298,7 @@ class TestSpecialCases:
         problem = fp.Problem(gymnast, fp.Posture(1.2, [0.5, -0.8]), fp.Posture(-1.0, [0.1, 0.2]), flight)
         found = contact_rates(problem, "takeoff", 2.0)
         equations = equations_at(problem.robot, *at_end(problem, "takeoff"))
-        only = np.linalg.solve(equations.matrix, equations.constant + 2.0 * equations.by_momentum)
+        only = np.linalg.solve(equations.matrix, equations.target(2.0))
         assert found.ratio is None
         assert [found.orientation_rate, *found.rates] == pytest.approx(only, rel=1e-9)
         free = contact_rates(problem, "takeoff", None)

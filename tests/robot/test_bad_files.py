@@ -63,7 +63,13 @@ def replaced(old, new):
 
 
 CARRY = 'parent link="a"/><child link="b"'
-INERTIA_B = 'ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"'
+
+
+def moments(xx, yy, zz):
+    return f'ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"'
+
+
+INERTIA_B = moments(0.01, 0.02, 0.02)
 WRONG_VALUES = {
     "mass NaN": (replaced('value="1"', 'value="nan"'), 'link "b": mass: value', "must be a number"),
     "mass infinite": (replaced('value="1"', 'value="inf"'), 'link "b": mass: value', "finite"),
@@ -72,6 +78,7 @@ WRONG_VALUES = {
     "mass text": (replaced('value="1"', 'value="one"'), 'link "b": mass: value', "must be a number"),
     "mass underscored": (replaced('value="1"', 'value="1_0"'), 'link "b": mass: value', "must be a number"),
     "mass negative": (replaced('value="1"', 'value="-1"'), 'link "b": mass', "is negative"),
+    "moment left out": (replaced('ixy="0" ', ""), 'link "a": inertia', "has no ixy"),
     "mass left out": (replaced('<mass value="1"/>', "<mass/>"), 'link "b": mass', "has no value"),
     "inertia NaN": (replaced('iyy="0.02"', 'iyy="NaN"'), 'link "b": inertia: iyy', "must be a number"),
     "inertia text": (replaced('iyy="0.02"', 'iyy=""'), 'link "b": inertia: iyy', "must be a number"),
@@ -198,10 +205,10 @@ SOUND = {
     "inertial all zero": robot_text(
         J,
         K,
-        '<link name="b"><inertial><mass value="0"/><inertia ixx="0" iyy="0" izz="0"/></inertial></link>',
+        f'<link name="b"><inertial><mass value="0"/><inertia {moments(0, 0, 0)}/></inertial></link>',
         links="ac",
     ),
-    "plate rounded to three digits": replaced(INERTIA_B, 'ixx="0.01" iyy="0.0201" izz="0.0101"'),
+    "plate rounded to three digits": replaced(INERTIA_B, moments(0.01, 0.0201, 0.0101)),
     "joint and link of one name": robot_text(joint("b", "a", "b"), links="ab"),
     "joints named like a root's": robot_text(
         joint("root_joint", "a", "b"), joint("base_orientation", "b", "c"), joint("base_world", "c", "d"), links="abcd"

@@ -241,7 +241,7 @@ def split_link(text):
     inertia = 0.107 - 1.0 * 0.09**2 - 1.5 * 0.06**2
     halves = [
         f'<inertial><origin xyz="{place} 0 0"/><mass value="{mass}"/>'
-        f'<inertia ixx="0.001" iyy="{inertia / 2}" izz="{inertia / 2}"/></inertial>'
+        f'<inertia ixx="0.001" ixy="0" ixz="0" iyy="{inertia / 2}" iyz="0" izz="{inertia / 2}"/></inertial>'
         for place, mass in ((light, 1.0), (heavy, 1.5))
     ]
     begin = text.index("<inertial>", text.index('name="body1"'))

@@ -14,18 +14,18 @@ from robot_samples import RandomTree, inertial, joint
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot import Robot
-from floatplan.robot.shapes import cache as capsule_cache
-from floatplan.robot.shapes.cache import cache_folder
+from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import (
-    Cut,
-    Fit,
     Outline,
     PlaneCapsule,
     _halves,
+    capsules_of,
     convex_hull,
     fit,
     fit_capsule,
+    is_fit,
 )
+from floatplan.robot.shapes.links import cache_folder
 
 
 @pytest.fixture(autouse=True)
@@ -87,13 +87,13 @@ def test_bent_shapes_are_split_and_straight_ones_are_not():
     elbow = np.concatenate([arm, 1j * arm])
     near = abs(elbow[:, None] - elbow[None, :]) < 0.06
     edges = np.argwhere(np.triu(near, 1))
-    capsules = fit(Outline(elbow, edges)).capsules
+    capsules = capsules_of(fit(Outline(elbow, edges)))
     assert 2 <= len(capsules) <= 4
     assert sum(capsule.area for capsule in capsules) < 0.6 * fit_capsule(elbow).area
     middles = (elbow[edges[:, 0]] + elbow[edges[:, 1]]) / 2
     for points in (elbow, middles):
         assert np.max([capsule.depth(points) for capsule in capsules], axis=0).min() > -1e-12
-    assert len(fit(Outline.convex(arm)).capsules) == 1
+    assert len(capsules_of(fit(Outline.convex(arm)))) == 1
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -106,7 +106,7 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
     corners[0, 1] = corners[1, 0] + 0.5
     numbers = np.arange(36).reshape(12, 3)
     edges = np.concatenate([numbers[:, [0, 1]], numbers[:, [1, 2]], numbers[:, [2, 0]]])
-    capsules = fit(Outline(corners.ravel(), edges, 0.02)).capsules
+    capsules = capsules_of(fit(Outline(corners.ravel(), edges, 0.02)))
     inside = np.einsum("kj,ij->ik", generator.dirichlet((0.5, 0.5, 0.5), 400), corners).ravel()
     assert np.max([capsule.depth(inside) for capsule in capsules], axis=0).min() > 0.02 - 1e-12
 
@@ -114,7 +114,7 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
 def test_parts_that_are_cut_again_across_the_first_cut_hold_the_inside():
     corners = np.array([0j, 4 + 0j, 1 + 3j])
     triangle = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
-    parts = [part for half in _halves(triangle, Cut(1 + 0j, 2.0)) for part in _halves(half, Cut(1j, 1.5))]
+    parts = [part for half in _halves(triangle, 1 + 0j, 2.0) for part in _halves(half, 1j, 1.5)]
     inside = np.random.default_rng(1).dirichlet((1, 1, 1), 2000) @ corners
     assert np.max([_depth_in_hull(part.points, inside) for part in parts], axis=0).min() > -1e-12
 
@@ -298,15 +298,15 @@ def test_mesh_capsules_come_from_the_cache_the_second_time(tmp_path, monkeypatch
     geometry = GEOMETRIES["mesh"]
     first = robot_with(tmp_path, geometry)[0].shapes
     assert list(cache_folder().iterdir())
-    monkeypatch.setattr(capsule_cache, "fit", lambda _: pytest.fail("the capsules were fitted again"))
+    monkeypatch.setattr(links, "fit", lambda _: pytest.fail("the capsules were fitted again"))
     assert robot_with(tmp_path, geometry)[0].shapes == first
 
 
 def changed_leaf(content, change):
     """A cache entry with a change to each of its capsules."""
-    if isinstance(content, list):
+    if len(content) == 5:
         return change(content)
-    return content | {"parts": [changed_leaf(part, change) for part in content["parts"]]}
+    return [content[0], *(changed_leaf(part, change) for part in content[1:])]
 
 
 FORGED = {
@@ -315,13 +315,15 @@ FORGED = {
     "not UTF-8": lambda text: "\udcff",
     "null": lambda text: "null",
     "empty": lambda text: "[]",
+    "a table": lambda text: '{"line":[1,0,0],"a":[0,0,0,0,9],"b":[0,0,0,0,9]}',
+    "four splits": lambda text: "[[1,0,0]," * 4 + "[0,0,0,0,9]" + ",[0,0,0,0,9]]" * 4,
     "deep": lambda text: "[" * 5_000,
     "long": lambda text: "[" + "0," * 10**6 + "0]",
-    "lines without end": lambda text: '{"line":[1,0,0],"parts":[' * 4 + "[0,0,0,0,9]" + "]}" * 4,
-    "a line of no direction": lambda text: '{"line":[0,0,0],"parts":[[0,0,0,0,9],[0,0,0,0,9]]}',
-    "one part": lambda text: '{"line":[1,0,0],"parts":[[0,0,0,0,9]]}',
-    "no part": lambda text: '{"line":[1,0,0],"parts":[]}',
-    "a line beside the mesh": lambda text: '{"line":[1,0,900],"parts":[[0,0,0,0,9],[0,0,0,0,9]]}',
+    "lines without end": lambda text: "[[1,0,0]," * 4 + "[0,0,0,0,9]" + "]" * 4,
+    "a line of no direction": lambda text: "[[0,0,0],[0,0,0,0,9],[0,0,0,0,9]]",
+    "one part": lambda text: "[[1,0,0],[0,0,0,0,9]]",
+    "no part": lambda text: "[[1,0,0]]",
+    "a line beside the mesh": lambda text: "[[1,0,900],[0,0,0,0,9],[0,0,0,0,9]]",
     "not a number": lambda text: "[NaN,0,0,0,1]",
     "beyond all numbers": lambda text: "[1e308,1e308,-1e308,-1e308,1e308]",
     "a point": lambda text: "[0,0,0,0,0]",
@@ -330,7 +332,7 @@ FORGED = {
     "thinner": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [*leaf[:4], leaf[4] * 0.999])),
     "thicker": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [*leaf[:4], leaf[4] * 1.001])),
     "aside": lambda text: json.dumps(changed_leaf(json.loads(text), lambda leaf: [leaf[0] + 1e-3, *leaf[1:]])),
-    "one of the parts for the whole": lambda text: text[text.rindex("[", 0, text.rindex(",")) :].rstrip("]}") + "]",
+    "one of the parts for the whole": lambda text: text[text.rindex("[", 0, text.rindex(",")) :].rstrip("]") + "]",
 }
 
 
@@ -358,9 +360,9 @@ def test_parts_beside_a_line_that_was_moved_are_seen(seed):
     corners = np.array([0j, 4 + 0j, 4 + 1j]) * np.exp(1j * generator.uniform(0, 6))
     outline = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
     direction = complex(corners[1] / abs(corners[1]))
-    apart = tuple(Fit(fit_capsule(points)) for points in (corners[:1], corners[1:]))
-    assert not Fit(None, Cut(direction, float(generator.uniform(0.1, 3.9))), apart).is_of(outline)
-    assert fit(outline).is_of(outline)
+    apart = [fit(Outline.convex(points), 0) for points in (corners[:1], corners[1:])]
+    assert not is_fit([[direction.real, direction.imag, float(generator.uniform(0.1, 3.9))], *apart], outline)
+    assert is_fit(fit(outline), outline)
 
 
 def test_an_unwritable_cache_is_no_error(tmp_path, monkeypatch):

@@ -160,15 +160,6 @@ class _Body:
     origin: Any
     masses: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
-    @property
-    def mass(self) -> Any:
-        return sum((mass for mass, _, _ in self.masses), start=flint.arb(0))
-
-    @property
-    def moment(self) -> Any:
-        """First moment about the origin."""
-        return sum((mass * place for mass, place, _ in self.masses), start=flint.acb(0))
-
 
 def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
     """Gather the bodies and their constants.
@@ -211,7 +202,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             normals = flint.arb_mat([[center.rotation[normal_axis, k] for k in range(3)]])
             about = (normals * link.inertia * normals.transpose())[0, 0]
             body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
-        weights = _weights(bodies)
+        weights, inertia = _weights_and_inertia(bodies)
         points = {
             link: Point(body, in_plane(placed[link].translation) - bodies[body].origin)
             for link, body in body_of.items()
@@ -224,7 +215,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             sigma=sigma,
             turns=_matrix([body.turns for body in bodies]),
             turned_by=[[(i, turn) for i, turn in enumerate(body.turns) if not turn.is_zero()] for body in bodies],
-            inertia=_inertia(bodies, weights),
+            inertia=inertia,
             weights=weights,
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
             carriers=_carriers(urdf),
@@ -295,40 +286,34 @@ def _matrix(rows: Sequence[Sequence[Any]]) -> Balls:
     return Balls.from_arb([entry for row in rows for entry in row], (len(rows), len(rows[0])))
 
 
-def _weights(bodies: list[_Body]) -> list[list[Any]]:
-    """Weights (m, m) of the bodies' origins relative to the centre of mass."""
+def _weights_and_inertia(bodies: list[_Body]) -> tuple[list[list[Any]], ComplexBalls]:
+    """Weights (m, m) of the bodies' origins relative to the centre of mass, and the inertia C (m, m).
+
+    With a row W for each part (link) of all bodies, which is that of its body's origin plus its place in the body's own
+    entry, and the parts' masses M: the centre of mass is ``M W / sum M``, and, with W relative to that, C is
+    ``W^* diag(M) W`` plus the parts' own inertias on the diagonal.
+    """
     count = len(bodies)
     origins: list[list[Any]] = []
     for body in bodies:
-        row = [flint.acb(0)] * count if body.parent < 0 else list(origins[body.parent])
+        origins.append([flint.acb(0)] * count if body.parent < 0 else list(origins[body.parent]))
         if body.parent >= 0:
-            row[body.parent] = row[body.parent] + body.origin - bodies[body.parent].origin
-        origins.append(row)
-    total = sum((body.mass for body in bodies), start=flint.arb(0))
+            origins[-1][body.parent] += body.origin - bodies[body.parent].origin
+    parts = [(b, *part) for b, body in enumerate(bodies) for part in body.masses]
+    masses = flint.acb_mat([[mass for _, mass, _, _ in parts]])
+    total = sum(masses.entries(), start=flint.acb(0)).real
     if not total > 0:
         raise InputError("has no mass")
-    center = [body.moment / total for body in bodies]
-    for body, row in zip(bodies, origins, strict=True):
-        fraction = body.mass / total
-        center = [entry + fraction * weight for entry, weight in zip(center, row, strict=True)]
-    return [[weight - entry for weight, entry in zip(row, center, strict=True)] for row in origins]
-
-
-def _inertia(bodies: list[_Body], weights: list[list[Any]]) -> ComplexBalls:
-    """``C_ij = sum_parts m conj(w_i) w_j + delta_ij I_i``, over the parts (links) of all bodies.
-
-    A part's weights are those of its body's origin, w, plus its place p in that body's own entry; so with a body's mass
-    m, first moment s and second moment k about its origin, its fraction is
-    ``m conj(w_i) w_j + conj(s) w_j [i = b] + s conj(w_i) [j = b] + k [i = j = b]``.
-    """
-    count = len(bodies)
-    columns = flint.acb_mat([[row[j].conjugate() for row in weights] for j in range(count)])
-    scaled = flint.acb_mat([[body.mass * entry for entry in row] for body, row in zip(bodies, weights, strict=True)])
-    matrix = (columns * scaled).tolist()
-    for b, body in enumerate(bodies):
-        moment = body.moment
-        for j in range(count):
-            matrix[b][j] += moment.conjugate() * weights[b][j]
-            matrix[j][b] += moment * weights[b][j].conjugate()
-        matrix[b][b] += sum((m * abs(p) * abs(p) + about for m, p, about in body.masses), start=flint.arb(0))
-    return ComplexBalls.from_acb([entry for row in matrix for entry in row], (count, count))
+    of_parts = flint.acb_mat(
+        [[weight + place * (b == j) for j, weight in enumerate(origins[b])] for b, _, place, _ in parts]
+    )
+    center = masses * of_parts * (1 / total)
+    relative = of_parts - flint.acb_mat([[1]] * len(parts)) * center
+    weighted = flint.acb_mat(
+        [[mass * entry for entry in row] for (_, mass, *_), row in zip(parts, relative.tolist(), strict=True)]
+    )
+    matrix = (relative.conjugate().transpose() * weighted).tolist()
+    for b, _, _, about in parts:
+        matrix[b][b] += about
+    weights = (flint.acb_mat(origins) - flint.acb_mat([[1]] * count) * center).tolist()
+    return weights, ComplexBalls.from_acb([entry for row in matrix for entry in row], (count, count))

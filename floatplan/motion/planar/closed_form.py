@@ -19,12 +19,6 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.robot.planar.tree import PlanarTree, rotations_of
 
 
-def centroidal_coupling(tree: PlanarTree) -> ComplexArray:
-    """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' centres of mass."""
-    weights = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    return np.asarray(weights.conj().T @ (tree.mass[:, None] * weights))
-
-
 @dataclass(frozen=True, eq=False)
 class TurningBodies:
     """The g bodies of a tree that turn differently.
@@ -47,9 +41,7 @@ class TurningBodies:
         group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
         rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(known))[group]
         turns = np.array(list(known)).reshape(len(known), -1)
-        return cls(turns, np.empty(0, np.complex128), tree.turn, rotations).adapted(
-            centroidal_coupling(tree), tree.inertia
-        )
+        return cls(turns, np.empty(0, np.complex128), tree.turn, rotations).adapted(tree.coupling, tree.inertia)
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:
         """The same with other masses: C (m, m) and inertias (m,), kg m^2, of all bodies of the tree."""
@@ -94,7 +86,7 @@ class Dynamics:
         self._distinct = TurningBodies.of(tree)
         self._distinct_turns_transposed = self._distinct.turns.T.copy()
         self._rates = self._distinct.rates
-        self._weigh(centroidal_coupling(tree), np.array(tree.inertia), self._distinct)
+        self._weigh(tree.coupling, np.array(tree.inertia), self._distinct)
 
     def _weigh(self, coupling: ComplexArray, inertia: Array, distinct: TurningBodies) -> None:
         self._coupling, self._coupling_transposed, self._inertia = coupling, coupling.T.copy(), inertia

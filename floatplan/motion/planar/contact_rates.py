@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import Array, ComplexArray, read_only
 from floatplan.motion.planar.ballistics import ballistics, frame_weights
 from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.problem.problem import Problem
@@ -28,7 +28,7 @@ SAME = 1e-9  # [-] relative: what differs by less is equal
 
 @dataclass(frozen=True, eq=False)
 class ContactEquations:
-    """``matrix @ (theta0', q_1', .., q_n') = constant + angular_momentum * by_momentum``.
+    """``matrix @ (theta0', q_1', .., q_n') = target(angular_momentum)``.
 
     The rows are the angular momentum, kg m^2/s, and the velocity of the frame relative to the centre of mass,
     horizontal and vertical, m/s.
@@ -36,19 +36,25 @@ class ContactEquations:
     Attributes
     ----------
     matrix : (3, n+1)
-    constant, by_momentum : (3,)
+    com_velocity : (2,) m/s
     """
 
     matrix: Array
-    constant: Array
-    by_momentum: Array
+    com_velocity: Array
 
-    @property
-    def scale(self) -> Array:
-        """Sizes (3,) of the rows; one for both of the velocity, as either may vanish where a robot is stretched out."""
-        sizes: Array = np.abs(self.matrix).max(axis=1)
-        sizes[1:] = sizes[1:].max() or 1.0
-        return sizes
+    def target(self, angular_momentum: float) -> Array:
+        """What the rows have to be (3,)."""
+        return np.array([angular_momentum, *-self.com_velocity])
+
+
+def row_sizes(matrix: Array) -> Array:
+    """Sizes (.., 3) of the rows of ``ContactEquations`` (.., 3, k); those of the velocity share one.
+
+    Either of these two may vanish where a robot is stretched out.
+    """
+    sizes: Array = np.abs(matrix).max(axis=-1)
+    sizes[..., 1:] = sizes[..., 1:].max(axis=-1, keepdims=True)
+    return np.where(sizes == 0, 1.0, sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +121,16 @@ def equations_at(
     """Return the equations for a frame at rest in any posture; ``com_velocity`` (2,) m/s."""
     tree = robot.tree
     rotations = tree.rotations(tree.absolute_angles(np.array(orientation), positions))
-    swings = 1j * tree.turn * rotations * frame_weights(robot, frame)
-    frame_rates = np.concatenate(([swings.sum()], swings @ tree.turns))
-    matrix = np.stack((tree_dynamics(tree).momentum_map(positions[None])[0], frame_rates.real, frame_rates.imag))
-    return ContactEquations(
-        matrix=read_only(matrix),
-        constant=read_only([0.0, -com_velocity[0], -com_velocity[1]]),
-        by_momentum=read_only([1.0, 0.0, 0.0]),
-    )
+    inertia = tree_dynamics(tree).momentum_map(positions[None])
+    matrix = contact_matrices(robot, frame, inertia, rotations[None])[0]
+    return ContactEquations(read_only(matrix), read_only(com_velocity))
+
+
+def contact_matrices(robot: Robot, frame: Frame, inertia: Array, rotations: ComplexArray) -> Array:
+    """Matrices (K, 3, n+1) of :class:`ContactEquations`, from D (K, n+1) and the bodies' rotations (K, m)."""
+    swings = 1j * robot.tree.turn * rotations * frame_weights(robot, frame)
+    of_frame = np.concatenate((swings.sum(axis=1, keepdims=True), swings @ robot.tree.turns), axis=1)
+    return np.stack((inertia, of_frame.real, of_frame.imag), axis=1)
 
 
 def rate_limits(problem: Problem) -> Array:
@@ -173,26 +181,24 @@ def shared_momentum(problem: Problem) -> float | None:
 
 def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_momentum: float | None) -> ContactRates:
     """Return the rates that satisfy equations, see :func:`contact_rates`; ``limits`` (n,) rad/s."""
-    scale = equations.scale
-    columns, target, by_momentum = equations.matrix / scale[:, None], equations.constant / scale, equations.by_momentum
+    scale = row_sizes(equations.matrix)
+    columns, target = equations.matrix / scale[:, None], equations.target(angular_momentum or 0.0) / scale
     free = 1
     if angular_momentum is None:
-        columns, free = np.column_stack((-by_momentum / scale, columns)), 2
-    else:
-        target = target + angular_momentum * by_momentum / scale
+        columns, free = np.column_stack((np.array([-1.0, 0.0, 0.0]) / scale, columns)), 2
     unlimited = 1 / np.abs(robot.motor_ratios).max(axis=0)  # of the fastest motor, 1 rad/s
     limited = np.isfinite(limits)
     costless = np.full(free, np.inf)
-    least = least_rates(columns, target, np.concatenate((costless, limits)))
-    values = least.values.copy()
-    if not limited.all() and np.isfinite(least.ratio):
+    least = least_rates(columns[None], target[None], np.concatenate((costless, limits)))
+    values, ratio = least.values[0], float(least.ratio[0])
+    if not limited.all() and np.isfinite(ratio):
         kept = np.concatenate((costless > 0, ~limited))
         rest = target - columns[:, ~kept] @ values[~kept]
-        others = least_rates(columns[:, kept], rest, np.concatenate((costless, unlimited[~limited])))
-        values[kept] = others.values
+        others = least_rates(columns[None][:, :, kept], rest[None], np.concatenate((costless, unlimited[~limited])))
+        values[kept] = others.values[0]
         least = least if limited.any() else others
     return ContactRates(
-        ratio=least.ratio if limited.any() or not np.isfinite(least.ratio) else None,
+        ratio=ratio if limited.any() or not np.isfinite(ratio) else None,
         rates=read_only(values[free:]),
         orientation_rate=float(values[free - 1]),
         angular_momentum=float(values[0]) if angular_momentum is None else angular_momentum,
@@ -204,8 +210,8 @@ def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_m
 
 def _motor(robot: Robot, least: LeastRates, free: int) -> str | None:
     """Of the joint with most influence the motor that is the first at its limit."""
-    influence = least.influence[free:]
-    if not 0 < least.ratio < np.inf:
+    influence = least.influence[0, free:]
+    if not 0 < least.ratio[0] < np.inf:
         return None
     leader = int(np.flatnonzero(influence >= influence.max() * (1 - SAME))[0])
     ratios = np.abs(robot.motor_ratios[:, leader])
@@ -216,17 +222,17 @@ def _motor(robot: Robot, least: LeastRates, free: int) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class LeastRates:
-    """The rates, and what holds them back.
+    """The rates of K postures, and what holds them back.
 
     Attributes
     ----------
-    ratio : the largest ``|x_i| / limit_i``; infinite where no rates satisfy the equations
-    values : (k,) the rates x; NaN where there are none
-    influence : (k,)
+    ratio : (K,) the largest ``|x_i| / limit_i``; infinite where no rates satisfy the equations
+    values : (K, k) the rates x; NaN where there are none
+    influence : (K, k)
         By which share ``ratio`` falls as a limit grows by its own share; the sum is 1, or 0 where nothing holds back.
     """
 
-    ratio: float
+    ratio: Array
     values: Array
     influence: Array
 
@@ -241,62 +247,64 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
 
     Parameters
     ----------
-    columns : (3, k), the equations of comparable size: what is ``NOTHING`` beside the rest of a column is rounding
-    target : (3,)
+    columns : (K, 3, k), the equations of comparable size: what is ``NOTHING`` beside the rest of a column is rounding
+    target : (K, 3)
     limits : (k,)
-        Positive; infinite where a rate costs nothing. These must leave at most two of the three equations.
+        Positive; infinite where a rate costs nothing. These must leave at most two of the three equations, and as many
+        in each of the K.
     """
-    size = float(np.linalg.norm(target))
+    size = np.linalg.norm(target, axis=1)
     limited = np.isfinite(limits)
-    reach = columns * np.where(limited, limits, 0.0)
-    values, influence, ratio = np.zeros(len(limits)), np.zeros(len(limits)), 0.0
-    basis = _complement(columns[:, ~limited])
-    open_, rest, first = limited, target, True
-    while basis.shape[1]:
-        normal = basis @ _steepest(basis, reach * open_, rest)
-        asked = float(normal @ rest) if abs(normal @ rest) > NOTHING * size else 0.0
-        pulls = _pulls(normal, reach * open_)
-        strength = float(np.abs(pulls).sum())
-        if first and asked and not strength:
-            return LeastRates(np.inf, np.full(len(limits), np.nan), influence)
+    finite = np.where(limited, limits, 0.0)
+    reach = columns * finite
+    values, influence, ratio = np.zeros(reach[:, 0].shape), np.zeros(reach[:, 0].shape), np.zeros(len(target))
+    basis = _complement(columns[:, :, ~limited])
+    open_, rest = np.broadcast_to(limited, values.shape), target
+    for stage in range(basis.shape[2]):
+        direction = _steepest(basis, reach * open_[:, None], rest)
+        normal = basis @ direction[:, :, None]
+        asked = (rest[:, None] @ normal)[:, 0, 0]
+        asked[np.abs(asked) <= NOTHING * size] = 0.0
+        pulls = _pulls(normal.transpose(0, 2, 1), reach * open_[:, None])[:, 0]
+        strength = np.abs(pulls).sum(axis=1)
+        shares = np.divide(asked, strength, out=np.where(asked == 0, 0.0, np.inf), where=strength > 0)
         acting = pulls != 0
-        if strength:
-            values[acting] = asked / strength * np.sign(pulls[acting]) * limits[acting]
-        if first and strength:
-            ratio, influence = abs(asked) / strength, np.abs(pulls) / strength
-        open_, rest, first = open_ & ~acting, target - columns[:, limited] @ values[limited], False
-        basis = basis @ _complement((basis.T @ normal)[:, None])
-    values[~limited] = np.linalg.lstsq(columns[:, ~limited], rest, rcond=SAME)[0]
+        if stage == 0:
+            ratio, influence = np.abs(shares), np.abs(pulls) / np.where(strength > 0, strength, 1.0)[:, None]
+        values += np.where(acting, shares[:, None], 0.0) * np.sign(pulls) * finite
+        open_, rest = open_ & ~acting, target - (columns[:, :, limited] @ values[:, limited, None])[:, :, 0]
+        if stage + 1 < basis.shape[2]:  # from the plane to the line across
+            basis = basis @ np.stack((-direction[:, 1], direction[:, 0]), axis=1)[:, :, None]
+    values[:, ~limited] = (np.linalg.pinv(columns[:, :, ~limited], rcond=SAME) @ rest[:, :, None])[:, :, 0]
+    values[np.isinf(ratio)] = np.nan
     return LeastRates(ratio, values, influence)
 
 
 def _complement(columns: Array) -> Array:
-    """Orthonormal basis (r, d) of what is perpendicular to all columns (r, k)."""
-    lengths = np.linalg.norm(columns, axis=0)
-    directions = columns[:, lengths > 0] / lengths[lengths > 0]
-    left, singular, _ = np.linalg.svd(directions)
-    return np.asarray(left[:, int((singular > SAME).sum()) :])
+    """Orthonormal bases (K, r, d) of what is perpendicular to all columns (K, r, k)."""
+    lengths = np.linalg.norm(columns, axis=1, keepdims=True)
+    left, singular, _ = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0))
+    return np.asarray(left[:, :, int((singular > SAME).sum(axis=1).max(initial=0)) :])
 
 
 def _pulls(normals: Array, reach: Array) -> Array:
-    """How far each column of ``reach`` (3, k) goes along unit normals (.., 3): 0 where that is rounding."""
+    """How far (K, .., k) each column of ``reach`` (K, 3, k) goes along unit normals (K, .., 3): 0 for rounding."""
     pulls = normals @ reach
-    pulls[np.abs(pulls) <= NOTHING * np.linalg.norm(reach, axis=0)] = 0.0
-    return np.asarray(pulls)
+    return np.where(np.abs(pulls) <= NOTHING * np.linalg.norm(reach, axis=1, keepdims=True), 0.0, pulls)
 
 
 def _steepest(basis: Array, reach: Array, target: Array) -> Array:
-    """Unit vector y (d,), d of 1 or 2, in the basis (3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
-    if basis.shape[1] == 1:
-        return np.ones(1)
-    across, along = basis.T @ reach, basis.T @ target
-    candidates = np.concatenate((np.stack((-across[1], across[0])), along[:, None]), axis=1)
-    lengths = np.linalg.norm(candidates, axis=0)
-    if not lengths.any():
-        return np.array([1.0, 0.0])
-    candidates = candidates[:, lengths > 0] / lengths[lengths > 0]
-    asked = np.abs(along @ candidates)
-    asked[asked <= NOTHING * np.linalg.norm(target)] = 0.0
-    strength = np.abs(_pulls((basis @ candidates).T, reach)).sum(axis=1)
+    """Unit vectors y (K, d), d of 1 or 2, in bases (K, 3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
+    if basis.shape[2] == 1:
+        return np.ones((len(basis), 1))
+    across, along = basis.transpose(0, 2, 1) @ reach, basis.transpose(0, 2, 1) @ target[:, :, None]
+    candidates = np.concatenate((np.stack((-across[:, 1], across[:, 0]), axis=1), along), axis=2)
+    lengths = np.linalg.norm(candidates, axis=1)
+    candidates /= np.where(lengths > 0, lengths, 1.0)[:, None]
+    asked = np.abs(along.transpose(0, 2, 1) @ candidates)[:, 0]
+    asked[asked <= NOTHING * np.linalg.norm(target, axis=1, keepdims=True)] = 0.0
+    strength = np.abs(_pulls((basis @ candidates).transpose(0, 2, 1), reach)).sum(axis=2)
     ratios = np.divide(asked, strength, out=np.where(asked > 0, np.inf, 0.0), where=strength > 0)
-    return np.asarray(candidates[:, int(np.argmax(ratios))])
+    best = np.where(lengths > 0, ratios, -1.0).argmax(axis=1)
+    chosen = candidates[np.arange(len(best)), :, best]
+    return np.where(lengths.any(axis=1, keepdims=True), chosen, [1.0, 0.0])

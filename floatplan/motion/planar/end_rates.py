@@ -15,12 +15,11 @@ from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.tables import CLEARANCE
+from floatplan.tables import AT_REST, CLEARANCE
 
 ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
 REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
 HALVINGS = 10  # [-] of that, at most, on the way to a bend of the rates
-STILL = 1e-9  # [m/s] speed below which a point is at rest
 STRAIGHT = 1e-9  # [-] relative: a smaller bend is rounding
 
 
@@ -134,7 +133,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
         ("goal", goal, problem.flight.duration, -1.0, "up out of the ground at landing"),
     ):
         link, velocity = _slowest_contact(problem, state, instant, sign, float(angular_momentum[0]))
-        if velocity < -STILL:
+        if velocity < -AT_REST:
             errors.append(
                 InputError(
                     f"{link} moves {direction}, at {-velocity:.4g} m/s",

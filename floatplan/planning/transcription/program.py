@@ -133,14 +133,6 @@ class FlightProgram:
         return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
 
     @cached_property
-    def _entries(self) -> list[int]:
-        """Entries of each constraint's Jacobian, but for rows that are only the opposite of others."""
-        assert self._watch, "there is a kernel for them"
-        ends = np.cumsum([len(block.labels) for block in self.constraints])[:-1]
-        counts = [int(own.sum()) for own in np.split(self._watch.differentiated, ends)]
-        return [len(self.sampling.s) * rows * self.variables.size for rows in counts]
-
-    @cached_property
     def _sums(self) -> Array:
         """The quantity of an integral as the kernel's sums (r, terms)."""
         assert self._watch, "there is a kernel for them"
@@ -154,11 +146,12 @@ class FlightProgram:
         drift = compiled.drift(self._by_x, self.sampling.nodes)
         slopes = drift[:, None, :]
         jacobian = compiled.jacobian(motion.flown.transport(slopes) if self._watch.needs_places else slopes)
-        for entries in self._entries:
-            self.model.differentiated(entries)
+        of_row = len(self.sampling.s) * len(x)
+        for rows in self._watch.differentiated:
+            self.model.differentiated(of_row * rows)
         if isinstance(self.objective, IntegralOfSquares):
             gradient = compiled.gradient(self.objective.weights(motion) @ self._sums)
-            self.model.differentiated(len(self.sampling.s) * len(x))
+            self.model.differentiated(of_row)
         else:
             gradient = self.objective.gradient(motion, x)
         return Derivatives(gradient, motion.duration * (self.sampling.weights @ drift)[None], jacobian)

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
@@ -24,11 +24,13 @@ AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
 class Boundary:
     """The conditions (13) of a problem, for arcsine branches (2, n) at takeoff and at landing.
 
-    ``positions, accelerations`` (2, n) rad and rad/s^2; ``centre, amplitude`` (n,) rad; ``duration`` s.
+    ``positions, accelerations`` (2, n) rad and rad/s^2, zeros where they are ``free`` (2, 1); ``centre, amplitude``
+    (n,) rad; ``duration`` s.
     """
 
     positions: Array
     accelerations: Array
+    free: BoolArray
     rates: RatesAtEnds
     centre: Array
     amplitude: Array
@@ -53,11 +55,10 @@ class Boundary:
         return np.stack(columns, axis=-1)
 
     def _arguments(self, rates: Array) -> tuple[Array, Array, Array]:
-        accelerations = np.nan_to_num(self.accelerations)
-        return boundary_arguments(self.positions, rates, accelerations, self.centre, self.amplitude, self.branches)
+        return boundary_arguments(self.positions, rates, self.accelerations, self.centre, self.amplitude, self.branches)
 
     def _by_joint(self, p: Array, rate: Array, curvature: Array) -> Array:
-        given = np.where(np.isnan(self.accelerations), 0.0, self.duration**2 * curvature)
+        given = np.where(self.free, 0.0, self.duration**2 * curvature)
         ends = np.array([p, self.duration * rate, given])
         return ends.transpose(2, 1, 0).reshape(-1, CONDITIONS)
 
@@ -66,10 +67,11 @@ def boundary(problem: Problem, branches: IntArray, momentum: MomentumSet) -> Bou
     """Return the conditions (13) of a problem, for an angular momentum of the set."""
     states = (problem.initial, problem.final)
     low, high = problem.position_limits.T
-    accelerations = [s.accelerations + (np.nan if s.free_accelerations else 0.0) for s in states]
+    free = np.array([[state.free_accelerations] for state in states])
     return Boundary(
         positions=np.array([state.positions for state in states]),
-        accelerations=np.array(accelerations),
+        accelerations=np.where(free, 0.0, [state.accelerations for state in states]),
+        free=free,
         rates=end_rates(problem, momentum),
         centre=(low + high) / 2,
         amplitude=(high - low) / 2,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -83,6 +84,12 @@ class PlanarTree:
         from_base = self._weights_from_base(body, local)
         centers = self._weights_from_base(np.arange(len(self.mass)), self.center)
         return np.asarray(from_base - self.mass @ centers / self.mass.sum(), dtype=np.complex128)
+
+    @cached_property
+    def coupling(self) -> ComplexArray:
+        """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' mass centres."""
+        weights = self.point_weights(np.arange(len(self.mass)), self.center)
+        return _sealed(np.asarray(weights.conj().T @ (self.mass[:, None] * weights)))
 
     def _weights_from_base(self, body: IntArray, local: ComplexArray) -> ComplexArray:
         origins = np.zeros((len(self.mass), len(self.mass)), dtype=np.complex128)

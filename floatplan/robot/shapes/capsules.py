@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +19,13 @@ FLATTEST = 1e-9  # [-] sine of the angle between sides that are prolonged until 
 SAME = 1e-11  # [-] of the largest coordinate: how closely capsules that were kept have to fit
 MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 OUTSIDE = 1e-3  # [m] by which a polygon of fewer corners may reach beyond a convex hull
+LARGEST_NUMBER = 1e4  # [m] coordinate, level or radius
+UNIT = 1e-14  # [-] by which the length of a direction may be off one
+
+# Capsules that hold an outline together, as plain numbers: [start x, start y, end x, end y, radius] of one capsule, or
+# [[x, y, level], fit, fit] of the outline's parts on both sides of the line of points whose component along the unit
+# vector (x, y) is the level.
+Fit: TypeAlias = list[Any]
 
 
 @dataclass(frozen=True)
@@ -57,58 +66,54 @@ class Outline:
         return cls(hull, np.stack([count, np.roll(count, -1)], axis=1), radius)
 
 
-@dataclass(frozen=True)
-class Cut:
-    """The points whose component along ``direction``, of unit length, is ``level``."""
+def capsules_of(fitted: Fit) -> list[PlaneCapsule]:
+    """Return the capsules of a fit."""
+    if len(fitted) == 3:
+        return [capsule for part in fitted[1:] for capsule in capsules_of(part)]
+    return [PlaneCapsule(complex(*fitted[:2]), complex(*fitted[2:4]), fitted[4])]
 
-    direction: complex
-    level: float
 
+def is_fit(content: Any, outline: Outline, splits: int = MOST_SPLITS) -> bool:
+    """Whether something read from a file is a fit of the outline, of so many splits at most.
 
-@dataclass(frozen=True)
-class Fit:
-    """Capsules that hold an outline together: ``capsule``, or those of the ``parts`` on both sides of ``line``."""
-
-    capsule: PlaneCapsule | None
-    line: Cut | None = None
-    parts: tuple[Fit, ...] = ()
-
-    @property
-    def capsules(self) -> list[PlaneCapsule]:
-        """All of them."""
-        own = [] if self.capsule is None else [self.capsule]
-        return own + [capsule for part in self.parts for capsule in part.capsules]
-
-    def is_of(self, outline: Outline) -> bool:
-        """Whether the capsules hold the outline, and are no larger than that takes.
-
-        Each has to hold all corners of its part, and to touch one, to within :data:`SAME` of the largest coordinate;
-        the parts hold the outline whatever the lines are, see :func:`_halves`.
-        """
-        if self.line is None or self.capsule is not None:
-            if self.capsule is None or self.parts or not len(outline.points):
-                return False
-            slack = SAME * float(np.abs(outline.points).max())
-            return bool(abs(self.capsule.depth(outline.points).min() - outline.radius) <= slack)
-        halves = _halves(outline, self.line)
-        return len(self.parts) == 2 and all(part.is_of(half) for part, half in zip(self.parts, halves, strict=True))
+    Each capsule has to hold all corners of its part, and to touch one, to within :data:`SAME` of the largest
+    coordinate; the parts hold the outline whatever the lines are, see :func:`_halves`. Content of another shape is
+    none, or raises TypeError, ValueError or KeyError.
+    """
+    is_split = len(content) == 3
+    numbers = content[0] if is_split else content
+    if len(numbers) != (3 if is_split else 5) or not all(abs(number) <= LARGEST_NUMBER for number in numbers):
+        return False
+    if is_split:
+        x, y, level = numbers
+        if splits == 0 or abs(math.hypot(x, y) - 1.0) > UNIT:
+            return False
+        halves = zip(content[1:], _halves(outline, complex(x, y), level), strict=True)
+        return all(is_fit(part, half, splits - 1) for part, half in halves)
+    if numbers[4] < 0.0 or not len(outline.points):
+        return False
+    depth, slack = capsules_of(content)[0].depth(outline.points).min(), SAME * np.abs(outline.points).max()
+    return bool(abs(depth - outline.radius) <= slack)
 
 
 def fit(outline: Outline, splits: int = MOST_SPLITS) -> Fit:
     """Return capsules that hold the outline together: one, or more where that is much tighter."""
     whole = fit_capsule(outline.points, outline.radius)
+    plain = [whole.start.real, whole.start.imag, whole.end.real, whole.end.imag, whole.radius]
     if splits == 0 or whole.start == whole.end:
-        return Fit(whole)
+        return plain
     direction = (whole.end - whole.start) / abs(whole.end - whole.start)
     along = (outline.points * np.conj(direction)).real
     least, best, halves = SPLIT_GAIN * whole.area, None, []
     for cut in CUTS:
-        line = Cut(direction, float(along.min() + cut * np.ptp(along)))
-        parts = _halves(outline, line)
+        level = float(along.min() + cut * np.ptp(along))
+        parts = _halves(outline, direction, level)
         area = sum(fit_capsule(part.points, part.radius).area for part in parts)
         if area < least:
-            least, best, halves = area, line, parts
-    return Fit(whole) if best is None else Fit(None, best, tuple(fit(half, splits - 1) for half in halves))
+            least, best, halves = area, level, parts
+    if best is None:
+        return plain
+    return [[direction.real, direction.imag, best], *(fit(half, splits - 1) for half in halves)]
 
 
 def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
@@ -206,13 +211,12 @@ def _outer(points: ComplexArray) -> ComplexArray:
     return np.asarray(points[~inside], dtype=np.complex128)
 
 
-def _halves(outline: Outline, cut: Cut) -> list[Outline]:
-    """The outline's two parts on either side of a line.
+def _halves(outline: Outline, direction: complex, level: float) -> list[Outline]:
+    """The outline's two parts on either side of the line whose component along a unit vector is ``level``.
 
     An edge that crosses the line leaves a part of itself, and a point on the line, on both sides. What joins these
     points inside the shape is part of the line; the whole of it between them is taken, so that the parts hold it.
     """
-    direction, level = cut.direction, cut.level
     turned = outline.points * np.conj(direction)
     along = turned.real
     begin, finish = outline.edges.T

@@ -89,7 +89,7 @@ def _read_inertial(place: str, link: Element) -> Inertial | None:
     if 0.0 < mass < SMALLEST_MASS:
         raise InputError(f"is smaller than any part's: {mass:g} kg", element=f"{place}: mass", advice="write 0")
     xx, xy, xz, yy, yz, zz = (
-        0.0 if moments is None else number(f"{place}: inertia", moments, key, 0.0)
+        0.0 if moments is None else number(f"{place}: inertia", moments, key, None)
         for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
