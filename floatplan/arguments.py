@@ -324,9 +324,9 @@ def _check_range(value: float, element: str, allowed: Range, advice: str | None)
         raise InputError(f"{value!r} is outside {allowed}{degrees}", element=element, advice=advice)
 
 
-def shortened(values: Iterable[float]) -> str:
+def shortened(values: Iterable[float], digits: int = 4) -> str:
     """Numbers in a line, so many at most."""
-    numbers = [f"{float(value) + 0.0:.4g}" for value in values]
+    numbers = [f"{float(value) + 0.0:.{digits}g}" for value in values]
     more = len(numbers) - MOST_NUMBERS
     return ", ".join(numbers if more <= 0 else [*numbers[:MOST_NUMBERS], f"... ({more} more)"])
 
@@ -370,6 +370,16 @@ def _brief_array(array: npt.NDArray[Any]) -> str:
         return shortened(array)
     finite = array[np.isfinite(array)]
     return f"{array.shape}" + (f" from {finite.min():.4g} to {finite.max():.4g}" if finite.size else "")
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """A number as tables show it; a dash where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{float(value) + 0.0:.{digits}g}"
+
+
+def percent(share: float | None) -> str:
+    """A share of 1 in percent, without the sign; a dash where there is none."""
+    return "-" if share is None else f"{100 * share:.0f}"
 
 
 def html_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:

@@ -13,7 +13,8 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+from xml.etree import ElementTree
 
 from floatplan.errors import InputError
 
@@ -59,6 +60,11 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
     return content
 
 
+def runs_folder(name: str, otherwise: str) -> Path:
+    """Return ``runs/<name>``, the name made fit for a folder, where results go that nobody sends elsewhere."""
+    return Path("runs") / (re.sub(r"[^\w.-]+", "_", name).strip("._") or otherwise)
+
+
 def is_file(path: Path) -> bool:
     """Whether a path leads to a regular file; one that no file can have does not."""
     try:
@@ -91,6 +97,25 @@ def parsed_toml(text: str, path: Path) -> dict[str, Any]:
     """Return the content of a TOML file; errors as :func:`read_json`."""
     content: dict[str, Any] = _parsed(path, "TOML", lambda: tomllib.loads(text))
     return content
+
+
+class _PlainTree(ElementTree.TreeBuilder):
+    """Refuses a document type: it is where entities (and entity bombs) are declared, and a URDF needs none."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
+        raise InputError("declares a document type (<!DOCTYPE>), which may hide entities", advice="remove that line")
+
+
+def parsed_xml(content: bytes, path: Path) -> ElementTree.Element:
+    """Return the root element of an XML file that declares no document type; errors as :func:`read_json`."""
+    try:
+        root: ElementTree.Element = ElementTree.fromstring(content, ElementTree.XMLParser(target=_PlainTree()))
+        check_depth(root, ElementTree.Element)
+    except InputError as error:
+        raise error.within(path) from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"is not well-formed XML: {error}", source=path) from None
+    return root
 
 
 def _parsed(path: Path, form: str, parse: Callable[[], Any]) -> Any:

@@ -111,7 +111,7 @@ def replay(
     else:
         from floatplan.cli.summary import print_summary, replay_summary
 
-        print_summary(replay_summary(facts))
+        print_summary(replay_summary(flown))
     raise typer.Exit(DONE if flown.landed or flown.disturbed else FAILED)
 
 

@@ -30,8 +30,7 @@ from floatplan.cli.common import (
     with_options,
 )
 from floatplan.cli.progress import log_on_stderr, progress
-from floatplan.cli.studio import studio
-from floatplan.cli.study import study
+from floatplan.cli.study import studio, study
 from floatplan.errors import InputError
 
 if TYPE_CHECKING:
@@ -114,19 +113,13 @@ def plan(
     --no-certify is given, proved.
     """
     from floatplan.cli.asked import asked_problem, is_robot
-    from floatplan.cli.results import (
-        check_directory,
-        default_directory,
-        write_figures,
-        write_page,
-        write_problem,
-        write_results,
-    )
+    from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.export.table import sample_times
+    from floatplan.files import runs_folder
     from floatplan.planning.planner import plan as search
 
     problem = asked_problem(source, options, choices, degrees)
-    directory = default_directory(problem) if output is None else output
+    directory = runs_folder(problem.name, "flight") if output is None else output
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
@@ -138,9 +131,11 @@ def plan(
         if is_robot(source):
             files.append(write_problem(answer, directory))
         if figures or (figures is None and not json_output):
-            files += write_figures(answer, directory, compare=_without_obstacles(answer, seed))
+            from floatplan.view.figures.figures import save_figures
+
+            files += save_figures(answer, directory / FIGURES, compare=_without_obstacles(answer, seed))
         if report:
-            files.append(write_page(answer, directory))
+            files.append(answer.show(directory / REPORT, browse=False))
     if not quiet:
         from floatplan.cli.summary import plan_summary, print_summary
 

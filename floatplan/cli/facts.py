@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any, get_args
 
 from floatplan.files import plain
@@ -15,6 +16,11 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.leak import explain_leak, out_of_plane_leak
 from floatplan.robot.robot import Robot
 
+OF_ROBOT = (  # as they are
+    *("name", "joints", "mass", "position_limits", "velocity_limits", "torque_limits"),
+    *("motors", "motor_torque_limits", "motor_velocity_limits", "tilt"),
+)
+
 
 def robot_facts(robot: Robot) -> dict[str, Any]:
     """Return a robot's properties; lists in the order of ``joints``, ``None`` for a limit that is not given.
@@ -25,26 +31,10 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
     leak = out_of_plane_leak(robot)
     facts: dict[str, Any] = plain(
         {
-            "name": robot.name,
-            "joints": robot.joints,
+            **{name: getattr(robot, name) for name in OF_ROBOT},
             "locked": dict(robot.locked),
-            "coupled": {
-                follower: {"leader": coupling.leader, "ratio": coupling.ratio, "offset": coupling.offset}
-                for follower, coupling in robot.coupled.items()
-            },
-            "plane": {
-                "name": robot.plane.name,
-                "horizontal": robot.plane.horizontal,
-                "vertical": robot.plane.vertical,
-                "normal": robot.plane.normal,
-            },
-            "mass": robot.mass,
-            "position_limits": robot.position_limits,
-            "velocity_limits": robot.velocity_limits,
-            "torque_limits": robot.torque_limits,
-            "motors": robot.motors,
-            "motor_torque_limits": robot.motor_torque_limits,
-            "motor_velocity_limits": robot.motor_velocity_limits,
+            "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
+            "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
             "D_min": low,
             "D_max": high,
             "frames": sorted(robot.frames),
@@ -53,7 +43,6 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
                 for shape in robot.shapes
             ],
             "out_of_plane_leak": leak,
-            "tilt": robot.tilt,
             "warnings": [*robot.warnings, *filter(None, [explain_leak(robot, leak)])],
         }
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from floatplan.errors import InputError
@@ -12,18 +11,11 @@ from floatplan.export.table import table_text
 from floatplan.files import write_atomically, write_together
 from floatplan.plans.plan import Plan
 from floatplan.problem.file import problem_text
-from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
-LIMITS = LIMIT_TABLE.values()
 PLAN, TRAJECTORY, PROBLEM, FIGURES = "plan.json", "trajectory.csv", "problem.toml", "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
 REPORT, SCENE, FILM = "report.html", "scene.html", "flight"
-
-
-def default_directory(problem: Problem) -> Path:
-    """Return ``runs/<problem name>``, the name made fit for a folder."""
-    return Path("runs") / (re.sub(r"[^\w.-]+", "_", problem.name).strip("._") or "flight")
 
 
 def check_directory(directory: Path) -> None:
@@ -77,7 +69,7 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None) -> None
     from floatplan.export.formats import FORMATS
 
     drawn = {"snapshots", "kinogram", "configuration", "momentum", "inertia", "clearance"} | {
-        row.title.lower() for row in LIMITS
+        row.title.lower() for row in LIMIT_TABLE.values()
     }
     made = [directory / name for name in (REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
@@ -99,19 +91,3 @@ def write_problem(plan: Plan, directory: Path) -> Path:
 def schema_line(directory: Path) -> str:
     """The first line of a problem file by which editors find its schema, where that is beside it; else empty."""
     return f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
-
-
-def write_figures(
-    plan: Plan, directory: Path, compare: Plan | None = None, formats: Sequence[str] = ("png", "svg")
-) -> list[Path]:
-    """Draw the pictures, and those of a plan to compare, into the folder figures; errors as :func:`write_results`."""
-    from floatplan.view.figures.figures import save_figures
-
-    return save_figures(plan, directory / FIGURES, compare=compare, formats=formats)
-
-
-def write_page(plan: Plan, directory: Path) -> Path:
-    """Write report.html, the page that plays the plan; errors as :func:`write_results`."""
-    from floatplan.view.report.report import write_report
-
-    return write_report(plan, directory / REPORT)

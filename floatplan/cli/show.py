@@ -36,7 +36,7 @@ def show(
     quiet: Quiet = False,
 ) -> None:
     """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
-    from floatplan.cli.results import FILM, SCENE, check_directory, write_figures, write_page
+    from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
     from floatplan.plans.plan import load_plan
 
     plan = load_plan(plan_file, urdf)
@@ -46,13 +46,15 @@ def show(
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
     with progress("drawing", quiet) as bar:
-        files = [] if scene or formats or films else [write_page(plan, directory)]
+        files = [] if scene or formats or films else [plan.show(directory / REPORT, browse=False)]
         if scene:
             from floatplan.view.scene.scene import write_scene
 
             files.append(write_scene(plan, directory / SCENE))
         if formats:
-            files += write_figures(plan, directory, other, formats)
+            from floatplan.view.figures.figures import save_figures
+
+            files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
         files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
     if not quiet:
         for path in files:

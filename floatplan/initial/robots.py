@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.errors import InputError, naming
-from floatplan.motion.planar.ballistics import frame_weights
+from floatplan.motion.planar.ballistics import frame_from_com
 from floatplan.problem.checks import lowest_point
 from floatplan.problem.parts import JointState
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
@@ -150,7 +150,11 @@ def _reaching_down(robot: Robot, body: int, frame: str) -> str:
 
 def _lowest_height(robot: Robot, link: str) -> float:
     """Height of the lowest point with which a link stands over the centre of mass, in the resting posture, m."""
-    return lowest_point(robot, link, JointState(0.0, robot.resting, *np.zeros((2, len(robot.joints)))))
+    return lowest_point(robot, link, _resting(robot))
+
+
+def _resting(robot: Robot) -> JointState:
+    return JointState(0.0, robot.resting, *np.zeros((2, len(robot.joints))))
 
 
 def _is_limb(robot: Robot, body: int) -> bool:
@@ -161,5 +165,4 @@ def _is_limb(robot: Robot, body: int) -> bool:
 
 def _place(robot: Robot, frame: str) -> complex:
     """Place relative to the centre of mass in the resting posture, m."""
-    rotations = robot.tree.rotations(robot.tree.absolute_angles(np.array(0.0), robot.resting))
-    return complex(rotations @ frame_weights(robot, robot.frames[frame]))
+    return frame_from_com(robot, robot.frames[frame], _resting(robot))

@@ -8,15 +8,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-from floatplan.arguments import html_table
+from floatplan.arguments import html_table, short
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
+Tone: TypeAlias = Literal["good", "bad", "open"]
 Kind: TypeAlias = str
 Subject: TypeAlias = tuple[str | int, ...]
 
+TONES: Mapping[Verdict, Tone] = {"proved": "good", "refuted": "bad", "undecided": "open"}
 MOST_SHOWN = 6  # [-] constraints in a representation
 
 LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, with spaces between
@@ -129,12 +131,19 @@ class Certificate:
         more = len(self.unproved) - MOST_SHOWN
         return "\n".join([*lines, f"  and {more} more"] if more > 0 else lines)
 
-    def _repr_html_(self) -> str:
-        """A table of all constraints, as notebooks show it; what is not proved comes first."""
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Return titles and cells of a table of all constraints; what is not proved comes first."""
         ordered = sorted(self.findings, key=lambda finding: finding.verdict == "proved")
-        rows = [(each.label, each.verdict, *map(_short, (each.bound, each.limit, each.instant))) for each in ordered]
-        title = f"{self.verdict}, {self.subintervals} intervals of time"
-        return html_table(title, rows, ("constraint", "", "bound", "limit", "at, s"))
+        cells = [
+            [each.label, each.verdict, *(short(number, 5) for number in (each.bound, each.limit, each.instant))]
+            for each in ordered
+        ]
+        return ["constraint", "", "bound", "limit", "at, s"], cells
+
+    def _repr_html_(self) -> str:
+        """A table of all constraints, as notebooks show it."""
+        titles, cells = self.table()
+        return html_table(f"{self.verdict}, {self.subintervals} intervals of time", cells, titles)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a plan file and ``floatplan certify --json`` hold; numbers that are not finite are null."""
@@ -171,12 +180,8 @@ class Certificate:
             raise InputError(f"must be what floatplan certify --save writes: {error}", element="certificate") from None
 
 
-def _short(number: float | None) -> str:
-    return "" if number is None or not math.isfinite(number) else f"{number:.4g}"
-
-
-def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool) -> str:
-    """The verdict on a plan as summary, report and studio say it.
+def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool) -> tuple[str, Tone]:
+    """The verdict on a plan as summary, report and studio say it, and its tone.
 
     Parameters
     ----------
@@ -185,12 +190,13 @@ def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool)
     warned : whether it has warnings
     """
     if not found:
-        return "no plan found"
+        return "no plan found", "bad"
     if certificate is None:
-        return "planned, not proved yet"
-    if certificate.proved:
-        return "flight proved, with warnings" if warned else "flight proved"
-    return "planned, proof undecided" if certificate.verdict == "undecided" else "refuted"
+        return "planned, not proved yet", "open"
+    if certificate.proved and warned:
+        return "flight proved, with warnings", "open"
+    words = {"proved": "flight proved", "undecided": "planned, proof undecided", "refuted": "refuted"}
+    return words[certificate.verdict], TONES[certificate.verdict]
 
 
 def worst(findings: Sequence[Finding]) -> Verdict:

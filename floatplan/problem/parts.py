@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias, get_type_hints
 
-from floatplan.arguments import FINITE, by_joint, number, optional, pair, text, whole
+from floatplan.arguments import FINITE, by_joint, number, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
 from floatplan.problem.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
@@ -278,6 +278,14 @@ class Obstacle(Keyed):
         """Where it stands and how large it is, for a person."""
         return " and ".join(piece.where for piece in self.pieces)
 
+    @property
+    def description(self) -> str:
+        """What it is, where, how it moves and when it is there, for a person."""
+        text = f"{self.kind} {self.where}, margin {self.margin:g} m"
+        if any(self.velocity):
+            text += f", moving at ({shortened(self.velocity, 6)}) m/s"
+        return text if self.window is None else f"{text}, from {self.window[0]:g} to {self.window[1]:g} s"
+
     @classmethod
     def places(cls) -> tuple[str, ...]:
         """Names of the fields that are places, m."""
@@ -314,7 +322,7 @@ class Circle(Obstacle):
     @property
     def where(self) -> str:
         """Centre and radius."""
-        return f"at {_pair(self.center)} m, radius {self.radius:g} m"
+        return f"at ({shortened(self.center, 6)}) m, radius {self.radius:g} m"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,7 +348,7 @@ class HalfPlane(Obstacle):
     @property
     def where(self) -> str:
         """Point and normal."""
-        return f"at {_pair(self.point)} m, normal {_pair(self.normal)}"
+        return f"at ({shortened(self.point, 6)}) m, normal ({shortened(self.normal, 6)})"
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle, and a normal that has no direction."""
@@ -379,14 +387,10 @@ class Bar(Obstacle):
     @property
     def where(self) -> str:
         """Ends and radius."""
-        return f"from {_pair(self.start)} to {_pair(self.end)} m, radius {self.radius:g} m"
+        return f"from ({shortened(self.start, 6)}) to ({shortened(self.end, 6)}) m, radius {self.radius:g} m"
 
 
 OBSTACLE_KINDS: dict[str, type[Obstacle]] = {kind.kind: kind for kind in (Circle, HalfPlane, Bar)}
-
-
-def _pair(values: tuple[float, float]) -> str:
-    return f"({values[0]:g}, {values[1]:g})"
 
 
 @dataclass(frozen=True)

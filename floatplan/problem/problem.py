@@ -7,10 +7,12 @@ order of ``robot.joints``, SI units, radians.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property, partial
 from typing import ClassVar
+
+import numpy as np
 
 from floatplan.arguments import Check, Checked, flag, html_table, made, many, optional, shortened, text
 from floatplan.arrays import Array, read_only
@@ -50,6 +52,7 @@ from floatplan.robot.leak import refuse_leak
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.tables import LimitKey
 
+LONGEST_LIST = 12  # [-] joints listed one by one
 PAIRS = many(made(SelfClearance), "SelfClearance")
 
 
@@ -145,20 +148,26 @@ class Problem(Checked):
 
     def _repr_html_(self) -> str:
         """A table, as notebooks show it."""
-        robot, flight = self.robot, self.flight
-        momentum = flight.angular_momentum
+        return html_table(self.name, self.rows())
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return names and what is said under them, as notebooks and the report show what is asked."""
+        flight, joints, momentum = self.flight, self.robot.joints, self.flight.angular_momentum
+        degrees = ", ".join(map(str, self.degrees if len(set(self.degrees)) > 1 else self.degrees[:1]))
         rows = [
-            ("robot", f"{robot.name}: {', '.join(robot.joints)}"),
-            *(
-                (end, f"{state.orientation:.4g}; {shortened(state.positions)} rad")
-                for end, state in (("start", self.initial), ("goal", self.final))
-            ),
-            ("flight", f"{flight.duration:g} s, {self.takeoff.frame} to {self.landing.frame}"),
-            ("angular momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m^2/s"),
-            ("least", f"{self.motion.objective}, degree {', '.join(map(str, sorted(set(self.degrees))))}"),
-            *(("obstacle", f"{obstacle.kind} {obstacle.where}") for obstacle in self.obstacles),
+            ("robot", f"{self.robot.name}, {len(joints)} planned joints, {self.robot.mass:.4g} kg"),
+            ("start", _posture(self.initial, joints)),
+            ("goal", _posture(self.final, joints)),
+            ("duration", f"{flight.duration:g} s"),
+            ("takes off", f"{self.takeoff.frame} at ({shortened(self.takeoff.position, 6)}) m"),
+            ("lands", f"{self.landing.frame} at height {self.landing_height:g} m"),
+            ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
+            ("momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m²/s"),
+            ("motion", f"sine polynomials of degree {degrees}, least {self.motion.objective}"),
         ]
-        return html_table(self.name, rows)
+        if self.ground:
+            rows.append(("ground", "no link below the line on which it took off"))
+        return rows + [("obstacle", obstacle.description) for obstacle in self.obstacles]
 
     def _resolutions(self) -> Iterator[Callable[[], None]]:
         robot, limits = self.robot, self.limits
@@ -256,3 +265,11 @@ class Problem(Checked):
     def raises_degree(self) -> bool:
         """Whether the degree may be raised where nothing else helps."""
         return self.motion.degree == "auto"
+
+
+def _posture(state: JointState, joints: Sequence[str]) -> str:
+    angles = np.rad2deg([state.orientation, *state.positions]) + 0.0
+    if len(joints) <= LONGEST_LIST:
+        return ", ".join(f"{name} {angle:.5g}°" for name, angle in zip(("orientation", *joints), angles, strict=True))
+    listed = ", ".join(f"{angle:.5g}" for angle in angles[1 : LONGEST_LIST + 1])
+    return f"orientation {angles[0]:.5g}°, joints {listed}, … ({len(joints)} in all)°"

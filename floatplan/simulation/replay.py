@@ -7,6 +7,7 @@ alone. The base is free, each joint that moves gets its own torque, and locked j
 
 from __future__ import annotations
 
+import math
 import time as clock
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import SEED, html_table, made, optional, outline, positive
+from floatplan.arguments import SEED, html_table, made, optional, outline, positive, short, shortened
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.files import plain
@@ -114,27 +115,33 @@ class Replay:
         """Whether something was made to go wrong."""
         return self.perturbation.any
 
-    @property
-    def _title(self) -> str:
-        return f"{self.engine}, {'landed' if self.landed else 'landed elsewhere'}"
-
     def __repr__(self) -> str:
         """A line for each result."""
-        return outline(f"Replay({self._title})", self._rows())
+        return outline(f"Replay({'landed' if self.landed else 'landed elsewhere'})", self.rows())
 
     def _repr_html_(self) -> str:
         """A table, as notebooks show it."""
-        return html_table(f"replay by {self._title}", self._rows())
+        return html_table(f"replay, {'landed' if self.landed else 'landed elsewhere'}", self.rows())
 
-    def _rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[tuple[str, str]]:
+        """Return names and what is said under them: how it flew, and how far off it landed."""
+        control = "open loop" if self.feedback is None else f"joints tracked at {self.feedback:g} rad/s"
+        disturbed = [f"{name} ±{abs(error):.3g}" for name, error in asdict(self.perturbation).items() if error]
         rows = [
-            ("orientation off by", f"{self.orientation_error:.3g} rad"),
-            ("joints off by", f"{self.position_error.max(initial=0.0):.3g} rad at most"),
-            ("centre of mass off by", f"{self.com_error:.3g} m"),
-            ("momentum drifts by", f"{self.momentum_drift:.3g} kg m^2/s"),
+            ("how", ", ".join([self.engine, control, *disturbed])),
+            ("orientation", f"off by {short(self.orientation_error)} rad"),
+            ("joints", f"off by {shortened(self.position_error)} rad"),
+            ("CM", f"off by {short(self.com_error)} m"),
+            ("momentum", f"drifts by {short(self.momentum_drift)} kg m^2/s"),
+            ("sensitivity", f"{short(self.orientation_sensitivity)} rad per kg m^2/s of h"),
         ]
         if self.spatial is not None:
-            rows.append(("in space", f"roll {self.spatial.roll:+.3g} rad, yaw {self.spatial.yaw:+.3g} rad"))
+            landing = self.spatial
+            off = max(landing.orientation_error, *landing.position_error)
+            held = len(landing.held)
+            gains = f", {held} joint{'s' if held > 1 else ''} held by gains" if held else ""
+            turned = f"roll {math.degrees(landing.roll):+.3g} deg, yaw {math.degrees(landing.yaw):+.3g} deg"
+            rows.append(("in space", f"{turned}; in the plane off by {short(off)} rad{gains}"))
         return rows
 
     def to_dict(self) -> dict[str, Any]:

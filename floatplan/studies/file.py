@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
@@ -19,7 +18,7 @@ import numpy.typing as npt
 from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
-from floatplan.files import plain, read_regular
+from floatplan.files import plain, read_regular, runs_folder
 from floatplan.kernel.library import description
 from floatplan.plans.reading import robot_record
 from floatplan.problem.family import Family
@@ -175,13 +174,8 @@ def load_study_file(path: str | Path) -> StudyFile:
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
     with naming(path):
         samples = _samples(tables, base, degrees=read_toml(problem).get("angles") == "deg")
-        folder = Path(tables.result.folder) if tables.result.folder else default_folder(path)
+        folder = Path(tables.result.folder) if tables.result.folder else runs_folder(path.stem, "study")
         return StudyFile(path.stem, base, content, samples, tables.plan, folder, _map(tables, base))
-
-
-def default_folder(path: Path) -> Path:
-    """Return ``runs/<name of the study file>``, the name made fit for a folder."""
-    return Path("runs") / (re.sub(r"[^\w.-]+", "_", path.stem).strip("._") or "study")
 
 
 def _samples(tables: StudyFileTable, base: Problem, degrees: bool) -> Samples:
@@ -245,14 +239,21 @@ def _map(tables: StudyFileTable, base: Problem) -> tuple[str, str, str] | None:
     keys = list(tables.vary)
     if tables.result.map is None:
         return (keys[0], keys[1], "torque_peak") if len(keys) > 1 else None
-    for place, known in zip(tables.result.map, (keys, keys, [*keys, *coloured(base)]), strict=True):
-        if place not in known:
-            raise InputError(
-                f"{place!r} is not in the table", element="result.map", advice=f"known: {', '.join(known)}"
-            )
-    if tables.result.map[0] == tables.result.map[1]:
-        raise InputError("both axes are the same key", element="result.map", advice="give two that vary")
+    check_map(tables.result.map, keys, coloured(base), "result.map")
     return tables.result.map
+
+
+def check_map(names: tuple[str, str, str], keys: Sequence[str], columns: Sequence[str], element: str) -> None:
+    """Refuse a map whose axes are not two keys that vary, or whose colour is no column of numbers."""
+    x, y, z = names
+    for key in (x, y):
+        if key not in keys:
+            raise InputError(f"{key!r} does not vary", element=element, advice=f"known: {', '.join(keys)}")
+    if x == y:
+        raise InputError("both axes are the same key", element=element, advice="give two that vary")
+    if z not in keys and z not in columns:
+        known = ", ".join([*keys, *columns])
+        raise InputError(f"{z!r} is no column of numbers", element=element, advice=f"known: {known}")
 
 
 def coloured(base: Problem) -> list[str]:

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array, IntArray
-from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plans import SOLVED
+from floatplan.plans.presentation import raised
 from floatplan.studies.columns import words
-from floatplan.studies.file import LARGER_IS_BETTER, Axis, StudyFile, coloured, versions
+from floatplan.studies.file import LARGER_IS_BETTER, Axis, StudyFile, check_map, coloured, versions
 from floatplan.studies.rows import STATUSES
 from floatplan.view.map import HeatMap, MapAxis, PackedNumbers, colours, flight_data, heatmap, map_page
 from floatplan.view.style import rendered, styled
@@ -47,14 +47,7 @@ def _statuses(table: Any) -> IntArray:
 
 def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     """Return the map of column z over keys x and y: each cell shows its best row."""
-    for key in (x, y):
-        if key not in study.paths:
-            raise InputError(f"{key!r} does not vary", element="map", advice=f"known: {', '.join(study.paths)}")
-    if x == y:
-        raise InputError("both axes are the same key", element="map")
-    known = [*study.paths, *coloured(study.base), "status"]
-    if z not in known:
-        raise InputError(f"{z!r} is no column of numbers", element="map", advice=f"known: {', '.join(known)}")
+    check_map((x, y, z), study.paths, [*coloured(study.base), "status"], "map")
     axes = {axis.path: axis for axis in study.samples.axes}
     edges = {key: _edges(study, axes[key]) for key in (x, y)}
     columns, rows = (
@@ -82,7 +75,7 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
 def units_of(table: Any) -> dict[str, str]:
     """Unit of each column as it is shown, exponents raised; empty where it has none, as a sum of unlike quantities."""
     units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
-    return {name: "" if unit == "mixed" else unit.replace("^2", "²").replace("^3", "³") for name, unit in units.items()}
+    return {name: "" if unit == "mixed" else raised(unit) for name, unit in units.items()}
 
 
 def _label(key: str, units: dict[str, str]) -> str:

@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterable, Mapping
 from html import escape
 
-from floatplan.plans.measures import Utilisation
-from floatplan.plans.verdicts import verdict_in_words
+from floatplan.arguments import short
+from floatplan.plans.measures import Utilisation, told_limits
+from floatplan.plans.presentation import raised
+from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.studio.session import Verdict, View
+from floatplan.tables import LimitRow
 
 GREEN, AMBER, RED, GREY, BLUE, BLACK = "#1a7f4b", "#b26a00", "#c0182b", "#7a7f87", "#1f5fbf", "#3a3f45"
 FULL = 1 + 1e-9  # [-] share of a limit that is still kept
@@ -22,7 +25,7 @@ BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
     "planned": (BLUE, "Planned; proving …"),
     "failed": (RED, "Not possible"),
 }
-COLOURS: Mapping[Verdict, str] = {"proved": GREEN, "undecided": AMBER, "refuted": RED, "not found": RED}
+COLOURS: Mapping[Tone, str] = {"good": GREEN, "open": AMBER, "bad": RED}
 
 STYLE = """<style>
 div[style*="width: 20em"]{width:100vw!important}div[style*="max-height: 60%"]{max-height:52%!important}
@@ -82,9 +85,8 @@ def _headline(view: View) -> tuple[str, str]:
     answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
     if known is not None or answer is None:
         return known or BEFORE_THE_END["waiting"]
-    warned = bool(answer.warnings)
-    words = verdict_in_words(answer.plan.ok, answer.certificate, warned)
-    return AMBER if warned and view.verdict == "proved" else COLOURS[view.verdict], words.capitalize()
+    words, tone = verdict_in_words(answer.plan.ok, answer.certificate, bool(answer.warnings))
+    return COLOURS[tone], words.capitalize()
 
 
 def _words(view: View) -> list[str]:
@@ -111,7 +113,7 @@ def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
     plan, use = answer.plan, answer.largest_use
     facts = [
         ("duration", f"{plan.duration:.4g} s"),
-        ("angular momentum", f"{_number(plan.angular_momentum)} kg m²/s"),
+        ("angular momentum", f"{short(plan.angular_momentum, 3)} kg m²/s"),
     ]
     if use is not None:
         facts.append(("most used limit", f'<b style="color:{use_colour(use)}">{use:.0%}</b>'))
@@ -124,21 +126,19 @@ def limits_card(answer: ShownPlan | None) -> str:
     """A row for each motor: what it reaches, and how much of its limits that is."""
     if answer is None:
         return ""
-    head = "<tr><th>motor<th>rate, rad/s<th><th>torque, N m<th></tr>"
-    motors = answer.plan.robot.motors
-    rows = "".join(_motor(row) for row in sorted(answer.utilisation, key=lambda row: motors.index(row.joint)))
-    return f'{STYLE}<div class="fp"><table>{head}{rows}</table></div>'
+    limits, motors = told_limits(answer.utilisation), answer.plan.robot.motors
+    titles = "".join(f"<th>{limit.title.lower()}, {raised(limit.unit)}<th>" for limit in limits)
+    ordered = sorted(answer.utilisation, key=lambda row: motors.index(row.joint))
+    rows = "".join(_motor(row, limits) for row in ordered)
+    return f'{STYLE}<div class="fp"><table><tr><th>motor{titles}</tr>{rows}</table></div>'
 
 
-def _motor(row: Utilisation) -> str:
-    cells = "".join(
-        f"<td>{_number(peak)}{'' if limit is None else f' / {_number(limit)}'}<td>{_bar(use)}"
-        for peak, limit, use in (
-            (row.velocity_peak, row.velocity_limit, row.velocity_utilisation),
-            (row.torque_peak, row.torque_limit, row.torque_utilisation),
-        )
-    )
-    return f"<tr><td>{escape(row.joint)}{cells}</tr>"
+def _motor(row: Utilisation, limits: Iterable[LimitRow]) -> str:
+    cells = []
+    for key in (limit.key for limit in limits):
+        peak, most, use = (getattr(row, f"{key}_{name}") for name in ("peak", "limit", "utilisation"))
+        cells.append(f"<td>{short(peak, 3)}{'' if most is None else f' / {short(most, 3)}'}<td>{_bar(use)}")
+    return f"<tr><td>{escape(row.joint)}{''.join(cells)}</tr>"
 
 
 def _bar(use: float | None) -> str:
@@ -169,7 +169,7 @@ def map_card(chart: Map | None, buttons: Mapping[tuple[int, ...], str], wanted: 
         cells += [_point(chart, row, column, buttons[row, column]) for column in range(COLUMNS)]
     cells.append("<span></span>")
     for index, value in enumerate(chart.momenta):
-        cells.append(f'<span class="axis">{_number(value, 2) if index % 2 == 0 else ""}</span>')
+        cells.append(f'<span class="axis">{short(value, 2) if index % 2 == 0 else ""}</span>')
     unit = "share of the limits used" if chart.relative else "largest torque, N m"
     return (
         f'{style}<div class="fp" id="floatplan-map">'
@@ -184,7 +184,7 @@ def _point(chart: Map, row: int, column: int, button: str) -> str:
     point = chart.points.get((row, column))
     here = " here" if (row, column) == (ROWS // 2, COLUMNS // 2) else ""
     colour, text = _point_look(chart, point)
-    where = f"T = {chart.durations[row]:.4g} s, h = {_number(chart.momenta[column])} kg m²/s"
+    where = f"T = {chart.durations[row]:.4g} s, h = {short(chart.momenta[column], 3)} kg m²/s"
     status = "not planned yet" if point is None else point.status.replace("_", " ")
     attributes = f'for="{button}" title="{where}: {status}" data-point="{row},{column}" data-status="{status}"'
     return f'<label class="point{here}" style="background:{colour}" {attributes}>{text}</label>'
@@ -202,7 +202,7 @@ def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:
     logs = [math.log(each.use) for each in chart.points.values() if each.use is not None and 0 < each.use < math.inf]
     width = max(logs, default=0.0) - min(logs, default=0.0)
     share = (math.log(use) - min(logs)) / width if width > 0 and 0 < use < math.inf else 0.0
-    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{use:.0f}" if 10 <= use < 1e4 else _number(use, 2)
+    return f"hsl({150 - 120 * share:.0f} 60% 33%)", f"{use:.0f}" if 10 <= use < 1e4 else short(use, 2)
 
 
 def comparison_card(answer: ShownPlan | None, kept: ShownPlan | None) -> str:
@@ -211,11 +211,15 @@ def comparison_card(answer: ShownPlan | None, kept: ShownPlan | None) -> str:
         words = "Keep the present plan, change something, and both fly side by side."
         return f'{STYLE}<div class="fp"><p>{words}</p></div>'
     rows = "".join(
-        f"<tr><td>{name}<td>{_value(get(kept), unit)}<td>{_value(get(answer), unit)}</tr>"
+        f"<tr><td>{name}<td>{_compared(get(kept), unit)}<td>{_compared(get(answer), unit)}</tr>"
         for name, unit, get in COMPARED
     )
     head = "<tr><th><th>kept (violet)<th>present</tr>"
     return f'{STYLE}<div class="fp" id="floatplan-comparison"><table>{head}{rows}</table></div>'
+
+
+def _compared(value: str | float | None, unit: str) -> str:
+    return value if isinstance(value, str) else short(value, 3) + ("" if value is None else unit)
 
 
 COMPARED = (
@@ -233,13 +237,3 @@ COMPARED = (
 def saved_card(lines: Iterable[str]) -> str:
     """What was saved, or why not."""
     return f'{STYLE}<div class="fp" id="floatplan-saved">{_paragraphs(*lines)}</div>'
-
-
-def _value(value: object, unit: str) -> str:
-    if value is None:
-        return "–"
-    return f"{_number(value)}{unit}" if isinstance(value, float) else escape(str(value))
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return f"{value:.{digits}g}".replace("-", "−") if math.isfinite(value) else "–"

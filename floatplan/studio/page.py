@@ -16,9 +16,8 @@ import floatplan as fp
 from floatplan.errors import import_optional
 from floatplan.studio.inputs import Actions
 from floatplan.studio.panel import Controls
-from floatplan.studio.player import Player
 from floatplan.studio.session import Session
-from floatplan.studio.stage import Stage
+from floatplan.studio.stage import Player, Stage
 from floatplan.view.scene.scene import silence
 
 HOST = "127.0.0.1"  # of this machine alone

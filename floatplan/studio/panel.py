@@ -14,9 +14,8 @@ from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.inputs import Actions, Dial, Inputs, by_user, in_turn, on
-from floatplan.studio.player import Player
 from floatplan.studio.session import Part, Saving, Session, View
-from floatplan.studio.stage import Stage
+from floatplan.studio.stage import Player, Stage
 from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitKey
 
 DEGREE = math.pi / 180  # [rad]

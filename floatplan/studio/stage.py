@@ -1,8 +1,10 @@
-"""The scene: the robot in flight, where it starts and where it is to land, obstacles, paths; and dragging these."""
+"""The scene: the robot in flight, its start and goal, obstacles, paths; dragging these; and the clock of the flight."""
 
 from __future__ import annotations
 
+import logging
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +18,6 @@ from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.edits import end_state, moved, put_obstacle
 from floatplan.studio.inputs import Actions, on
-from floatplan.studio.player import Show
 from floatplan.studio.session import Session, View
 from floatplan.view.outlines import (
     Poses,
@@ -30,6 +31,7 @@ from floatplan.view.outlines import (
 )
 from floatplan.view.scene.meshes import bends
 from floatplan.view.scene.scene import (
+    LINES,
     Grip,
     RobotNodes,
     add_grounds,
@@ -39,9 +41,14 @@ from floatplan.view.scene.scene import (
     look,
     move_obstacle,
     obstacle_slab,
+    segments,
 )
 from floatplan.view.style import TRAILS, rgb_bytes
 
+LOG = logging.getLogger(__name__)
+RATE = 40.0  # [Hz] of poses: the flight loops, they are sent as often as the page draws them
+REST = 0.5  # [s] at landing, before it begins again
+Show = tuple[RobotNodes, ShownPlan]
 START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
 ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
 BEND = 0.05  # [rad] of a path, after which it has another point
@@ -90,13 +97,8 @@ class Stage:
         self.kept.root.visible = False
         self.grips: dict[str, dict[int, Grip]] = {}
         self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
-        self._paths = server.scene.add_line_segments(
-            "/paths",
-            np.zeros((1, 2, 3), dtype=np.float32),
-            rgb_bytes(TRAILS[0]),
-            thickness=2.0,
-            thickness_units="screen",
-        )
+        nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **LINES)
         self._obstacles: list[Any] = []
         self._grabbed: dict[str, Grabbed] = {}
         self._carried: dict[int, tuple[complex, Obstacle]] = {}
@@ -225,8 +227,7 @@ class Stage:
     def _draw_paths(self, shown: ShownPlan) -> None:
         pairs, colours = [], []
         for places, colour in zip((shown.com, shown.takeoff, shown.landing), TRAILS, strict=True):
-            points = in_space(self._plane, places[bends(places, BEND)])
-            pairs.append(np.stack((points[:-1], points[1:]), axis=1))
+            pairs.append(segments(self._plane, places[bends(places, BEND)]))
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
@@ -235,3 +236,81 @@ class Stage:
         """A place beside the flight for something new, and the robot's size, m."""
         low, high = self._box
         return complex((low.real + high.real) / 2, high.imag + 0.2 * self._size), self._size
+
+
+class Player:
+    """Moves robots along their flights, all from the same instant on."""
+
+    def __init__(self, server: Any, on_time: Callable[[float], None]) -> None:
+        self._server, self._on_time = server, on_time
+        self._shows: list[Show] = []
+        self._lock = threading.Lock()
+        self._time = 0.0  # [s] of the flight
+        self._speed = 0.5  # [-] of real time
+        self._playing = True
+        self._closed = threading.Event()
+        self._dirty = True
+        self.frames = 0  # sent so far
+        self.errors: list[BaseException] = []
+        self._thread = threading.Thread(target=self._play, name="player", daemon=True)
+        self._thread.start()
+
+    @property
+    def playing(self) -> bool:
+        """Whether time goes on."""
+        return self._playing
+
+    def show(self, shows: list[Show]) -> None:
+        """Fly these from now on."""
+        with self._lock:
+            self._shows, self._dirty = shows, True
+
+    def play(self, playing: bool) -> None:
+        """Let time go on, or stand still."""
+        with self._lock:
+            self._playing = playing
+
+    def seek(self, instant: float) -> None:
+        """Go to an instant, s, and stay there."""
+        with self._lock:
+            self._time, self._playing, self._dirty = instant, False, True
+
+    def set_speed(self, speed: float) -> None:
+        """Of real time: 0.5 is slow motion."""
+        with self._lock:
+            self._speed = speed
+
+    def close(self) -> None:
+        """End."""
+        self._closed.set()
+        self._thread.join()
+
+    def _play(self) -> None:
+        last = due = time.monotonic()
+        while not self._closed.wait(max(due - time.monotonic(), 0.0)):
+            now = time.monotonic()
+            due = max(due + 1 / RATE, now)
+            with self._lock:
+                if self._playing:
+                    self._time += (now - last) * self._speed
+                shows, instant, moving = self._shows, self._time, self._playing or self._dirty
+                longest = max((shown.plan.duration for _, shown in shows), default=0.0)
+                if self._playing and instant > longest + REST * self._speed:
+                    self._time = 0.0
+                self._dirty = False
+            last = now
+            if moving and shows:
+                try:
+                    self._send(shows, min(instant, longest))
+                except Exception as error:  # the next pose is another chance; it is an error of the program
+                    self.errors.append(error)
+                    LOG.exception("player")
+
+    def _send(self, shows: list[Show], instant: float) -> None:
+        with self._server.atomic():
+            for bodies, shown in shows:
+                count = len(shown.poses.places)
+                share = min(instant / shown.plan.duration, 1.0)
+                bodies.put(shown.poses, round(share * (count - 1)))
+        self.frames += 1
+        self._on_time(instant)

@@ -16,10 +16,11 @@ import pytest
 
 import floatplan as fp
 from floatplan import files
-from floatplan.cli.results import write_figures, write_page, write_results
+from floatplan.cli.results import FIGURES, REPORT, write_results
 from floatplan.errors import InputError, printable
 from floatplan.export.formats import FORMATS
 from floatplan.files import read_regular, write_atomically
+from floatplan.view.figures.figures import save_figures
 from floatplan.view.scene.meshes import visual_model
 
 
@@ -35,8 +36,8 @@ def results_of_a_run(plan_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     plan = fp.load_plan(plan_file)
     write_results(plan, folder, 1000.0)
-    write_figures(plan, folder)
-    write_page(plan, folder)
+    save_figures(plan, folder / FIGURES)
+    plan.show(folder / REPORT, browse=False)
     return folder
 
 

@@ -56,7 +56,7 @@ class TestInterrupt:
         assert content["status"] == "interrupted"
         assert content["explanation"].startswith("The search was interrupted")
         assert "freedom" not in content["explanation"]
-        assert "(interrupted)" in told
+        assert "(interrupted, after" in told
         assert fp.load_plan(tmp_path / "out" / "plan.json").status == "interrupted"
         assert (tmp_path / "out" / "trajectory.csv").is_file()
 

@@ -123,7 +123,7 @@ WRONG = {
     "too many rows": ('[vary]\n"flight.duration" = { from = 1, to = 2, count = 2000000 }', f"more than {MOST_ROWS}"),
     "a map of what does not vary": (
         f'[vary]\n"flight.duration" = {RANGE}\n[result]\nmap = ["flight.duration", "h", "torque_peak"]',
-        "result.map: 'h' is not in the table",
+        "result.map: 'h' does not vary",
     ),
     "not TOML": ("[vary", "is not TOML"),
 }

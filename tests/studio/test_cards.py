@@ -13,11 +13,11 @@ from rich.console import Console
 
 import floatplan as fp
 from floatplan.cli.summary import plan_summary
-from floatplan.plans.measures import PlanWarning
+from floatplan.plans.measures import PlanWarning, told_limits
+from floatplan.plans.presentation import plan_verdict
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.studio.session import View
-from floatplan.view.report.data import verdict
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
@@ -58,7 +58,7 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) ->
             replace(present.plan.record, certificate=judged.to_dict(), warnings=[each.to_dict() for each in warnings])
         )
         vars(plan)["warnings"] = warnings
-        word, _ = verdict(plan)
+        word, _ = plan_verdict(plan)
         card = cards.status_card(
             View(present.plan.problem, answer=replace(present, certificate=judged, warnings=warnings))
         )
@@ -67,7 +67,7 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) ->
             assert word == ("flight proved, with warnings" if warned else "flight proved")
             console = Console(file=StringIO(), width=200)
             console.print(plan_summary(plan, []))
-            assert f", {word})" in console.file.getvalue()
+            assert f": {word} (" in console.file.getvalue()
 
 
 def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: ShownPlan) -> None:
@@ -90,7 +90,7 @@ def test_names_are_text(present: ShownPlan) -> None:
         cards.status_card(view),
         cards.status_card(replace(view, fault=HOSTILE)),
         cards.saved_card([HOSTILE]),
-        cards._motor(row),
+        cards._motor(row, told_limits([row])),
     ):
         assert HOSTILE not in card
         assert "<img" not in card
@@ -121,4 +121,4 @@ def test_two_plans_are_compared_number_by_number(present: ShownPlan) -> None:
     other = replace(present, clearance=None)
     card = cards.comparison_card(present, other)
     assert card.count("<tr>") == 1 + len(cards.COMPARED)
-    assert "–" in card
+    assert "<td>-</tr>" in card

@@ -11,14 +11,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
-from xml.etree import ElementTree
+from typing import Any
+from xml.etree.ElementTree import Element
 
 import flint
 
 from floatplan.certificate.enclosure import PRECISION
 from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, read_regular
+from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
 from floatplan.plans.record import RobotRecord
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # all six in an <inertia>; without one a link is a point mass
@@ -83,11 +83,6 @@ class Urdf:
     root: str
 
 
-class _PlainTree(ElementTree.TreeBuilder):
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
-        raise InputError("declares a document type (<!DOCTYPE>), where entities could hide")
-
-
 def recorded_content(path: Path, sha256: str) -> bytes:
     """Content of the URDF file of this hash.
 
@@ -112,13 +107,11 @@ def read_urdf(content: bytes, path: Path) -> Urdf:
         It is not a tree of links and joints with finite numbers.
     """
     try:
-        parser = ElementTree.XMLParser(target=_PlainTree())
-        parser.feed(content)
         with flint.ctx.workprec(PRECISION):
-            return _tree(parser.close())
+            return _tree(parsed_xml(content, path))
     except InputError as error:
         raise error.within(path) from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
+    except (ValueError, LookupError) as error:
         raise InputError(f"is no URDF: {error}", source=path) from None
 
 
@@ -129,7 +122,7 @@ def motion(joint: Joint, position: float) -> Placement:
     return Placement(_turn(unit_axis(joint), flint.arb(position))) if position else Placement()
 
 
-def _tree(root: ElementTree.Element) -> Urdf:
+def _tree(root: Element) -> Urdf:
     links: dict[str, Link] = {}
     for element in root.findall("link"):
         link = _link(element)
@@ -162,7 +155,7 @@ def _parents_first(joints: list[Joint], root: str) -> tuple[Joint, ...]:
     return tuple(ordered)
 
 
-def _link(element: ElementTree.Element) -> Link:
+def _link(element: Element) -> Link:
     name = _text(element, "name")
     inertial = element.find("inertial")
     collides = element.find("collision") is not None
@@ -181,7 +174,7 @@ def _link(element: ElementTree.Element) -> Link:
     return Link(name, value, _origin(inertial), moments, True, collides)
 
 
-def _joint(element: ElementTree.Element) -> Joint:
+def _joint(element: Element) -> Joint:
     name, kind = _text(element, "name"), _text(element, "type")
     if kind not in ("revolute", "continuous", "prismatic", "fixed"):
         raise InputError(f'its type "{kind}" is none that floatplan plans with', element=f'joint "{name}"')
@@ -196,7 +189,7 @@ def _joint(element: ElementTree.Element) -> Joint:
     return Joint(name, kind, *ends, _origin(element), direction, follower)
 
 
-def _origin(element: ElementTree.Element) -> Placement:
+def _origin(element: Element) -> Placement:
     origin = element.find("origin")
     if origin is None:
         return Placement()
@@ -238,7 +231,7 @@ def _number(text: str | None) -> Any:
     return flint.arb(value)
 
 
-def _text(element: ElementTree.Element, key: str) -> str:
+def _text(element: Element, key: str) -> str:
     value = element.get(key)
     if value is None:
         raise InputError(f"a <{element.tag}> lacks its {key}")

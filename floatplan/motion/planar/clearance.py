@@ -23,6 +23,10 @@ Number = TypeVar("Number", np.float64, np.complex128)
 IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
 
 
+def _facing(obstacle: Obstacle, capsules: int, hulls: int) -> range:
+    return range(capsules, capsules + hulls) if hulls and isinstance(obstacle, Ground) else range(capsules)
+
+
 @dataclass(frozen=True, eq=False)
 class Segments:
     """The capsules of some links over K instants.
@@ -43,10 +47,8 @@ class Segments:
 
     def facing(self, obstacle: Obstacle) -> Segments:
         """Return those whose distances to an obstacle count: the hulls' where it is the ground."""
-        if not self.hulls:
-            return self
-        first = len(self.radius) - self.hulls
-        return self.of(slice(first, None) if isinstance(obstacle, Ground) else slice(first))
+        facing = _facing(obstacle, len(self.radius) - self.hulls, self.hulls)
+        return self.of(slice(facing.start, facing.stop)) if self.hulls else self
 
     def of(self, capsules: IntArray | slice) -> Segments:
         """Return some of the capsules, by index."""
@@ -99,10 +101,7 @@ class LinkShapes:
 
     def facing(self, obstacle: Obstacle) -> range:
         """Indices of the shapes whose distances to an obstacle count: the hulls' where it is the ground."""
-        capsules = len(self.links)
-        if self.hulls and isinstance(obstacle, Ground):
-            return range(capsules, capsules + self.hulls)
-        return range(capsules)
+        return _facing(obstacle, len(self.links), self.hulls)
 
     @property
     def radius(self) -> Array:

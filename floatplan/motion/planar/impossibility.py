@@ -19,10 +19,10 @@ from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rat
 from floatplan.problem.parts import Bar, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.tables import ORIENTATION, RELATIVE
 
 PATH_INSTANTS = 2001  # [-] of the flight
 POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
-ROUNDING = 1e-9  # [-] relative: a limit that is met exactly does not make a problem impossible
 
 
 def impossibilities(problem: Problem) -> list[str]:
@@ -93,13 +93,13 @@ def _mean_rates(problem: Problem) -> Iterator[str]:
         problem.robot.joints, problem.initial.positions, problem.final.positions, problem.velocity_limits, strict=True
     ):
         mean = abs(goal - start) / duration
-        if mean > limit * (1 + ROUNDING):
+        if mean > limit * (1 + RELATIVE):
             yield (
                 f"Joint {name} moves by {goal - start:+.4g} rad in {duration:.4g} s: that needs {mean:.4g} rad/s on"
                 f" average, more than its velocity limit of {limit:.4g} rad/s."
             )
     rate, turn = problem.limits.orientation_rate, problem.final.orientation - problem.initial.orientation
-    if rate is not None and abs(turn) / duration > rate * (1 + ROUNDING):
+    if rate is not None and abs(turn) / duration > rate * (1 + RELATIVE):
         yield (
             f"The orientation changes by {turn:+.4g} rad in {duration:.4g} s: that needs {abs(turn) / duration:.4g}"
             f" rad/s on average, more than the orientation rate limit of {rate:.4g} rad/s."
@@ -120,7 +120,7 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
             found = rates_at(
                 problem.robot, equations_at(problem.robot, *at_end(problem, end)), problem.velocity_limits, momentum
             )
-            if found.exist and found.ratio is not None and found.ratio > 1 + ROUNDING:
+            if found.exist and found.ratio is not None and found.ratio > 1 + RELATIVE:
                 whatever = ", whatever the angular momentum," if momentum is None else ""
                 yield (
                     f"At {end} frame {frame!r} is at rest only{whatever} with rates of {found.ratio:.4g} times the"
@@ -139,7 +139,7 @@ def _turning(problem: Problem) -> Iterator[str]:
     least, most = momentum - swing, momentum + swing
     slowest = duration * least / (high[0] if least > 0 else low[0])
     fastest = duration * most / (low[0] if most > 0 else high[0])
-    if not slowest - ROUNDING <= turn <= fastest + ROUNDING:
+    if not slowest - ORIENTATION <= turn <= fastest + ORIENTATION:
         yield (
             f"Under the velocity limits the orientation changes by {slowest:+.4g} to {fastest:+.4g} rad in"
             f" {duration:.4g} s whatever the joints do; the goal needs {turn:+.4g} rad."

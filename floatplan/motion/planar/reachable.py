@@ -13,10 +13,8 @@ from typing import TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rate_limits, row_sizes
+from floatplan.motion.planar.contact_rates import NOTHING, End, at_end, equations_at, rate_limits, row_sizes
 from floatplan.problem.problem import Problem
-
-PARALLEL = 1e-12  # [-] relative: less is rounding
 
 Interval: TypeAlias = tuple[float, float]
 
@@ -66,9 +64,9 @@ def _half_planes(matrix: Array, scale: Array, limits: Array) -> tuple[Array, Arr
     across = np.cross(base, directions.T)
     candidates = np.concatenate((across, np.cross(base, across)))
     sizes = np.linalg.norm(candidates, axis=1)
-    normals = candidates[sizes > PARALLEL] / sizes[sizes > PARALLEL, None]
+    normals = candidates[sizes > NOTHING] / sizes[sizes > NOTHING, None]
     pulls = np.abs(normals @ joints)
-    pulls[pulls <= PARALLEL * lengths] = 0.0
+    pulls[pulls <= NOTHING * lengths] = 0.0
     reach = np.where(pulls > 0, pulls * np.where(pulls > 0, limits, 0.0), 0.0).sum(axis=1)
     bounded = np.isfinite(reach)
     return normals[bounded] / scale, reach[bounded]
@@ -78,8 +76,8 @@ def _interval(normals: Array, reach: Array, asked: Array, direction: Array) -> I
     """Of ``asked + t direction`` the part within all half-planes, as values along the direction."""
     slopes, offsets = normals @ direction, normals @ asked
     sizes = np.linalg.norm(normals, axis=1)
-    across = np.abs(slopes) <= PARALLEL * sizes
-    if (np.abs(offsets[across]) > reach[across] + PARALLEL * sizes[across] * np.linalg.norm(asked)).any():
+    across = np.abs(slopes) <= NOTHING * sizes
+    if (np.abs(offsets[across]) > reach[across] + NOTHING * sizes[across] * np.linalg.norm(asked)).any():
         return None
     ends = np.sort((np.array([[-1.0], [1.0]]) * reach[~across] - offsets[~across]) / slopes[~across], axis=0)
     low, high = ends[0].max(initial=-math.inf), ends[1].min(initial=math.inf)
@@ -93,7 +91,7 @@ def _polygon(matrix: Array, limits: Array, horizontal_velocity: float) -> Array 
     The base's rate is what makes the horizontal velocity the asked one.
     """
     lever = matrix[1, 0]
-    if not np.isfinite(limits).all() or abs(lever) <= PARALLEL * float(np.abs(matrix[1:]).max()):
+    if not np.isfinite(limits).all() or abs(lever) <= NOTHING * float(np.abs(matrix[1:]).max()):
         return None
     per_horizontal = matrix[[0, 2], 0] / lever
     segments = (matrix[[0, 2], 1:] - per_horizontal[:, None] * matrix[1, 1:]) * limits

@@ -7,13 +7,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, tostring
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.files import LARGEST_URDF, check_depth, read_regular
+from floatplan.files import LARGEST_URDF, parsed_xml, read_regular
 from floatplan.robot.urdf.tree import UrdfTree
 
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
@@ -29,13 +27,6 @@ class UrdfText:
     root: Element
 
 
-class _PlainTree(ElementTree.TreeBuilder):
-    """Refuses a document type: it is where entities (and entity bombs) are declared, and a URDF needs none."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
-        raise InputError("declares a document type (<!DOCTYPE>), which may hide entities", advice="remove that line")
-
-
 def read_urdf(path: str | Path) -> UrdfText:
     """Read a URDF file.
 
@@ -48,21 +39,13 @@ def read_urdf(path: str | Path) -> UrdfText:
     content = read_regular(path, LARGEST_URDF, "a URDF file")
     if not content.strip():
         raise InputError("is empty", source=path)
-    parser = ElementTree.XMLParser(target=_PlainTree())
-    try:
-        parser.feed(content)
-        root = parser.close()
-        check_depth(root, Element)
-    except InputError as error:
-        raise error.within(path) from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"is not well-formed XML: {error}", source=path) from None
+    root = parsed_xml(content, path)
     if root.tag != "robot":
         raise InputError(f"is not a URDF: its root element is <{root.tag}>, not <robot>", source=path)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:  # in another encoding: written anew
-        text = ElementTree.tostring(root, encoding="unicode")
+        text = tostring(root, encoding="unicode")
     return UrdfText(path, text, hashlib.sha256(content).hexdigest(), root)
 
 

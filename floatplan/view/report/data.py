@@ -7,19 +7,19 @@ writes as text.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_hex
 
+from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import plain
-from floatplan.plans.measures import told_limits
 from floatplan.plans.plan import Plan
-from floatplan.plans.verdicts import Verdict, verdict_in_words
-from floatplan.problem.parts import JointState, Obstacle
+from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, utilisation_table
+from floatplan.plans.verdicts import TONES
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, clearance_range, margins
@@ -36,13 +36,10 @@ from floatplan.view.outlines import (
 )
 from floatplan.view.style import OBSTACLES, TRAILS, palette
 
-Row = tuple[str, str]
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
 SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
 BOX_PAD = 0.02  # [-] room around what is drawn
-TONES: dict[Verdict, str] = {"proved": "good", "refuted": "bad", "undecided": "open"}
-LONGEST_LIST = 12  # [-] joints listed one by one
 
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
@@ -186,125 +183,36 @@ def rounded(values: Any) -> Any:
 
 def sections(plan: Plan) -> list[dict[str, Any]]:
     """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
+    certificate = plan.certificate
+    proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
+    findings = ((), []) if certificate is None else certificate.table()
     tables: list[dict[str, Any]] = [
-        {"title": "Problem", "rows": _problem(plan.problem)},
-        {"title": "Result", "rows": _result(plan), "tone": "good" if plan.ok else "bad", "note": plan.explanation},
-        {"title": "Proved", **_proved(plan)},
-        {"title": "Use of limits", "rows": [], **_motors(plan)},
+        {"title": "Problem", "rows": plan.problem.rows()},
+        {
+            "title": "Result",
+            "rows": result_rows(plan),
+            "tone": "good" if plan.ok else "bad",
+            "note": plan.explanation,
+        },
+        {
+            "title": "Proved",
+            "rows": [*proof, _replayed(plan.record.replay)],
+            "tone": "open" if certificate is None else TONES[certificate.verdict],
+            "findings": findings,
+        },
+        {"title": "Use of limits", "rows": [], "motors": utilisation_table(plan.utilisation)},
     ]
     if plan.warnings:
-        warned = [(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+        warned = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
         tables.append({"title": "Warnings", "rows": warned, "tone": "open"})
+    for table in tables:
+        table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     return tables
 
 
-def verdict(plan: Plan) -> tuple[str, str]:
-    """Return the plan's verdict in a word or two, and its tone."""
-    certificate, warned = plan.certificate, bool(plan.warnings)
-    word = verdict_in_words(plan.ok, certificate, warned)
-    if certificate is None or not plan.ok:
-        return word, "open" if plan.ok else "bad"
-    return word, "open" if certificate.proved and warned else TONES[certificate.verdict]
-
-
-def _problem(problem: Problem) -> list[Row]:
-    flight, robot = problem.flight, problem.robot
-    momentum = flight.angular_momentum
-    degrees = ", ".join(map(str, problem.degrees if len(set(problem.degrees)) > 1 else problem.degrees[:1]))
-    rows = [
-        ("robot", f"{robot.name}, {len(robot.joints)} planned joints, {robot.mass:.4g} kg"),
-        ("start", _posture(problem.initial, robot.joints)),
-        ("goal", _posture(problem.final, robot.joints)),
-        ("duration", f"{flight.duration:g} s"),
-        ("takes off", f"{problem.takeoff.frame} at {_pair(problem.takeoff.position)} m"),
-        ("lands", f"{problem.landing.frame} at height {problem.landing_height:g} m"),
-        ("speed", f"{flight.horizontal_velocity:g} m/s horizontally, gravity {flight.gravity:g} m/s²"),
-        ("momentum", momentum if isinstance(momentum, str) else f"{momentum:g} kg m²/s"),
-        ("motion", f"sine polynomials of degree {degrees}, least {problem.motion.objective}"),
-    ]
-    if problem.ground:
-        rows.append(("ground", "no link below the line on which it took off"))
-    return rows + [("obstacle", _obstacle(obstacle)) for obstacle in problem.obstacles]
-
-
-def _result(plan: Plan) -> list[Row]:
-    record = plan.record
-    low, high = record.angular_momentum_bounds
-    ends = record.orientation
-    place = "inside" if low <= record.angular_momentum <= high else "outside"
-    rows = [
-        ("status", record.status),
-        ("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end"),
-        ("momentum", f"{record.angular_momentum:.6g} kg m²/s, {place} [{low:.5g}, {high:.5g}] of monotonic joints"),
-        ("objective", f"{record.objective['name']}: {float(record.objective['value']):.6g}"),
-    ]
-    if record.clearance_min is not None:
-        rows.append(("least clearance", f"{record.clearance_min:.5g} m"))
-    rows += [(contact.end, contact.brief) for contact in plan.contacts]
-    seconds = record.solver.get("seconds")
-    return rows if seconds is None else [*rows, ("found in", f"{float(seconds):.3g} s")]
-
-
-def _motors(plan: Plan) -> dict[str, list[Any]]:
-    """Peaks, limits and utilisation of each motor, worst first: titles and cells of a table."""
-    keys = told_limits(plan.utilisation)
-    titles = ["joint", *(title for row in keys for title in (row.unit, "limit", "used")), "of range", "at, s"]
-    cells = []
-    for use in plan.utilisation:
-        row = [use.joint]
-        for key in (limit.key for limit in keys):
-            row += map(_number, (getattr(use, f"{key}_peak"), getattr(use, f"{key}_limit")))
-            row.append(_percent(getattr(use, f"{key}_utilisation")))
-        cells.append([*row, _percent(use.range_used), f"{use.instant:.3f}"])
-    return {"titles": titles, "motors": cells}
-
-
-def _proved(plan: Plan) -> dict[str, Any]:
-    """What certificate and replay say; the certificate's findings, unproved ones first: label, verdict, numbers."""
-    certificate, replay = plan.certificate, plan.record.replay
-    rows = [("certificate", "none in the plan file; floatplan certify --save makes one")]
-    findings: list[list[str]] = []
-    if certificate is not None:
-        for finding in sorted(certificate.findings, key=lambda finding: finding.verdict == "proved"):
-            numbers = map(_number, (finding.bound, finding.limit, finding.instant))
-            findings.append([finding.label, finding.verdict, *numbers])
-        many = f"{len(findings) - len(certificate.unproved)} of {len(findings)}"
-        rows = [("certificate", f"{certificate.verdict}: {many} constraints hold at every instant")]
-        if certificate.clearance_min is not None:
-            rows.append(("clearance above", f"{_number(certificate.clearance_min)} m"))
+def _replayed(replay: Mapping[str, Any] | None) -> Row:
     if replay is None:
-        rows.append(("replay", "none in the plan file; floatplan replay --save makes one"))
-    else:
-        landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
-        error = _number(replay.get("orientation_error"))
-        rows.append(("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad"))
-    return {"rows": rows, "tone": "open" if certificate is None else TONES[certificate.verdict], "findings": findings}
-
-
-def _posture(state: JointState, joints: Sequence[str]) -> str:
-    angles = np.rad2deg([state.orientation, *state.positions]) + 0.0
-    if len(joints) <= LONGEST_LIST:
-        return ", ".join(f"{name} {angle:.5g}°" for name, angle in zip(("orientation", *joints), angles, strict=True))
-    listed = ", ".join(map(_number, angles[1 : LONGEST_LIST + 1]))
-    return f"orientation {angles[0]:.5g}°, joints {listed}, … ({len(joints)} in all)°"
-
-
-def _obstacle(obstacle: Obstacle) -> str:
-    text = f"{obstacle.kind} {obstacle.where}, margin {obstacle.margin:g} m"
-    if any(obstacle.velocity):
-        text += f", moving at {_pair(obstacle.velocity)} m/s"
-    if obstacle.window is not None:
-        text += f", from {obstacle.window[0]:g} to {obstacle.window[1]:g} s"
-    return text
-
-
-def _pair(values: Iterable[float]) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
-
-
-def _percent(fraction: float | None) -> str:
-    return "" if fraction is None else f"{100 * fraction:.0f} %"
-
-
-def _number(value: Any) -> str:
-    return "none" if value is None or not math.isfinite(value) else f"{float(value) + 0.0:.5g}"
+        return Row("replay", "none in the plan file; floatplan replay --save makes one")
+    landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
+    error = short(replay.get("orientation_error"))
+    return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")

@@ -20,9 +20,10 @@ from typing import Any
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
+from floatplan.plans.presentation import plan_verdict
 from floatplan.problem.file import problem_text
 from floatplan.view.charts import SampledPlan, charts
-from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections, verdict
+from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
 PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
@@ -42,7 +43,7 @@ def report(plan: Plan, path: str | Path | None = None) -> str:
     """
     licence, plots = map(asset, PLOTS)
     scripts = [f"/*\n{licence}\n*/\n{plots}", *map(asset, SCRIPTS)]
-    title = f"{plan.problem.name}: {verdict(plan)[0]}"
+    title = f"{plan.problem.name}: {plan_verdict(plan)[0]}"
     return page("report.html", title, STYLES, scripts, report_data(plan, path)).decode()
 
 
@@ -86,7 +87,7 @@ def notebook_frame(plan: Plan) -> str:
 def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    word, tone = verdict(plan)
+    word, tone = plan_verdict(plan)
     problem = plan.problem
     data: dict[str, Any] = plain(
         {

@@ -61,6 +61,7 @@ POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
 WIDTH = 0.4  # [-] width of other obstacles, in sizes of the robot
 STONE, SAND = (150, 150, 150), (226, 222, 212)
+LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
 
@@ -158,10 +159,15 @@ def _add_trails(server: Any, plan: Plan) -> None:
     names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
     paths = placed.com, placed.takeoff, placed.landing
     for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
-        points = in_space(plan.robot.plane, path)
-        pairs, colours = np.stack((points[:-1], points[1:]), axis=1), rgb_bytes(colour)
-        server.scene.add_line_segments(f"/trails/{index}", pairs, colours, thickness=2.0, thickness_units="screen")
-        server.scene.add_label(f"/trails/{index}/name", name, position=points[0])
+        pairs = segments(plan.robot.plane, path)
+        server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
+        server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
+
+
+def segments(plane: Plane, path: ComplexArray) -> Array:
+    """Return a path (N,) of the plane as the line segments (N - 1, 2, 3) of a scene."""
+    points = in_space(plane, path)
+    return np.stack((points[:-1], points[1:]), axis=1)
 
 
 def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:

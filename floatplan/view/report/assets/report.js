@@ -42,20 +42,20 @@ function offerParts(list, show) {
 
 function fillFacts(data, onSeek) {
   const holder = document.getElementById("facts");
-  for (const { title, rows, tone, note, titles, motors, findings } of data.sections) {
+  for (const { title, rows, tone, note, motors, findings } of data.sections) {
     const part = holder.appendChild(make("article", tone));
     part.append(make("h2", "", title));
     addRows(part.appendChild(make("dl")), rows);
     if (note) part.append(make("p", "note", note));
     if (motors) {
       part.classList.add("motors");
-      fillTable(part, titles, motors, onSeek);
+      fillTable(part, motors, onSeek);
     }
-    if (findings && findings.length) {
+    if (findings && findings[1].length) {
       const details = part.appendChild(make("details"));
-      details.append(make("summary", "", `All ${findings.length} constraints`));
-      const lines = fillTable(details, ["constraint", "", "bound", "limit", "at, s"], findings, onSeek);
-      findings.forEach(([, verdict], index) => lines[index].classList.add(verdict));
+      details.append(make("summary", "", `All ${findings[1].length} constraints`));
+      const lines = fillTable(details, findings, onSeek);
+      findings[1].forEach(([, verdict], index) => lines[index].classList.add(verdict));
     }
   }
   const file = holder.appendChild(make("article", "file")).appendChild(make("details"));
@@ -66,8 +66,8 @@ function fillFacts(data, onSeek) {
   file.append(make("summary", "", summary), make("pre", "", data.problem), link);
 }
 
-/* Rows of texts; a click on one goes to the instant in its last cell. */
-function fillTable(part, titles, rows, onSeek) {
+/* Titles, and rows of texts; a click on one goes to the instant in its last cell. */
+function fillTable(part, [titles, rows], onSeek) {
   const table = part.appendChild(make("div", "wide")).appendChild(make("table"));
   const filled = (tag, texts) => {
     const row = make("tr");

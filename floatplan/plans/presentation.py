@@ -1,0 +1,98 @@
+"""What is said of a plan, as text: the rows and tables that terminal, report and studio show alike."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from floatplan.arguments import percent, short
+from floatplan.plans.measures import Utilisation, told_limits
+from floatplan.plans.plan import Plan
+from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
+from floatplan.robot.leak import WORTH_A_WARNING
+from floatplan.tables import OBJECTIVE_TABLE
+
+LONGEST_LIST = 200  # [-] characters of constraints that are not proved
+EXPONENTS = {"2": "²", "3": "³"}
+
+
+class Row(NamedTuple):
+    """A name, what is said under it, and whether that is good, bad or open."""
+
+    name: str
+    text: str
+    tone: Tone = "good"
+
+
+def plan_verdict(plan: Plan) -> tuple[str, Tone]:
+    """Return the verdict on a plan in a few words, and its tone."""
+    return verdict_in_words(plan.ok, plan.certificate, bool(plan.warnings))
+
+
+def result_rows(plan: Plan) -> list[Row]:
+    """Return what a search found: its status first, then how good the motion is."""
+    record, ends = plan.record, plan.record.orientation
+    low, high = record.angular_momentum_bounds
+    inside = "inside" if low <= record.angular_momentum <= high else "outside"
+    name, seconds = record.objective["name"], record.solver.get("seconds")
+    unit = OBJECTIVE_TABLE[name].unit.replace("mixed", "")
+    of_nearest = "" if plan.ok else ", in the nearest motion"
+    rows = [
+        Row("status", record.status if seconds is None else f"{record.status}, after {float(seconds):.3g} s"),
+        Row("orientation", f"off by {abs(ends['end'] - ends['goal']):.1e} rad at the end{of_nearest}"),
+        Row(
+            "momentum", f"{record.angular_momentum:.6g} kg m^2/s, {inside} [{low:.5g}, {high:.5g}] of monotonic joints"
+        ),
+        Row("objective", f"{name} {float(record.objective['value']):.6g} {unit}".rstrip()),
+    ]
+    if record.clearance_min is not None:
+        rows.append(Row("clearance", f"{record.clearance_min:.5g} m at least"))
+    leak = record.out_of_plane_leak
+    if leak is not None and leak > WORTH_A_WARNING:
+        times = f"the motion makes {leak:.2g} times as much angular momentum out of the plane as in it"
+        rows.append(Row("leak", f"{times}; see floatplan info", "open"))
+    return rows + [Row(contact.end, contact.brief, "good" if contact.ok else "open") for contact in plan.contacts]
+
+
+def proof_rows(plan: Plan) -> list[Row]:
+    """Return what was proved of a plan, and what was not; nothing where it has no certificate."""
+    certificate, goal = plan.certificate, plan.problem.final.orientation
+    if certificate is None:
+        return []
+    tone, unproved = TONES[certificate.verdict], [finding.label for finding in certificate.unproved]
+    many = f"{len(certificate.findings) - len(unproved)} of {len(certificate.findings)}"
+    took = f"{certificate.seconds:.2g} s, {certificate.subintervals} intervals"
+    rows = [Row("certificate", f"{certificate.verdict}: {many} constraints hold at every instant ({took})", tone)]
+    if unproved:
+        listed = ", ".join(unproved)
+        rows.append(
+            Row("not proved", listed if len(listed) <= LONGEST_LIST else f"{listed[: LONGEST_LIST - 4]} ...", tone)
+        )
+    low, high = certificate.orientation_end
+    bounds = [] if math.isinf(low) else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
+    bounds.append(f"torque at most {max(certificate.motor_torque_peak.values(), default=0.0):.4g} N m")
+    if certificate.clearance_min is not None:
+        bounds.append(f"clearance at least {certificate.clearance_min:.5g} m")
+    return [*rows, Row("bounds", f"for all times, {', '.join(bounds)}", tone)]
+
+
+def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list[str]]]:
+    """Return titles and cells of how much of its limits each motor uses; the last cell is an instant, s."""
+    limits = told_limits(rows)
+    titles = ["joint", *(title for limit in limits for title in (limit.unit, "limit", "%"))]
+    cells = []
+    for use in rows:
+        of_limits: list[str] = []
+        for limit in limits:
+            peak, most, share = (getattr(use, f"{limit.key}_{name}") for name in ("peak", "limit", "utilisation"))
+            of_limits += [short(peak), short(most), percent(share)]
+        moved = f"{math.degrees(use.position_low):.0f} to {math.degrees(use.position_high):.0f}"
+        cells.append([use.joint, *of_limits, moved, percent(use.range_used), f"{use.instant:.3f}"])
+    return [*titles, "range, deg", "% of it", "at, s"], cells
+
+
+def raised(text: str) -> str:
+    """Return a text with the exponents of its units raised, for a page or a picture."""
+    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda found: found[1] + EXPONENTS[found[2]], text)
