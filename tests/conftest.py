@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from browser import Browser, started
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
+from threadpoolctl import threadpool_limits
 from typer.testing import CliRunner
 
 if TYPE_CHECKING:
@@ -33,6 +34,14 @@ class Run:
     code: int
     stdout: str
     stderr: str
+
+
+def pytest_collection_finish() -> None:
+    """Hold BLAS to one thread where a test computes itself: beside other tests its threads wait for cores, spinning.
+
+    Public calls do so by themselves; ``test_threads.py`` looks at that, in processes of its own.
+    """
+    threadpool_limits(limits=1, user_api="blas")
 
 
 @pytest.fixture(scope="session")

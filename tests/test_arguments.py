@@ -88,6 +88,11 @@ def plan(problem: fp.Problem) -> fp.Plan:
     return fp.plan(problem)
 
 
+@pytest.fixture(scope="module")
+def authority(plan: fp.Plan) -> fp.Authority:
+    return fp.authority(plan)
+
+
 def parts(problem: fp.Problem) -> dict[str, Call]:
     """What people make; what they put into a problem is put into one."""
 
@@ -193,7 +198,7 @@ def tried(problems: Any) -> None:
         repr(problems[index])
 
 
-def calls(problem: fp.Problem, plan: fp.Plan, folder: Path) -> dict[str, Call]:
+def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: Path) -> dict[str, Call]:
     """Public functions, and methods of what they return."""
     file = plan.save(folder / "plan.json")
     toml = fp.save_problem(problem, folder / "problem.toml")
@@ -225,7 +230,7 @@ def calls(problem: fp.Problem, plan: fp.Plan, folder: Path) -> dict[str, Call]:
         ),
         "Replanner": Call(fp.Replanner, {"plan": plan, "rate": 200.0, "sigma": 0.001, "acceleration": None}),
         "authority": Call(lambda plan: repr(plan) if isinstance(plan, fp.Plan) else fp.authority(plan), {"plan": plan}),
-        "Authority.until": Call(fp.authority(plan).until, {"error": 0.1}),
+        "Authority.until": Call(authority.until, {"error": 0.1}),
         "Replanner.reference": Call(replanner.reference, {"t": 0.1}),
         **{f"Plan.{name}": Call(getattr(plan, name), {"times": 0.5}) for name in ("at", "q", "v", "a", "tau")},
         "Plan.save": Call(plan.save, {"path": file}),
@@ -272,11 +277,17 @@ def test_what_people_make(name: str, problem: fp.Problem) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_what_people_call(problem: fp.Problem, plan: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_people_call(
+    problem: fp.Problem,
+    plan: fp.Plan,
+    authority: fp.Authority,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda _: True)
     found = []
-    for name, call in calls(problem, plan, tmp_path).items():
+    for name, call in calls(problem, plan, authority, tmp_path).items():
         assert set(inspect.signature(call.function).parameters) == set(call.arguments), name
         call.then(call.function(**call.arguments))
         found += list(refusals(name, call))
@@ -306,8 +317,13 @@ def test_studies(root: Path, problem: fp.Problem, tmp_path: Path, monkeypatch: p
     assert "2 rows" in repr(study)
 
 
-def test_every_public_name_is_tried(problem: fp.Problem, plan: fp.Plan, tmp_path: Path) -> None:
-    tried = {name.partition(".")[0] for name in (*PARTS, *calls(problem, plan, tmp_path), "study", *TRIED_AMONG_JUMPS)}
+def test_every_public_name_is_tried(
+    problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, tmp_path: Path
+) -> None:
+    tried = {
+        name.partition(".")[0]
+        for name in (*PARTS, *calls(problem, plan, authority, tmp_path), "study", *TRIED_AMONG_JUMPS)
+    }
     assert set(fp.__all__) == tried | MADE_BY_FLOATPLAN | NO_ARGUMENTS
 
 
@@ -373,7 +389,9 @@ def test_more_starts_than_anybody_waits_for_are_refused(problem: fp.Problem) -> 
             function(asked, starts=MOST_SOLVED + 1)  # type: ignore[operator]
 
 
-def test_a_path_stands_for_what_is_in_its_file(root: Path, plan: fp.Plan, tmp_path: Path) -> None:
+def test_a_path_stands_for_what_is_in_its_file(
+    root: Path, plan: fp.Plan, authority: fp.Authority, tmp_path: Path
+) -> None:
     toml, file = root / "problems" / "handstand.toml", plan.save(tmp_path / "plan.json")
     for path in (toml, str(toml)):
         assert fp.plan(path).coefficients.tolist() == plan.coefficients.tolist()
@@ -383,7 +401,7 @@ def test_a_path_stands_for_what_is_in_its_file(root: Path, plan: fp.Plan, tmp_pa
     assert fp.replay(file).position_error.tolist() == fp.replay(plan).position_error.tolist()
     assert fp.Replanner(str(file)).plan.coefficients.tolist() == plan.coefficients.tolist()
     assert fp.closed_loop(file, flights=1).flights == 1
-    assert fp.authority(file).momentum.shape == fp.authority(plan).momentum.shape
+    assert fp.authority(file).momentum.shape == authority.momentum.shape
 
 
 def test_arrays_are_kept_as_they_were(problem: fp.Problem) -> None:
@@ -427,7 +445,7 @@ def test_no_problem_of_ours_is_warned_of(root: Path, plan: fp.Plan) -> None:
         assert not [each for each in fp.plan(path).warnings if each.kind == "turns"]
 
 
-def test_representations_are_short_and_tell(problem: fp.Problem, plan: fp.Plan) -> None:
+def test_representations_are_short_and_tell(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority) -> None:
     family = fp.Family(problem, {"flight.duration": np.linspace(1.3, 1.5, 1000)})
     plans = fp.plan_many(family)
     replanner = fp.Replanner(plan)
@@ -448,7 +466,7 @@ def test_representations_are_short_and_tell(problem: fp.Problem, plan: fp.Plan) 
         (replanner, "landing: 1.4 s"),
         (replanner.update(0.0, *measured), "status: applied"),
         (replanner.reference(0.1), "feedforward: "),
-        (fp.authority(plan), "momentum: "),
+        (authority, "momentum: "),
         (flown, "flights: 2"),
         (flown.corrected, "orientation: "),
         (fp.replay(plan), "landed"),

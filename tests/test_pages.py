@@ -13,6 +13,7 @@ from typing import Any
 
 import jsonschema
 import pytest
+from long_cases import cases
 from needed import skip_or_fail
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,6 +26,7 @@ EXTRAS = {
     "--scene": "viser",
     "example-robot-data:": "example_robot_data",
 }
+LONG = {"docs/in_flight.md", "docs/tutorial.md", "docs/howto/obstacles.md", "docs/howto/own_robot.md"}  # README: always
 VERDICTS = (
     "floatplan takeoff",
     "floatplan plan",
@@ -55,7 +57,7 @@ def with_snippets(*languages: str) -> list[str]:
     return [page for page in PAGES if any(blocks(page, *languages))]
 
 
-@pytest.mark.parametrize("page", with_snippets("python", "sh"))
+@pytest.mark.parametrize("page", cases(with_snippets("python", "sh"), LONG))
 def test_snippets_run(page: str, floatplan: Command) -> None:
     for name in ("problems", "urdf"):
         Path(name).symlink_to(ROOT / name)

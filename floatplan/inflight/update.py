@@ -1,6 +1,7 @@
 """An update of a flight's corrections: the state that is expected, the filter, the rest of the flight corrected.
 
-All of it is computed by the kernel, ``flight.hpp``, ``law.hpp`` and ``prediction.hpp``; this fills what these read.
+All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``prediction.hpp``; this fills what these
+read.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ STEPS = ENUMERATIONS["Step"].__members__
 
 
 def _constants() -> dict[str, Any]:
-    """Of law and filter, as the kernel names them."""
+    """Of corrections and filter, as the kernel names them."""
     return {
         "gap_nodes": GAP_NODES,
         "memory": MEMORY,

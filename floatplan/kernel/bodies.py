@@ -16,6 +16,7 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.layout import Filled
+from floatplan.motion.planar.closed_form import distinct_turns
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree
@@ -70,7 +71,7 @@ class Bodies:
 def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     """Return a tree's bodies for joint ranges of the given centres and amplitudes (n,), rad."""
     constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
-    turns, group = _distinct(tree.turns)
+    turns, group = distinct_turns(tree)
     parent, terms = _built_up(turns)
     first = np.cumsum([0, *map(len, terms)])
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]
@@ -93,13 +94,6 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
         links,
         is_mirrored,
     )
-
-
-def _distinct(turns: Array) -> tuple[Array, IntArray]:
-    """Rows that differ, in the order of their first appearance, and which of them each row is."""
-    known: dict[tuple[float, ...], int] = {}
-    group = [known.setdefault(row, len(known)) for row in map(tuple, (turns + 0.0).tolist())]
-    return np.array(list(known)), np.array(group)
 
 
 def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:

@@ -52,7 +52,8 @@ static inline double quotient(Double2 a, Double2 b) {  // correctly rounded but 
 
 // Coefficients b (columns) in powers of seconds of a combination of the basis, see powers_of_seconds() of
 // floatplan/motion/exact_polynomials.py.
-static inline void write_coefficients(const double *combination, const Double2 *time, const Powers &powers, std::int64_t columns,
+static inline void write_coefficients(const double *combination, const Double2 *time,
+                                      const Powers &powers, std::int64_t columns,
                         double *b) {
     Double2 rest[MOST_COLUMNS];
     for (std::int64_t k = 0; k < columns; ++k) {

@@ -5,12 +5,12 @@ class FlightUpdate {
   public:
     FlightUpdate(const Robot &robot, const Constraints &constraints, Flight &flight, double *memory)
         : robot(robot), f(flight), n(robot.joints), g(robot.bodies), m(robot.links), columns(6 + f.width),
-          state_size(2 + 2 * m), rest(robot, constraints, flight), law(flight, rest, n), arena(aligned(memory)) {
+          state_size(2 + 2 * m), rest(robot, constraints, flight), correcting(flight, rest, n), arena(aligned(memory)) {
         lay_out_motion(arena, look, robot, 0, 2 * f.gap_nodes + 2);
         for (double **each : {&row, &other, &gain}) arena.take(*each, state_size);
         arena.take(values, (columns + 1) * n);
         rest.lay_out(arena);
-        law.lay_out(arena);
+        correcting.lay_out(arena);
     }
 
     std::int64_t room() const { return arena.numbers(); }
@@ -148,8 +148,8 @@ class FlightUpdate {
         rest.h = f.state[1];
         rest.orientation = f.state[0] + f.turn_after;
         rest.change = f.goal - rest.orientation;
-        if (!corrected) return law.predict(f.coefficients, f.corrected);
-        law.correct(f.coefficients, f.evaluations, f.corrected);
+        if (!corrected) return correcting.predict(f.coefficients, f.corrected);
+        correcting.correct(f.coefficients, f.evaluations, f.corrected);
         remember(f.now, f.landing, f.coefficients);
     }
 
@@ -158,7 +158,7 @@ class FlightUpdate {
     Flight &f;
     const std::int64_t n, g, m, columns, state_size;
     RestOfFlight rest;
-    Correcting law;
+    Correcting correcting;
     Arena arena;
     Motion look{};  // between measurements, at the last one, and where that says the joints are
     double *row, *other, *gain, *values;  // (state_size), the last one (columns + 1, n)

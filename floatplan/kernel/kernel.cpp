@@ -143,7 +143,8 @@ static inline Vector multiply_add(Vector a, Vector b, Vector c) {
 
 EXPORT const char *floatplan_sources() { return FLOATPLAN_SOURCES; }
 
-// The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA, 2 AVX-512.
+// The widest set of instructions that this processor has and its system keeps: 0 the baseline, 1 AVX2 with FMA,
+// 2 AVX-512.
 // Asked of the processor itself: what __builtin_cpu_supports() reads is not in every compiler's library.
 EXPORT std::int64_t floatplan_instructions() {
 #ifdef FLOATPLAN_X86

@@ -189,7 +189,7 @@ struct Flight {
     const double *row_window;                        // (rows, 2), s
     const double *motor_turns;                       // (m, motors)
     const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
-    // The law's constants.
+    // Constants of corrections.
     double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
     std::int64_t evaluations_near, evaluations_far;
     // The filter's.

@@ -193,7 +193,8 @@ class Planner {
         const std::int64_t nodes = grid.nodes;
         Motion &motion = m.motion;
         const Vector per_second = all(1 / T);
-        Vector *by_sine = (Vector *)motion.by_joint, *by_rate = (Vector *)motion.by_joint_rate, *by_z = (Vector *)m.by_z;
+        Vector *by_sine = (Vector *)motion.by_joint, *by_rate = (Vector *)motion.by_joint_rate;
+        Vector *by_z = (Vector *)m.by_z;
         for (std::int64_t e = 0; e < n * width; ++e) by_z[e] = all(0);
         for (std::int64_t k = 0; k < nodes; k += LANES) {
             Vector factor = -all(T) * load(grid.weights + k) * load(motion.inverse + k);

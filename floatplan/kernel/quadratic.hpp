@@ -56,7 +56,8 @@ static inline bool hold_active(Quadratic &qp, std::int64_t total, double *matrix
             unbalanced = std::fmax(unbalanced, std::fabs(curved + pulled + qp.gradient[i]));
         } else {
             const std::int64_t place = i - n;
-            const double lacking = place < qp.equalities ? qp.equality[place] : qp.inequality[qp.active[place - qp.equalities]];
+            const double lacking = place < qp.equalities ? qp.equality[place]
+                                                         : qp.inequality[qp.active[place - qp.equalities]];
             missed = std::fmax(missed, std::fabs(curved + lacking));
         }
         if (!std::isfinite(curved + pulled)) return false;

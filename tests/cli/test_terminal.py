@@ -114,7 +114,7 @@ class TestLog:
         assert re.search(r"start 1, degree 7, \d+ steps; optimal, coefficients [\d.]+; best violation 0$", lines[0])
         assert any("start 2, degree 7" in line for line in lines)
         assert re.search(r"proof: proved, \d+ intervals of time$", lines[-1])
-        assert "obstacle: planned" in run.stdout
+        assert "obstacle: flight proved" in run.stdout
         assert not logging.getLogger("floatplan").handlers
 
     def test_names_what_is_violated(self, floatplan: Callable[..., Any], long_search: Path) -> None:

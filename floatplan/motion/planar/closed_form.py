@@ -15,8 +15,15 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray
+from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.robot.planar.tree import PlanarTree, rotations_of
+
+
+def distinct_turns(tree: PlanarTree) -> tuple[Array, IntArray]:
+    """Rows (g, n) of a tree's turns that differ, in the order of their first appearance, and which (m,) each is."""
+    known: dict[tuple[float, ...], int] = {}
+    group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
+    return np.array(list(known)).reshape(len(known), -1), np.array(group)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +44,8 @@ class TurningBodies:
     @classmethod
     def of(cls, tree: PlanarTree) -> TurningBodies:
         """Put together what turns alike: rotations are the same there but for a constant."""
-        known: dict[tuple[float, ...], int] = {}
-        group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
-        rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(known))[group]
-        turns = np.array(list(known)).reshape(len(known), -1)
+        turns, group = distinct_turns(tree)
+        rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
         return cls(turns, np.empty(0, np.complex128), tree.turn, rotations).adapted(tree.coupling, tree.inertia)
 
     def adapted(self, coupling: ComplexArray, inertia: Array) -> TurningBodies:

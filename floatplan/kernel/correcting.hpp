@@ -1,11 +1,11 @@
-// The law of corrections: least miss at the landing, change of the accelerations, and breach of limits, softly. With the
-// miss c, the change y of the motion and the rows g of the limits that are near, each of one instant, a few Gauss-Newton
-// steps on
+// The correction with the least sum of miss at the landing, change of the accelerations, and breach of limits, softly.
+// With the miss c, the change y of the motion and the rows g of the limits that are near, each of one instant, a few
+// Gauss-Newton steps on
 //
 //     c^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
 //
-// tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for it
-// both go to zero, and the minimal-norm correction's torque would grow like 1 / tau^2.
+// tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for
+// it both go to zero, and the minimal-norm correction's torque would grow like 1 / tau^2.
 
 class Correcting {
   public:
@@ -96,8 +96,8 @@ class Correcting {
         return true;
     }
 
-    // With distances as if the base were to reach the goal, so that feet in the ground do not keep it from turning there;
-    // false, and back at the first motion, where it is no nearer then or something is broken.
+    // With distances as if the base were to reach the goal, so that feet in the ground do not keep it from turning
+    // there; false, and back at the first motion, where it is no nearer then or something is broken.
     bool solve_as_landed(std::int64_t evaluations, double missed, Corrected &found) {
         rest.landed = true;
         rest.evaluate(*present);
@@ -122,7 +122,8 @@ class Correcting {
             for (std::int64_t i = 0; i < n; ++i) {
                 double part = 0;
                 if (c >= 6)
-                    for (std::int64_t k = 0; k < width; ++k) part += f.whitening[(c - 6) * width + k] * by[i * width + k];
+                    for (std::int64_t k = 0; k < width; ++k)
+                        part += f.whitening[(c - 6) * width + k] * by[i * width + k];
                 a.coefficients[c * n + i] = first[c * n + i] + part / f.amplitude[i];
             }
         rest.evaluate(a);
