@@ -7,12 +7,10 @@ const DARK = window.matchMedia("(prefers-color-scheme: dark)");
 const INK = "#222222"; // of data: the paper's own ink
 const LEAST_LIGHT = 0.22; // of a curve on dark paper, 0 black to 1 white
 const painted = [];
-let tones = {};
 
 /* A colour of the style sheet. */
 function tone(name) {
-  tones[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-  return tones[name];
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
 /* A colour #rrggbb of data: on dark paper, mixed with white until it can be seen. */
@@ -44,10 +42,7 @@ function paint(action) {
   action();
 }
 
-DARK.addEventListener("change", () => {
-  tones = {};
-  painted.forEach((action) => action());
-});
+DARK.addEventListener("change", () => painted.forEach((action) => action()));
 
 function make(tag, name = "", text = "") {
   const element = document.createElement(tag);
