@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -274,7 +273,7 @@ class PlannedMotion:
         rows = [robot.model.getJointId(joint) - 1 for joint in robot.locked]
         largest, where = largest_magnitudes(forces[:, rows]) if rows else (np.empty(0), np.empty(0))
         pairs = zip(largest.tolist(), (where * self.duration).tolist(), strict=True)
-        return MappingProxyType(dict(zip(robot.locked, pairs, strict=True)))
+        return dict(zip(robot.locked, pairs, strict=True))
 
     @one_thread
     def least_height(self) -> tuple[float, float, str]:

@@ -175,6 +175,7 @@ def _become(request: dict[str, Any], stdout: int, stderr: int) -> None:
 def main() -> None:
     """Import what commands do, and serve."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command line has it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where who runs the tests ignores it, as under nohup
     for name in USED:
         importlib.import_module(name)
     _serve(socket.socket(fileno=int(sys.argv[1])))

@@ -111,6 +111,12 @@ def test_pickled(plan):
     assert np.array_equal(copy.peaks.torque, plan.peaks.torque)
 
 
+def test_pickled_after_it_was_asked_what_holds_its_locked_joints(planned):
+    plan = replace(planned("gallery/go2"))
+    assert plan.holding_torques.keys() == plan.robot.locked.keys() != set()
+    assert pickle.loads(pickle.dumps(plan)).holding_torques == plan.holding_torques
+
+
 class Meddler:
     """While it is pickled, somebody has a plan compute and remember something."""
 
