@@ -166,8 +166,13 @@ def test_what_only_one_thread_may_change(alone):
 
 def test_one_certificate_at_a_time(planned, monkeypatch):
     """Arb's precision is one for all threads."""
-    room = Room()
-    monkeypatch.setattr(certificate, "_prove", lambda *_: room.visit())
+    room, proved = Room(), certificate._proved
+
+    def visited(*arguments):
+        room.visit()
+        return proved(*arguments)
+
+    monkeypatch.setattr(certificate, "_proved", visited)
     from_threads(fp.certify, [planned("somersault")] * 2, threads=2)
     assert not room.met
 
