@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from long_cases import cases
 from needed import skip_or_fail
 
 import floatplan as fp
@@ -28,13 +29,12 @@ problem = "{problem}"
 ANSWERS = """
 import json, sys
 import floatplan as fp
-folder, *problems = sys.argv[1:]
-for problem in problems:
-    plan = fp.load_plan(fp.plan(fp.load_problem(problem), prove=True).save(f"{folder}/plan.json"))
-    content = json.load(open(f"{folder}/plan.json"))
-    del content["solver"]["seconds"], content["certificate"]["seconds"]
-    print(json.dumps(content))
-    print(plan.at(plan.duration / 3).torques.tolist(), fp.authority(plan).momentum.tolist())
+folder, problem = sys.argv[1:]
+plan = fp.load_plan(fp.plan(fp.load_problem(problem), prove=True).save(f"{folder}/plan.json"))
+content = json.load(open(f"{folder}/plan.json"))
+del content["solver"]["seconds"], content["certificate"]["seconds"]
+print(json.dumps(content))
+print(plan.at(plan.duration / 3).torques.tolist(), fp.authority(plan).momentum.tolist())
 """
 TABLE = """
 import sys
@@ -57,9 +57,10 @@ def told(code: str, wanted: str | None, folder: Path, *arguments: str) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
 
 
-def test_plans_are_the_same_bit_for_bit(tmp_path: Path) -> None:
-    problems = [str(ROOT / "problems" / f"{name}.toml") for name in PROBLEMS]
-    one, *others = (told(ANSWERS, wanted, tmp_path / f"{wanted}", *problems) for wanted in ("1", "2", None))
+@pytest.mark.parametrize("name", cases(PROBLEMS, {"moving_hoop"}))
+def test_plans_are_the_same_bit_for_bit(name: str, tmp_path: Path) -> None:
+    problem = str(ROOT / "problems" / f"{name}.toml")
+    one, *others = (told(ANSWERS, wanted, tmp_path / f"{wanted}", problem) for wanted in ("1", "2", None))
     assert json.loads(one.splitlines()[0])["certificate"]["verdict"] == "proved"
     assert all(other == one for other in others)
 
