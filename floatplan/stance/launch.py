@@ -42,7 +42,7 @@ class Launch:
     Attributes
     ----------
     ok : whether one was found within the limits, and holds at 2 kHz
-    ratio : largest share of torque, torque-speed and rate limits; infinite where none was found
+    ratio : largest share of its limits that a torque or rate takes; infinite where none was found
     limit : "torque", "torque_speed" or "velocity": which share that is; "" where there is none
     joint : the motor whose share it is; "" where there is none
     sentences : for a person
