@@ -25,12 +25,23 @@ from floatplan.arrays import Array
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite
 from floatplan.stance.phases import Phase
-from floatplan.stance.rows import BALANCE, CLEAR, MEETS, RELEASE, NodeRows, Rows, closures, hermite_step
+from floatplan.stance.rows import (
+    BALANCE,
+    CLEAR,
+    LEAST_FORCE,
+    MEETS,
+    PRESSED,
+    RELEASE,
+    NodeRows,
+    Rows,
+    closures,
+    hermite_step,
+)
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
+CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node away from the flight, where they vanish
 RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
-LEAST_FORCE = 0.02  # [-] of the weight, vertical, of contacts beside the anchor at nodes where they stand
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
@@ -233,6 +244,10 @@ class JumpProgram:
                 low[row], high[row] = -np.inf, np.inf
                 if flies.side == "flight" or label != RELEASE:
                     low[row, seam] = high[row, seam] = 0.0
+            if label == PRESSED and flies.side == "flight":
+                low[row, seam] = -np.inf
+            if label.startswith("friction") and flies.side == "flight":
+                low[row, seam + (-1 if takeoff else 1)] = CONE_ROOM
         if takeoff and index > 0:
             low[:, 0], high[:, 0] = -np.inf, np.inf
         if not takeoff and index + 1 < len(self.phases):

@@ -17,6 +17,8 @@ from floatplan.stance.phases import Phase
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
 BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
+PRESSED = "pressed on the ground"
+LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
 
 
@@ -190,6 +192,8 @@ class NodeRows:
                 held = (friction * pair[1] + sign * pair[0]) / self.weight
                 rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
+        if phase.others:  # else it may pull a little between nodes
+            rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
         rows += self._torque_rows(moments)
         ground = -phase.anchor.depth
         if self.watched.spots:
