@@ -132,9 +132,8 @@ class LaunchProgram(JumpProgram):
             rough += roughness(parts, self.node.unit)
         if self._state[1] is not None:
             self._add_state(rows, [each[:, self._seam] for each in (y, v, a)])
-        values = ca.vertcat(*rows.values)
         goal = factor + SMOOTH * total / self.node.unit + ROUGHNESS * rough
-        return ipopt(raw, goal, values), ca.Function("rows", [raw], [values, total]), rows
+        return *ipopt(raw, goal, rows), rows
 
     def _add_node_rates(self, rows: Rows, rates: Any, side: str) -> None:
         fastest = self.node.bounds.velocity
@@ -161,7 +160,7 @@ class LaunchProgram(JumpProgram):
         assert self._state[1] is not None
         model, node = self.model, self.node
         anchor = self.phases[-2 if self._seam else 1].anchor
-        found = model.function("seam", [model.momentum(), *model.com_from(anchor.spots[0], 1)])(*state)
+        found = rows.calls(model.function("seam", [model.momentum(), *model.com_from(anchor.spots[0], 1)]), *state)
         scales = (node.momentum, node.model.gravity * node.unit, node.model.gravity * node.unit)
         for value, given, scale in zip(found, self._state[1], scales, strict=True):
             rows.add((value - given) / scale, 0.0, 0.0, "velocity and momentum of the flight")

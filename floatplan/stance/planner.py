@@ -31,6 +31,7 @@ FINER = 1.4  # [-] times the nodes in each
 LESS_FRICTION = 0.85  # [-] where forces leave the cone
 STRICTER = 0.97  # [-] beyond what a figure shows
 STARTS = 4
+WORK = 150  # [-] times the starts: iterations after which no other is tried
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -56,7 +57,7 @@ def jump(
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        How many are tried, until one is found.
+        How many are tried at most, until one is found: fewer where together they take 150 iterations each.
     progress : callable, optional
         Told in a few words what is done.
 
@@ -83,11 +84,15 @@ def jump(
         setup = jump_setup(problem, asked)
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    program = setup.program(ROOM)
+    program, spent = setup.program(ROOM), 0
     for start in range(starts):
+        if spent >= WORK * starts:
+            break
+        tried = start + 1
         say(f"start {start + 1} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
         solution = program.solve(program.guess(rng))
+        spent += solution.iterations
         if not solution.converged:
             best = min(best, solution.worst)
             continue
@@ -99,7 +104,7 @@ def jump(
     return _not_found(
         problem,
         asked,
-        f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
+        f"No jump was found in {tried} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
     )
 
 

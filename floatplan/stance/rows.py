@@ -17,6 +17,8 @@ from floatplan.stance.phases import Phase
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
 BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
+PRESSED = "pressed on the ground"
+LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
 
 
@@ -42,12 +44,13 @@ class Bounds:
 
 @dataclass
 class Rows:
-    """Constraints as they are gathered: expressions with bounds, and what each is about."""
+    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes."""
 
     values: list[Any] = field(default_factory=list)
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
+    calls: Calls = field(default_factory=lambda: Calls())
 
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
@@ -65,6 +68,87 @@ class Rows:
         self.low.append(low[index, nodes])
         self.high.append(high[index, nodes])
         self.labels += [f"{bounds[row][2]} ({side})" for row in index.tolist()]
+
+
+class Calls:
+    """Functions of single nodes, evaluated at many: their derivatives are taken node by node, each in one expression.
+
+    What they return are symbols, in which the rest of a program is written; arguments are affine in its variables.
+    """
+
+    def __init__(self) -> None:
+        self._found: list[tuple[Any, Any, Any]] = []  # function of one vector, its arguments (size, nodes), symbols
+
+    def __call__(self, function: Any, *arguments: Any) -> list[Any]:
+        """Outputs (size, nodes) for arguments (size, nodes)."""
+        ca = casadi()
+        ways = [function.size1_in(k) for k in range(function.n_in())]
+        point = ca.SX.sym("point", sum(ways))
+        outputs = function.call(ca.vertsplit(point, np.cumsum([0, *ways]).tolist()))
+        one = ca.Function("one", [point], [ca.vertcat(*outputs)])
+        points = ca.vertcat(*arguments)
+        symbols = ca.MX.sym("called", one.size1_out(0), points.shape[1])
+        self._found.append((one, points, symbols))
+        return list(ca.vertsplit(symbols, np.cumsum([0, *[each.shape[0] for each in outputs]]).tolist()))
+
+    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
+        """IPOPT's solver of a program, and a function raw -> values."""
+        ca = casadi()
+        symbols = ca.vertcat(*[ca.vec(each) for _, _, each in self._found])
+        both = ca.vertcat(raw, symbols)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", values.shape[0])
+        hessian, slope = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
+        cut = raw.shape[0]
+        rest = ca.Function("rest", [raw, symbols], [goal, values])
+        slopes = ca.Function("slopes", [raw, symbols], [ca.jacobian(values, each) for each in (raw, symbols)])
+        bends = [hessian[:cut, :cut], hessian[:cut, cut:], hessian[cut:, cut:], slope[cut:]]
+        curved = ca.Function("curved", [raw, symbols, lam_f, lam_g], bends)
+        at = ca.vertcat(*[ca.vec(one.map(points.shape[1])(points)) for one, points, _ in self._found])
+        first = self._first(raw)
+        direct, through = slopes(raw, at)
+        jacobian = direct + ca.mtimes(through, first)
+        own, mixed, inner, weights = curved(raw, at, lam_f, lam_g)
+        crossed = ca.mtimes(mixed, first)
+        full = own + crossed + crossed.T + ca.mtimes(first.T, ca.mtimes(inner, first)) + self._second(raw, weights)
+        values_of, none = rest(raw, at), ca.MX.sym("p", 0)
+        given = {
+            "jac_g": ca.Function("jac_g", [raw, none], [values_of[1], jacobian]),
+            "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
+        }
+        program = {"x": raw, "f": values_of[0], "g": values_of[1]}
+        solver = ca.nlpsol("jump", "ipopt", program, {"print_time": False, "ipopt": settings, **given})
+        return solver, ca.Function("values", [raw], [values_of[1]])
+
+    def _first(self, raw: Any) -> Any:
+        """Derivative of all outputs by the variables."""
+        ca, found = casadi(), []
+        for one, points, _ in self._found:
+            point = ca.SX.sym("point", one.size1_in(0))
+            slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
+            found.append(ca.mtimes(self._blocks(slope.map(points.shape[1])(points), points), self._linear(raw, points)))
+        return ca.vertcat(*found)
+
+    def _second(self, raw: Any, weights: Any) -> Any:
+        """Second derivative of the outputs, weighted and summed, by the variables."""
+        ca, total, at = casadi(), 0.0, 0
+        for one, points, symbols in self._found:
+            point, weight = ca.SX.sym("point", one.size1_in(0)), ca.SX.sym("weight", one.size1_out(0))
+            bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
+            own = ca.reshape(weights[at : at + symbols.numel()], *symbols.shape)
+            at += symbols.numel()
+            linear = self._linear(raw, points)
+            blocks = self._blocks(bend.map(points.shape[1])(points, own), points)
+            total += ca.mtimes(linear.T, ca.mtimes(blocks, linear))
+        return total
+
+    def _blocks(self, wide: Any, points: Any) -> Any:
+        """Blocks side by side, one for each node, as a block-diagonal matrix."""
+        return casadi().diagcat(*casadi().horzsplit(wide, points.shape[0]))
+
+    def _linear(self, raw: Any, points: Any) -> Any:
+        """Derivative of arguments by the variables: a constant."""
+        ca = casadi()
+        return ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
 
 
 class NodeRows:
@@ -108,6 +192,8 @@ class NodeRows:
                 held = (friction * pair[1] + sign * pair[0]) / self.weight
                 rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
+        if phase.others:  # else it may pull a little between nodes
+            rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
         rows += self._torque_rows(moments)
         ground = -phase.anchor.depth
         if self.watched.spots:
@@ -181,23 +267,22 @@ class NodeRows:
         return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
 
     def flight(self) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a, height of the centre of mass, h) -> (rows, cost) of the flight's nodes."""
+        """Function (y, v, a) -> (rows, cost) of the flight's nodes: h first, and heights over the centre of mass."""
         ca, model = casadi(), self.model
-        height, lift, momentum = ca.SX.sym("height"), ca.SX.sym("lift"), ca.SX.sym("momentum")
         moments = model.moments(None, [])
         rows: list[Row] = [
-            ((model.momentum() - momentum) / self.momentum, 0.0, 0.0, "angular momentum in flight"),
+            (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
             (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
             *self._torque_rows(moments),
         ]
         spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
         _, z = model.places(model.weights(spots))
         for index, least in enumerate(self.watched.least):
-            rows.append((z[index] + height, float(least), np.inf, CLEAR))
+            rows.append((z[index], float(least), np.inf, CLEAR))
         for index, contact in enumerate(self.feet, start=len(self.watched.spots)):
-            rows.append((z[index] + height - lift, contact.depth, np.inf, f"{contact.name} above the ground"))
+            rows.append((z[index], contact.depth, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("flight", [output, self._cost(moments)], height, lift, momentum)
+        function = model.function("flight", [output, self._cost(moments)])
         return function, [row[1:] for row in rows]
 
 
