@@ -23,7 +23,7 @@ from floatplan.stance.model import casadi
 from floatplan.stance.motion import Stance
 from floatplan.stance.program import FASTEST_TURN, ROUGHNESS, JumpProgram, Solution, ipopt, roughness
 from floatplan.stance.rows import Bound, NodeRows, Rows
-from floatplan.stance.setup import Room, side_setup
+from floatplan.stance.setup import Room, corrected, side_setup
 from floatplan.tables import Range
 
 STARTS = 3
@@ -207,7 +207,8 @@ def launch(
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     y = np.append(state.orientation, state.positions)
     margins = replace(request, margin=dict.fromkeys(request.margin, 1.0))
-    node = side_setup(plan.problem, margins, end, y).node(ROOM)
+    setup = side_setup(plan.problem, margins, end, y)
+    node = setup.node(ROOM)
     model, anchor = node.model, node.phases[-2 if end == "takeoff" else 1].anchor
     v = np.append(state.orientation_rate, state.velocities)
     speeds = [float(each) for each in model.function("speed", model.com_from(anchor.spots[0], 1))(y, v, 0 * v)]
@@ -224,13 +225,22 @@ def launch(
             best = (solution.momentum, solution)
         if best[0] <= 1:
             break
-    return _answer(plan, request, end, program, best[1])
-
-
-def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, solution: Solution | None) -> Launch:
     what = "reaches the takeoff" if end == "takeoff" else "comes to rest after the landing"
-    if solution is None:
+    if best[1] is None:
         return Launch(False, np.inf, "", "", (f"No stance was found that {what}.",), {})
+    return corrected(
+        ROOM,
+        margins,
+        (program, best[1]),
+        lambda room: LaunchProgram(setup.node(room), (pinned, given)),
+        lambda *found: _answer(plan, request, end, what, *found),
+    )
+
+
+def _answer(
+    plan: Plan, request: JumpRequest, end: str, what: str, program: JumpProgram, solution: Solution
+) -> tuple[Launch, dict[str, float] | None]:
+    """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
     grids = exact_side(program, solution, end, (float(solution.y[0, node]), float(solution.v[0, node])))
     phases = [phase for phase in program.phases if phase.side == end]
@@ -249,12 +259,14 @@ def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, so
     ratio = shares[limit]
     joint = _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
-    broken, _ = judged(request, {name: value for name, value in figures.items() if name not in shares})
+    rest = {name: value for name, value in figures.items() if name not in shares}
+    broken, _ = judged(request, rest)
     if ratio <= 1 and not broken:
         first = f"A stance {what}, with {1 - ratio:.0%} to spare ({limit.replace('_', '-')} of {joint})."
     else:
         first = f"No stance was found within the limits that {what}: least factor {ratio:.2f}, {limit} of {joint}."
-    return Launch(ratio <= 1 and not broken, ratio, limit, joint, (first, *broken), figures)
+    answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, (first, *broken), figures)
+    return answer, rest if broken else None
 
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:

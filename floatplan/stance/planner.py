@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,21 +15,16 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import SLIP
 from floatplan.stance.exact import exact_side
 from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import Stance
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import Room, Setup, jump_setup
+from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
 ROOM = Room(0.9, 0.97, 0.7, 4)  # of the first program; the next depends on what its jump breaks
-CORRECTIONS = 2  # [-] programs after the first
-FINER = 1.4  # [-] times the nodes in each
-LESS_FRICTION = 0.85  # [-] where forces leave the cone
-STRICTER = 0.97  # [-] beyond what a figure shows
 STARTS = 4
 WORK = 150  # [-] times the starts: iterations after which no other is tried
 MOST_STARTS = Range(1, 1000, "")
@@ -96,7 +91,12 @@ def jump(
         if not solution.converged:
             best = min(best, solution.worst)
             continue
-        answer = _corrected(setup, program, solution, seed)
+
+        def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
+            found = completed(setup, program, solution, seed)
+            return found, None if found.ok else found.check.figures
+
+        answer = corrected(ROOM, asked, (program, solution), setup.program, complete)
         if answer.ok:
             return answer
     if answer is not None:
@@ -106,38 +106,6 @@ def jump(
         asked,
         f"No jump was found in {tried} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
     )
-
-
-def _corrected(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
-    """The jump of a solution, or of one with more nodes, stricter where the check fails."""
-    room, answer = ROOM, completed(setup, program, solution, seed)
-    for _ in range(CORRECTIONS):
-        if answer.ok:
-            break
-        room = _stricter(room, answer)
-        finer = setup.program(room)
-        again = finer.solve(finer.resampled(solution, program.phases))
-        if not again.converged:
-            break
-        program, solution = finer, again
-        answer = completed(setup, program, solution, seed)
-    return answer
-
-
-def _stricter(room: Room, answer: Jump) -> Room:
-    """More nodes, and less of what the check finds too much of."""
-    margin, figures = answer.request.margin, answer.check.figures
-
-    def share(name: str, limit: float, now: float) -> float:
-        over = figures.get(name, 0.0) / limit
-        return now if over <= 1 else now * STRICTER / min(over, 1.25)
-
-    torque = min(share("torque", margin["torque"], room.torque), share("torque_speed", margin["torque"], room.torque))
-    velocity = share("velocity", margin["velocity"], room.velocity)
-    friction = share("friction", answer.request.friction, room.friction)
-    if figures.get("slip", 0.0) > SLIP:
-        friction *= LESS_FRICTION
-    return Room(torque, velocity, friction, 2 * room.directions, FINER * room.finer)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:

@@ -344,21 +344,21 @@ class JumpProgram:
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
+        old = (solution.y, solution.v, solution.a)
         parts: list[list[Array]] = [[], [], []]
         forces, at = [], 0
         for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
             columns = slice(at, at + other.intervals + 1)
             at += other.intervals
-            duration, old = solution.durations[index], solution
-            curve = hermite(duration * other.shares, old.y[:, columns], old.v[:, columns], old.a[:, columns])
-            times = duration * own.shares
-            last = slice(None) if index + 1 == len(phases) else slice(-1)
-            for order, part in enumerate(parts):
-                part.append((curve.derivative(order) if order else curve)(times).T[:, last])
+            if own.intervals:
+                curve = hermite(solution.durations[index] * other.shares, *(each[:, columns] for each in old))
+                times = solution.durations[index] * own.shares[:-1]
+                for order, part in enumerate(parts):
+                    part.append((curve.derivative(order) if order else curve)(times).T)
             rows = [np.interp(own.shares, other.shares, row) for row in solution.forces[index]]
             forces.append(np.array(rows).reshape(-1, len(own.shares)))
         drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -2]]
-        joined = [np.concatenate(part, axis=1) for part in parts]
+        joined = [np.concatenate((*part, each[:, -1:]), axis=1) for part, each in zip(parts, old, strict=True)]
         return self.join([*joined, *forces, *drifts, solution.durations[:, None], np.array([[solution.momentum]])])
 
 
