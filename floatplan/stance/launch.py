@@ -16,8 +16,7 @@ from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
-from floatplan.stance.contacts import heights_over_com
-from floatplan.stance.exact import exact_side
+from floatplan.stance.exact import exact_stances
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import Stance
@@ -242,15 +241,8 @@ def _answer(
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
-    grids = exact_side(program, solution, end, (float(solution.y[0, node]), float(solution.v[0, node])))
-    phases = [phase for phase in program.phases if phase.side == end]
-    anchor, y = phases[node].anchor, solution.y[:, node]
-    from_com = heights_over_com(plan.robot, anchor.spots[:1], float(y[0]), y[1:])[0]
-    place = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position) + complex(from_com)
-    stances = tuple(
-        Stance(program.model.robot, program.model.gravity, phase.contacts, place, grid)
-        for phase, grid in zip(phases, grids, strict=True)
-    )
+    com = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position)
+    stances = exact_stances(program, solution, end, solution.y[:, node], float(solution.v[0, node]), com)
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     motion = JumpMotion(plan.problem, request, plan, *sides)
     figures = stance_figures(motion)

@@ -15,11 +15,10 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.exact import exact_side
-from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
+from floatplan.stance.exact import exact_stances
+from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
-from floatplan.stance.motion import Stance
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
@@ -117,31 +116,23 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
     if not plan.ok:
         return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    model, begin, end = program.model, plan.at(0.0), plan.at(plan.duration)
-    sides = {
-        side: exact_side(program, solution, side, (float(state.orientation), float(state.orientation_rate)))
-        for side, state in (("takeoff", begin), ("landing", end))
-    }
-    landing = program.phases[program.flight + 1].anchor
-    tree, (body, local) = model.robot.tree, landing.spots[0]
-    turned = tree.rotations(tree.absolute_angles(np.asarray(end.orientation), end.positions))
-    from_com = turned @ tree.point_weights(np.array([body]), np.array([local], np.complex128))[0]
-    places = {"takeoff": takeoff_place(program, solution), "landing": complex(*end.com_position) + complex(from_com)}
-    stances = {
-        side: tuple(
-            Stance(model.robot, model.gravity, phase.contacts, places[side], grid)
-            for phase, grid in zip([each for each in program.phases if each.side == side], sides[side], strict=True)
+    before, after = (
+        exact_stances(
+            program,
+            solution,
+            side,
+            np.append(state.orientation, state.positions),
+            float(state.orientation_rate),
+            complex(*state.com_position),
         )
-        for side in sides
-    }
-    found = Jump(problem, request, plan, stances["takeoff"], stances["landing"], status="found")
-    return replace(found, explanation=_explained(found))
-
-
-def _explained(found: Jump) -> str:
-    if found.check.ok:
-        return "The stances hold at 2 kHz."
-    return f"The stances do not hold between the program's nodes: {found.check.sentences[0]}."
+        for side, state in (("takeoff", plan.at(0.0)), ("landing", plan.at(plan.duration)))
+    )
+    found = Jump(problem, request, plan, before, after, status="found")
+    check = found.check
+    held = "The stances hold at 2 kHz." if check.ok else f"Between the program's nodes, {check.sentences[0]}."
+    answer = replace(found, explanation=held)
+    vars(answer)["check"] = check  # the motion is the same
+    return answer
 
 
 def _not_found(problem: Problem, request: JumpRequest, explanation: str) -> Jump:

@@ -63,8 +63,6 @@ class Solution:
     worst : largest violation of a constraint, scaled; and which it is
     converged : whether every constraint holds, though the cost may not be least where IPOPT ended early
     iterations : int
-    cost : what was made least, scaled
-    raw : the variables, scaled
     """
 
     y: Array
@@ -76,8 +74,6 @@ class Solution:
     worst: tuple[float, str]
     converged: bool
     iterations: int
-    cost: float
-    raw: Array
 
 
 class JumpProgram:
@@ -311,8 +307,6 @@ class JumpProgram:
             worst=(float(excess[at]), rows.labels[at]),
             converged=float(excess[at]) < (CONVERGED if stats["success"] else HELD),
             iterations=int(stats["iter_count"]),
-            cost=float(answer["f"]),
-            raw=raw,
         )
 
     def guess(self, rng: np.random.Generator | None = None) -> Array:

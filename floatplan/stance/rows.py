@@ -94,61 +94,41 @@ class Calls:
     def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
         """IPOPT's solver of a program, and a function raw -> values."""
         ca = casadi()
-        symbols = ca.vertcat(*[ca.vec(each) for _, _, each in self._found])
-        both = ca.vertcat(raw, symbols)
+        given = [raw, *[symbols for _, _, symbols in self._found]]
+        both = ca.vertcat(*[ca.vec(each) for each in given])
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", values.shape[0])
-        hessian, slope = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
-        cut = raw.shape[0]
-        rest = ca.Function("rest", [raw, symbols], [goal, values])
-        slopes = ca.Function("slopes", [raw, symbols], [ca.jacobian(values, each) for each in (raw, symbols)])
-        bends = [hessian[:cut, :cut], hessian[:cut, cut:], hessian[cut:, cut:], slope[cut:]]
-        curved = ca.Function("curved", [raw, symbols, lam_f, lam_g], bends)
-        at = ca.vertcat(*[ca.vec(one.map(points.shape[1])(points)) for one, points, _ in self._found])
-        first = self._first(raw)
-        direct, through = slopes(raw, at)
-        jacobian = direct + ca.mtimes(through, first)
-        own, mixed, inner, weights = curved(raw, at, lam_f, lam_g)
-        crossed = ca.mtimes(mixed, first)
-        full = own + crossed + crossed.T + ca.mtimes(first.T, ca.mtimes(inner, first)) + self._second(raw, weights)
-        values_of, none = rest(raw, at), ca.MX.sym("p", 0)
-        given = {
-            "jac_g": ca.Function("jac_g", [raw, none], [values_of[1], jacobian]),
+        bends = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
+        now = [raw, *[one.map(points.shape[1])(points) for one, points, _ in self._found]]
+        found = ca.Function("found", given, [goal, values])(*now)
+        slope = ca.Function("slope", given, [ca.jacobian(values, both)])(*now)
+        bend, weights = ca.Function("bend", [*given, lam_f, lam_g], bends)(*now, lam_f, lam_g)
+        sizes = np.cumsum([0, *[each.numel() for each in given]]).tolist()
+        curved, chain = 0.0, [ca.MX.eye(raw.shape[0])]
+        for called, weight in zip(self._found, ca.vertsplit(weights, sizes)[1:], strict=True):
+            first, second = self._derivatives(raw, *called[:2], weight)
+            curved += second
+            chain.append(first)
+        through, none = ca.vertcat(*chain), ca.MX.sym("p", 0)
+        full = ca.mtimes(through.T, ca.mtimes(bend, through)) + curved
+        options = {
+            "jac_g": ca.Function("jac_g", [raw, none], [found[1], ca.mtimes(slope, through)]),
             "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
+            "print_time": False,
+            "ipopt": settings,
         }
-        program = {"x": raw, "f": values_of[0], "g": values_of[1]}
-        solver = ca.nlpsol("jump", "ipopt", program, {"print_time": False, "ipopt": settings, **given})
-        return solver, ca.Function("values", [raw], [values_of[1]])
+        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": found[0], "g": found[1]}, options)
+        return solver, ca.Function("values", [raw], [found[1]])
 
-    def _first(self, raw: Any) -> Any:
-        """Derivative of all outputs by the variables."""
-        ca, found = casadi(), []
-        for one, points, _ in self._found:
-            point = ca.SX.sym("point", one.size1_in(0))
-            slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
-            found.append(ca.mtimes(self._blocks(slope.map(points.shape[1])(points), points), self._linear(raw, points)))
-        return ca.vertcat(*found)
-
-    def _second(self, raw: Any, weights: Any) -> Any:
-        """Second derivative of the outputs, weighted and summed, by the variables."""
-        ca, total, at = casadi(), 0.0, 0
-        for one, points, symbols in self._found:
-            point, weight = ca.SX.sym("point", one.size1_in(0)), ca.SX.sym("weight", one.size1_out(0))
-            bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
-            own = ca.reshape(weights[at : at + symbols.numel()], *symbols.shape)
-            at += symbols.numel()
-            linear = self._linear(raw, points)
-            blocks = self._blocks(bend.map(points.shape[1])(points, own), points)
-            total += ca.mtimes(linear.T, ca.mtimes(blocks, linear))
-        return total
-
-    def _blocks(self, wide: Any, points: Any) -> Any:
-        """Blocks side by side, one for each node, as a block-diagonal matrix."""
-        return casadi().diagcat(*casadi().horzsplit(wide, points.shape[0]))
-
-    def _linear(self, raw: Any, points: Any) -> Any:
-        """Derivative of arguments by the variables: a constant."""
-        ca = casadi()
-        return ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
+    def _derivatives(self, raw: Any, one: Any, points: Any, weights: Any) -> tuple[Any, Any]:
+        """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""
+        ca, count = casadi(), points.shape[1]
+        point, weight = ca.SX.sym("point", one.size1_in(0)), ca.SX.sym("weight", one.size1_out(0))
+        slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
+        bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
+        linear = ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
+        wides = slope.map(count)(points), bend.map(count)(points, ca.reshape(weights, -1, count))
+        first, second = (ca.mtimes(ca.diagcat(*ca.horzsplit(wide, points.shape[0])), linear) for wide in wides)
+        return first, ca.mtimes(linear.T, second)
 
 
 class NodeRows:
