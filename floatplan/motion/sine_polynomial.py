@@ -266,7 +266,7 @@ def powers_map(form: Form, duration: float) -> Array:
 
 @lru_cache(maxsize=64)
 def whitening(form: Form, free: int, duration: float) -> tuple[Array, float, Array]:
-    """Of a joint's b, ``b_0 + C z`` with ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map to b_0.
+    """Of a joint's ``b = b_0 + C z``, ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map to b_0.
 
     The joint has ``free`` of a form's coefficients; the map is from the boundary; the duration is in s.
     """
