@@ -48,6 +48,8 @@ class Counts:
     subprocesses: int = 5
     flights: int = 100
     instants: int = INSTANTS
+    takeoffs: int = 50
+    landings: int = 20
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
 
@@ -67,6 +69,8 @@ QUICK = Counts(
     subprocesses=2,
     flights=10,
     instants=4000,
+    takeoffs=6,
+    landings=5,
 )
 
 

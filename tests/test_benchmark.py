@@ -48,8 +48,10 @@ EXPECTED = {
     "many": "plans/s",
     "studies": "largest process MB",
     "single": "proof of A",
+    "launch": "yes that fails",
+    "contact": "on feet alone",
 }
-LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies"}
+LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "launch", "contact"}
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))
@@ -74,6 +76,8 @@ def test_section_runs(
         subprocesses=1,
         flights=1,
         instants=400,
+        takeoffs=2,
+        landings=1,
         chains=(3,),
         long_chains=(3, 4),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import Annotated, Any
 
 import typer
@@ -93,10 +94,11 @@ def launch(
     plan = load_plan(plan_file, urdf)
     request = plan.problem.jump or JumpRequest()
     if friction is not None:
-        request = JumpRequest(friction, request.margin, request.fixed, request.takeoff, request.landing)
+        request = replace(request, friction=friction)
     with progress("launch"), naming(plan_file):
         found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
     ratio = found.ratio if math.isfinite(found.ratio) else None
     facts: dict[str, Any] = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
+    facts["impossible"] = found.impossible
     facts |= {"friction": request.friction, "sentences": list(found.sentences), "figures": found.figures}
-    finish(facts, json_output, lambda summary: summary.launch_summary(found, request.friction), found.ok)
+    finish(facts, json_output, lambda summary: summary.launch_summary(found), found.ok)

@@ -233,13 +233,14 @@ def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str
     )
 
 
-def launch_summary(launch: Launch, friction: float) -> RenderableType:
+def launch_summary(launch: Launch) -> RenderableType:
     """Return the result of ``floatplan launch``, for reading."""
     verdict, *rest = launch.sentences
-    remark = CHECKED if launch.ok else "That none was found does not prove that none exists."
+    unproved = "" if launch.impossible else "That none was found does not prove that none exists."
+    remark = CHECKED if launch.ok else unproved
     lines = [Text(f"  {sentence}") for sentence in rest]
     tone: Tone = "good" if launch.ok else "bad"
-    return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(f"Friction {friction:g}. {remark}", "dim"))
+    return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
 def flights_summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:

@@ -6,7 +6,7 @@ Its robot is found again, read as it was read, and must be the same file as then
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -180,7 +180,11 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     robot = robot_as_asked(source, choices, plan_file, "robot.")
     if robot.sha256 != record.sha256:
         raise _changed("the URDF", f"robot.sha256 of {urdf or record.urdf}", plan_file)
-    return robot
+    if not record.resting:
+        return robot
+    if len(record.resting) != len(robot.joints):
+        raise InputError("must have a number for each joint", source=plan_file, element="robot.resting")
+    return replace(robot, resting=read_only(np.clip(record.resting, *np.asarray(robot.position_limits).T)))
 
 
 def _changed(what: str, element: str, source: str | Path | None) -> InputError:
@@ -232,4 +236,5 @@ def robot_record(robot: Robot) -> RobotRecord:
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         locked=dict(robot.locked),
         meshes=dict(robot.meshes),
+        resting=robot.resting.tolist(),
     )

@@ -25,6 +25,7 @@ class RobotRecord:
 
     ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file;
     ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF.
+    ``resting`` is its reference posture, rad; empty in files without it.
     """
 
     urdf: str
@@ -34,6 +35,7 @@ class RobotRecord:
     coupled: Mapping[str, Any] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
     meshes: Mapping[str, str] = field(default_factory=dict)
+    resting: Sequence[float] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -98,7 +98,7 @@ def _compiled(
     """The model of a tree whose base moves in the plane alone, or is free; rigid joints stay where they are."""
     mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_string(_urdf(robot, tree, rigid, fuse=not in_plane))
+        spec = mujoco.MjSpec.from_string(inertial_urdf(robot, tree, rigid, fuse=not in_plane))
         if in_plane:
             free = next(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE)
             base, plane, kinds = free.parent, robot.plane, mujoco.mjtJoint
@@ -152,7 +152,7 @@ def rigid_joints(robot: Robot) -> set[str]:
         rigid |= found
 
 
-def _urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], fuse: bool) -> str:
+def inertial_urdf(robot: Robot, tree: UrdfTree, rigid: Mapping[str, float], fuse: bool) -> str:
     """URDF text of inertias and joints alone; links and joints by number, rigid joints fixed where they are."""
     links = {name: f"link{index}" for index, name in enumerate(tree.links)}
     lines = [_link(links[link.name], link) for link in tree.links.values()]

@@ -58,7 +58,6 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         ),
         obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
         ground=False,
-        jump=None,
         written=None,
     )
 
@@ -79,7 +78,7 @@ def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: 
 def planned_flight(problem: Problem, seed: int) -> Plan:
     """Return the plan of a flight's problem: of a low degree where that does, else of higher ones."""
     for degree in DEGREES:
-        found = plan(replace(problem, motion=replace(problem.motion, degree=degree)), seed=seed)
+        found = plan(replace(problem, motion=replace(problem.motion, degree=degree), jump=None), seed=seed)
         if found.ok:
             break
-    return found
+    return replace(found, problem=replace(found.problem, jump=problem.jump))

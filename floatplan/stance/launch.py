@@ -15,22 +15,25 @@ from floatplan.arrays import Array
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
-from floatplan.stance.check import judged, stance_figures
+from floatplan.stance.check import ROUNDING, judged, stance_figures
+from floatplan.stance.contacts import Watched, heights_over_com
 from floatplan.stance.exact import exact_stances
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import casadi
-from floatplan.stance.motion import Stance
+from floatplan.stance.model import PlanarModel, casadi
+from floatplan.stance.motion import Stance, flight_state
 from floatplan.stance.program import FASTEST_TURN, ROUGHNESS, JumpProgram, Solution, ipopt, roughness
 from floatplan.stance.rows import Bound, NodeRows, Rows
-from floatplan.stance.setup import Room, corrected, side_setup
+from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import Range
 
 STARTS = 3
 MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.6, 4, 1.4)  # of the nodes: limits are those of the factor
-AT_REST = 1e-6  # [m/s] of the frame in flight
+AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
+RANGE_ROOM = 0.02  # [rad] inside joint ranges, unless the flight's end is nearer to theirs
 LIMITED = ("torque", "rates")  # how labels of what is divided by the factor begin
 MOST = 20.0  # [-] the largest factor that is looked for
+WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
 SMOOTH = 1e-3  # [-] of squared torques beside the factor
 
 
@@ -46,6 +49,7 @@ class Launch:
     joint : the motor whose share it is; "" where there is none
     sentences : for a person
     figures : as of :class:`floatplan.stance.check.JumpCheck`
+    impossible : whether it is shown that there is none, because of what the flight itself asks
     """
 
     ok: bool
@@ -54,6 +58,7 @@ class Launch:
     joint: str
     sentences: tuple[str, ...]
     figures: dict[str, float]
+    impossible: bool = False
 
 
 class _FactorRows(Rows):
@@ -72,10 +77,29 @@ class _FactorRows(Rows):
 
     def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
         limited = [row for row, bound in enumerate(bounds) if bound[2].startswith(LIMITED)]
+        if not limited:
+            super().add_nodes(values, bounds, low, high, side)
+            return
         nodes = np.flatnonzero(np.isfinite(high[limited]).all(axis=0)).tolist()
         self.add(values[limited, nodes], -1.0, 1.0, f"{LIMITED[0]} ({side})")
         low[limited], high[limited] = -np.inf, np.inf
         super().add_nodes(values, bounds, low, high, side)
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """What a flight's end asks of a stance beside the posture.
+
+    Attributes
+    ----------
+    rates : (n+1,) y', rad/s, where the frame is at rest; else nothing is asked of them
+    accelerations : (n+1,) y'', rad/s^2, where the frame does not accelerate either
+    flown : h, horizontal and vertical velocity of the centre of mass, kg m^2/s and m/s
+    """
+
+    rates: Array | None
+    accelerations: Array | None
+    flown: tuple[float, float, float]
 
 
 class LaunchProgram(JumpProgram):
@@ -84,10 +108,10 @@ class LaunchProgram(JumpProgram):
     Parameters
     ----------
     node : NodeRows, its ends the standing posture and the posture in flight, in order of time
-    state : ``(y', None)`` where the rates are given, else ``(None, (h, horizontal, vertical velocity))``
+    state : Meeting
     """
 
-    def __init__(self, node: NodeRows, state: tuple[Array | None, tuple[float, float, float] | None]) -> None:
+    def __init__(self, node: NodeRows, state: Meeting) -> None:
         super().__init__(node)
         self._state = state
         self._seam = -1 if self.phases[0].side == "takeoff" else 0
@@ -100,13 +124,17 @@ class LaunchProgram(JumpProgram):
     def _box(self) -> tuple[Array, Array]:
         sides = [self.split(side) for side in JumpProgram._box.func(self)]  # type: ignore[attr-defined]
         fast = np.append(FASTEST_TURN, MOST * self.node.bounds.velocity)[:, None]
-        for sign, parts in zip((-1.0, 1.0), sides, strict=True):
+        reached, edges = np.sort(self.ends, axis=0), self.node.bounds.position.T
+        for sign, parts, edge, end in zip((-1.0, 1.0), sides, edges, reached, strict=True):
+            nearer = np.maximum if sign > 0 else np.minimum
+            parts[0][1:, 1:-1] = nearer(edge - sign * RANGE_ROOM, end[1:])[:, None]
             rest = parts[1][:, [-1 - self._seam]]
             parts[1][:] = sign * fast
             parts[1][:, [-1 - self._seam]] = rest
             parts[2][:, self._seam] = sign * np.inf
-            if self._state[0] is not None:
-                parts[1][:, self._seam] = self._state[0]
+            for part, given in ((1, self._state.rates), (2, self._state.accelerations)):
+                if given is not None:
+                    parts[part][:, self._seam] = given
             parts[-1][:] = 0.0 if sign < 0 else MOST
         return self.join(sides[0]), self.join(sides[1])
 
@@ -129,7 +157,7 @@ class LaunchProgram(JumpProgram):
             self._add_node_rates(rows, parts[1][1:, :], phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, self.node.unit)
-        if self._state[1] is not None:
+        if self._state.rates is None:
             self._add_state(rows, [each[:, self._seam] for each in (y, v, a)])
         goal = factor + SMOOTH * total / self.node.unit + ROUGHNESS * rough
         return *ipopt(raw, goal, rows), rows
@@ -156,12 +184,11 @@ class LaunchProgram(JumpProgram):
 
     def _add_state(self, rows: Rows, state: Sequence[Any]) -> None:
         """Momentum and velocity of the centre of mass where the flight begins or ends."""
-        assert self._state[1] is not None
         model, node = self.model, self.node
         anchor = self.phases[-2 if self._seam else 1].anchor
         found = rows.calls(model.function("seam", [model.momentum(), *model.com_from(anchor.spots[0], 1)]), *state)
         scales = (node.momentum, node.model.gravity * node.unit, node.model.gravity * node.unit)
-        for value, given, scale in zip(found, self._state[1], scales, strict=True):
+        for value, given, scale in zip(found, self._state.flown, scales, strict=True):
             rows.add((value - given) / scale, 0.0, 0.0, "velocity and momentum of the flight")
 
 
@@ -203,41 +230,66 @@ def launch(
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or JumpRequest()
     end = one_of("takeoff", "landing")(end, "end")
     seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
-    state = plan.at(0.0 if end == "takeoff" else plan.duration)
-    y = np.append(state.orientation, state.positions)
     margins = replace(request, margin=dict.fromkeys(request.margin, 1.0))
-    setup = side_setup(plan.problem, margins, end, y)
-    node = setup.node(ROOM)
-    model, anchor = node.model, node.phases[-2 if end == "takeoff" else 1].anchor
-    v = np.append(state.orientation_rate, state.velocities)
-    speeds = [float(each) for each in model.function("speed", model.com_from(anchor.spots[0], 1))(y, v, 0 * v)]
-    slides = float(np.abs(np.array(speeds) - state.com_velocity).max())
-    pinned = v if slides < AT_REST else None
-    horizontal, vertical = map(float, state.com_velocity)
-    given = None if pinned is not None else (plan.angular_momentum, horizontal, vertical)
-    program = LaunchProgram(node, (pinned, given))
+    state = plan.at(0.0 if end == "takeoff" else plan.duration)
+    setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
+    met = _meeting(plan, setup, end)
+
+    def program(room: Room) -> LaunchProgram:
+        return LaunchProgram(_reaching(setup.node(room), end), met)
+
     best: tuple[float, Solution | None] = (np.inf, None)
+    first = program(ROOM)
     for start in range(starts):
         rng = np.random.default_rng((seed, start)) if start else None
-        solution = program.solve(program.guess(rng))
+        solution = first.solve(first.guess(rng))
         if solution.converged and solution.momentum < best[0]:
             best = (solution.momentum, solution)
         if best[0] <= 1:
             break
-    what = "reaches the takeoff" if end == "takeoff" else "comes to rest after the landing"
     if best[1] is None:
-        return Launch(False, np.inf, "", "", (f"No stance was found that {what}.",), {})
-    return corrected(
-        ROOM,
-        margins,
-        (program, best[1]),
-        lambda room: LaunchProgram(setup.node(room), (pinned, given)),
-        lambda *found: _answer(plan, request, end, what, *found),
-    )
+        answer = Launch(False, np.inf, "", "", (f"{end.capitalize()}: no stance was found.",), {})
+    else:
+        answer = corrected(ROOM, margins, (first, best[1]), program, lambda *found: _answer(plan, request, end, *found))
+    shown = _shown(plan, met, end)
+    standing = zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True)
+    posture = ", ".join(f"{name} {at:.4g}" for name, at in standing)
+    told = f"Friction {request.friction:g}, at rest with {posture} rad."
+    return replace(answer, sentences=(*answer.sentences, *shown, told), impossible=bool(shown))
+
+
+def _meeting(plan: Plan, setup: Setup, end: str) -> Meeting:
+    """What a plan's takeoff or landing asks; its rates and accelerations where they are those of a foot at rest."""
+    full = flight_state(plan, np.array([0.0 if end == "takeoff" else plan.duration]), 0.0)
+    state = plan.at(0.0 if end == "takeoff" else plan.duration)
+    anchor, gravity = setup.phases[-2 if end == "takeoff" else 1].anchor, float(plan.problem.flight.gravity)
+    model, y = PlanarModel(plan.robot, gravity), np.append(state.orientation, state.positions)
+    v = np.append(state.orientation_rate, state.velocities)
+    a = np.append(full.accelerations[0, 2], state.accelerations)
+    from_com = [model.com_from(anchor.spots[0], order) for order in (1, 2)]
+    rate, change = (np.array(model.function("moves", each)(y, v, a), np.float64).ravel() for each in from_com)
+    unit = np.sqrt(1.0 / gravity)
+    slides = float(np.abs(rate - state.com_velocity).max())
+    pushed = float(np.abs(change + np.array([0.0, gravity])).max()) * unit
+    horizontal, vertical = map(float, state.com_velocity)
+    rests = slides < AT_REST
+    flown = (plan.angular_momentum, horizontal, vertical)
+    return Meeting(v if rests else None, a if rests and pushed < AT_REST else None, flown)
+
+
+def _reaching(node: NodeRows, end: str) -> NodeRows:
+    """Rows in which what is watched may be as near to the ground as the flight's end has it."""
+    y, anchor = node.ends[-1 if end == "takeoff" else 0], node.phases[-2 if end == "takeoff" else 1].anchor
+    if not node.watched.spots:
+        return node
+    robot, spots = node.model.robot, [anchor.spots[0], *node.watched.spots]
+    heights = heights_over_com(robot, spots, float(y[0]), y[1:]).imag
+    least = np.minimum(node.watched.least, heights[1:] - heights[0] + anchor.depth - ROUNDING)
+    return NodeRows(node.model, node.phases, Watched(node.watched.spots, least), node.bounds, node.ends)
 
 
 def _answer(
-    plan: Plan, request: JumpRequest, end: str, what: str, program: JumpProgram, solution: Solution
+    plan: Plan, request: JumpRequest, end: str, program: JumpProgram, solution: Solution
 ) -> tuple[Launch, dict[str, float] | None]:
     """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
     node = -1 if end == "takeoff" else 0
@@ -254,12 +306,24 @@ def _answer(
     rest = {name: value for name, value in figures.items() if name not in shares}
     said, _ = judged(request, rest)
     broken = [", ".join(words) for words in said]
+    named = WORDS[limit].format(joint)
     if ratio <= 1 and not broken:
-        first = f"A stance {what}, with {1 - ratio:.0%} to spare ({limit.replace('_', '-')} of {joint})."
+        first = f"reachable, with {1 - ratio:.0%} to spare ({named})" if ratio > 0 else "reachable; nothing is limited"
+    elif broken:
+        first = "no stance was found that holds between the program's nodes"
     else:
-        first = f"No stance was found within the limits that {what}: least factor {ratio:.2f}, {limit} of {joint}."
-    answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, (first, *broken), figures)
-    return answer, rest if broken else None
+        first = f"no stance was found within the limits (least factor {ratio:.2f}, {named})"
+    sentences = (f"{end.capitalize()}: {first}.", *broken)
+    return Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures), rest if broken else None
+
+
+def _shown(plan: Plan, met: Meeting, end: str) -> tuple[str, ...]:
+    """A sentence where the flight itself turns a joint faster there than its limit: no stance then is within limits."""
+    if met.rates is None:
+        return ()
+    shares = np.abs(met.rates[1:]) / plan.problem.velocity_limits
+    joint, most = plan.robot.joints[int(shares.argmax())], float(shares.max())
+    return (f"None can be: at {end} {joint} turns at {most:.2f} of its limit whatever the stance.",) if most > 1 else ()
 
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:

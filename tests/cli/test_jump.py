@@ -185,7 +185,6 @@ def test_launch(
     run = floatplan("launch", path, "--landing", "--friction", "0.4")
     assert run.code == code
     assert answer.sentences[0] in run.stdout
-    assert "Friction 0.4." in run.stdout
     assert said in words(run.stdout)
     assert (asked[0][0].friction, asked[0][1]["end"]) == (0.4, "landing")
     facts = json.loads(floatplan("launch", path, "--json").stdout)

@@ -1,0 +1,280 @@
+"""Stances drawn at random from rest to a takeoff, so that the takeoff is known to be within reach.
+
+Either all feet leave at once, or the front ones first. Where both pairs stand, orientation and centre of mass follow
+quintics, and the legs them; on the rear feet alone all joints follow quintics, and the orientation the balance of
+moments. Accelerations at the ends are those at which feet that leave carry nothing. What does not hold at 2 kHz by
+Pinocchio's inverse dynamics is drawn again. Limits are a little above what the stance needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import floatplan as fp
+from floatplan.arrays import Array
+from floatplan.motion.planar.flight import momentum_set
+from floatplan.planning.transcription.variables import decision_variables
+from floatplan.plans.plan import Plan
+from floatplan.stance.check import judged, stance_figures
+from floatplan.stance.contacts import Contact, contact_at, heights_over_com
+from floatplan.stance.exact import OnePoint, StanceDynamics
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.stance.model import PlanarModel, casadi
+from floatplan.stance.motion import Grid, Stance, hermite
+from floatplan.stance.phases import Phase, standing_posture
+from floatplan.stance.rows import balanced
+
+NODES = 61  # [-] of each phase
+HEADROOM = 1.05  # [-] of limits over what the stance needs
+SLIPPERY = (0.25, 0.8)  # [-] friction of what is kept
+RISING = (0.6, 2.8)  # [m/s] of the centre of mass at takeoff
+GRAVITY = 9.81
+TORQUE, FASTEST = 5.0, 40.0  # [N m], [rad/s] where the file gives none
+ROBOTS = {
+    "Go2": ("go2_description/urdf/go2.urdf", "RL_foot", "FL_foot"),
+    "A1": ("a1_description/urdf/a1.urdf", "RL_foot", "FL_foot"),
+    "Solo12": ("solo_description/robots/solo12.urdf", "HL_FOOT", "FL_FOOT"),
+}
+
+
+@dataclass(frozen=True)
+class DrawnStance:
+    """A stance that is known, and a plan whose takeoff is its end.
+
+    Attributes
+    ----------
+    plan : Plan, whose limits are a little above what the stance needs
+    request : JumpRequest, of its contacts and a little more than its friction
+    """
+
+    plan: Plan
+    request: fp.JumpRequest
+
+
+class Drawing:
+    """A robot that stands, with what stances of it need."""
+
+    def __init__(self, name: str) -> None:
+        source, *feet = ROBOTS[name]
+        self.robot = fp.Robot.from_urdf(f"example-robot-data:{source}", coupled="mirror", reference="standing")
+        wanted = np.array(self.robot.resting)
+        self.feet: tuple[Contact, ...] = tuple(contact_at(self.robot, each, wanted)[0] for each in feet)
+        limits = np.asarray(self.robot.position_limits)
+        found = standing_posture(self.robot, self.feet, wanted, limits)
+        assert found is not None
+        self.home = np.append(0.0, found)
+        self.model = PlanarModel(self.robot, GRAVITY)
+        alone = Phase("takeoff", self.feet[:1], 1.0, (1.0, 1.0), 1)
+        self.alone = StanceDynamics(self.model, alone, self.home)
+        rear, front = (foot.spots[0] for foot in self.feet)
+        model, size = self.model, len(self.home)
+        (fx, fz), _ = balanced(model, alone, [])
+        com = model.com_from(rear, 1)
+        moment = self.alone.moment(model.y, model.v, model.a, np.zeros(0))
+        self._carried = model.function("carried", [fx, fz, moment, model.momentum(), *com])
+        weights = model.weights([front], rear)
+        place = casadi().vertcat(*model.com_from(rear), *model.places(weights))
+        rate = casadi().jtimes(place, model.y, model.v)
+        parts = [place, casadi().vec(casadi().jacobian(place, model.y)), casadi().jtimes(rate, model.y, model.v)]
+        self._task = model.function("task", [casadi().vertcat(*parts)])
+        self.stands = self.task(self.home[:, None], np.zeros((size, 1)))[0][0]
+
+    def carried(self, y: Array, v: Array, a: Array) -> Array:
+        """Forces on the rear feet were they alone, the moment about them, h, and the velocity of the centre of mass.
+
+        (6, N) of y, y', y'' (n+1, N): N, N m, kg m^2/s, m/s.
+        """
+        return np.concatenate([np.asarray(each).reshape(1, -1) for each in self._carried(y, v, a)])
+
+    def task(self, y: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Places (N, 4) of centre of mass and front feet from the rear ones, derivatives (N, 4, n+1), and drifts."""
+        size, found = len(y), np.asarray(self._task(y, v, 0 * y)).reshape(-1, y.shape[1]).T
+        return found[:, :4], found[:, 4:-4].reshape(-1, size, 4).transpose(0, 2, 1), found[:, -4:]
+
+    def legs(self, orientation: Array, com: Array) -> tuple[Array, Array, Array] | None:
+        """y, y', y'' (n+1, N) with all feet where they stand.
+
+        Parameters
+        ----------
+        orientation : (3, N) with its derivatives
+        com : (3, 2, N) of the centre of mass from the rear feet, with its derivatives
+        """
+        count = orientation.shape[1]
+        feet = np.zeros((3, 2, count))
+        feet[0] = self.stands[2:, None]
+        wanted = np.concatenate((com, feet), axis=1).transpose(0, 2, 1)
+        y, v = np.repeat(self.home[:, None], count, axis=1), np.zeros((len(self.home), count))
+        y[0], v[0] = orientation[:2]
+        for _ in range(10):
+            value, ways, _ = self.task(y, v)
+            step = np.linalg.solve(ways[:, :, 1:], (wanted[0] - value)[:, :, None])[:, :, 0]
+            y[1:] += np.clip(step.T, -0.5, 0.5)
+        if not np.abs(step).max() < 1e-10:
+            return None
+        v[1:] = np.linalg.solve(ways[:, :, 1:], (wanted[1] - ways[:, :, 0] * v[0][:, None])[:, :, None])[:, :, 0].T
+        rest = wanted[2] - ways[:, :, 0] * orientation[2][:, None] - self.task(y, v)[2]
+        a = np.vstack((orientation[2], np.linalg.solve(ways[:, :, 1:], rest[:, :, None])[:, :, 0].T))
+        return y, v, a
+
+
+def drawn_stances(count: int) -> tuple[list[DrawnStance], int]:
+    """Draw ``count`` stances, the robots in turn, of each one from all feet, one from the rear; and the last seed."""
+    found: list[DrawnStance] = []
+    drawings, seed = [Drawing(name) for name in ROBOTS], 0
+    while len(found) < count:
+        drawing = drawings[len(found) // 2 % len(drawings)]
+        drawn = drawn_stance(drawing, np.random.default_rng(seed), together=len(found) % 2 == 0)
+        found += [] if drawn is None else [drawn]
+        seed += 1
+    return found, seed
+
+
+def drawn_stance(drawing: Drawing, rng: np.random.Generator, together: bool) -> DrawnStance | None:
+    """Draw a stance, whose feet leave together or the front ones first; None where it does not hold."""
+    try:
+        grid = _both(drawing, rng, together)
+    except np.linalg.LinAlgError:
+        return None
+    if grid is None:
+        return None
+    stances = [Stance(drawing.robot, GRAVITY, drawing.feet, 0j, grid)]
+    if not together:
+        last = _alone(drawing, rng, grid, rng.uniform(0.03, 0.12))
+        if last is None:
+            return None
+        stances.append(Stance(drawing.robot, GRAVITY, drawing.feet[:1], 0j, last))
+    return _known(drawing, tuple(stances))
+
+
+def _both(drawing: Drawing, rng: np.random.Generator, together: bool) -> Grid | None:
+    """The phase on all feet, from rest; at its end the front feet carry nothing, or no foot does."""
+    height, begin = drawing.stands[1], np.append(0.0, drawing.stands[:2])
+    moved = rng.uniform((-0.3, -0.25, -0.15), (0.3, 0.2, 0.3)) * (1.0, height, height)
+    rates = rng.uniform((-3.0, -1.0, 0.8), (3.0, 1.0, 2.8)) * (1.0, *([np.sqrt(height / 0.3)] * 2))
+    changes = rng.uniform((-40.0, -6.0, -6.0), (40.0, 6.0, 20.0)) if not together else np.array([0.0, 0.0, -GRAVITY])
+    times = np.linspace(0.0, rng.uniform(0.15, 0.45), NODES)
+
+    def motion(turning: float, at: Array) -> tuple[Array, Array, Array] | None:
+        last = np.append(turning, changes[1:])
+        ends = np.stack((begin, begin + moved)), np.stack((0 * rates, rates)), np.stack((0 * rates, last))
+        curve = hermite(times[[0, -1]], *(each.T for each in ends))
+        parts = np.stack([(curve.derivative(k) if k else curve)(at).T for k in range(3)])
+        return drawing.legs(parts[:, 0], parts[:, 1:])
+
+    def moment(turning: float) -> float:
+        found = motion(turning, times[-1:])
+        return np.nan if found is None else float(drawing.carried(*found)[2, 0])
+
+    rest = moment(0.0)
+    turning = -rest / (moment(1.0) - rest)  # at which the front feet carry nothing
+    found = motion(turning, times) if np.isfinite(turning) else None
+    if found is None:
+        return None
+    fx, fz, *_ = drawing.carried(*found)
+    if not (fz[: -1 if together else None] > 0).all():
+        return None
+    ratios = fx / np.where(fz > 0, fz, 1.0)
+    if together:
+        ratios[-1] = 2 * ratios[-2] - ratios[-3]
+    return Grid(times, *found, ratios[None])
+
+
+def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: float) -> Grid | None:
+    """The phase on the rear feet, at whose end they carry nothing."""
+    first = [part[1:, -1] for part in (before.y, before.v, before.a)]
+    begin = before.times[-1]
+    times = begin + np.linspace(0.0, duration, NODES)
+    rates = first[1] + first[2] * duration / 2 + rng.uniform(-25.0, 25.0, len(first[0])) * duration
+    last = first[0] + (0.6 * first[1] + 0.4 * rates) * duration + rng.uniform(-2.0, 2.0, len(rates)) * duration**2
+    point = OnePoint(drawing.alone, times)
+
+    def motion(accelerations: Array) -> tuple[Array, Array, Array]:
+        ends = [np.stack(pair, axis=1) for pair in zip(first, (last, rates, accelerations), strict=True)]
+        curve = hermite(times[[0, -1]], *ends)
+        start = float(before.y[0, -1]), float(before.v[0, -1])
+        return point.follow(lambda at: tuple((curve.derivative(k) if k else curve)(at).T for k in range(3)), start)
+
+    def carried(accelerations: Array) -> Array:
+        return drawing.carried(*(part[:, -1:] for part in motion(accelerations)))[:2, 0]
+
+    unknown, weight = np.zeros(len(last)), drawing.robot.mass * GRAVITY
+    for _ in range(8):
+        value = carried(unknown)
+        if not np.isfinite(value).all() or np.abs(value).max() < 1e-9 * weight:
+            break
+        ways = np.stack([carried(unknown + way) - value for way in np.eye(len(last))], axis=1)
+        unknown = unknown - np.linalg.pinv(ways) @ value
+    if not np.abs(carried(unknown)).max() < 1e-7 * weight:
+        return None
+    y, v, a = motion(unknown)
+    fz = drawing.carried(y, v, a)[1]
+    return Grid(times, y, v, a, np.zeros((0, NODES))) if (fz[:-1] > 0).all() else None
+
+
+def _known(drawing: Drawing, stances: tuple[Stance, ...]) -> DrawnStance | None:
+    """What is known of a stance that holds: its limits, its friction, and the flight after it."""
+    robot, last = drawing.robot, stances[-1].grid
+    momentum, horizontal, vertical = drawing.carried(*(each[:, -1:] for each in (last.y, last.v, last.a)))[
+        3:, 0
+    ].tolist()
+    y, v, a = (part[:, -1] for part in (last.y, last.v, last.a))
+    low, high = np.asarray(robot.position_limits).T[..., None]
+    within = all(((low < each.grid.y[1:]) & (each.grid.y[1:] < high)).all() for each in stances)
+    if not (within and RISING[0] < vertical < RISING[1]):
+        return None
+    names = [tuple(each.frame for each in stance.contacts) for stance in stances]
+    request = fp.JumpRequest(friction=SLIPPERY[1], takeoff=fp.JumpTakeoff(contacts=names))
+    problem = _problem(drawing, (y, v, a), (momentum, horizontal, vertical))
+    plan = _plan(problem, momentum)
+    motion = JumpMotion(problem, request, plan, stances)
+    figures = stance_figures(motion)
+    shares = {key: figures.pop(key) for key in ("torque", "torque_speed", "velocity")}
+    figures.pop("held_torque")
+    if judged(request, figures)[0]:
+        return None
+    limits = fp.Limits(
+        torque=dict(zip(robot.motors, HEADROOM * shares["torque"] * problem.motor_torque_limits, strict=True)),
+        velocity=(HEADROOM * shares["velocity"] * problem.velocity_limits).tolist(),
+    )
+    friction = max(SLIPPERY[0], HEADROOM * figures["friction"])
+    return DrawnStance(replace(plan, problem=replace(problem, limits=limits)), replace(request, friction=friction))
+
+
+def _problem(drawing: Drawing, state: tuple[Array, Array, Array], flown: tuple[float, float, float]) -> fp.Problem:
+    """A flight from a state (y, y', y''), of some time, with h and the velocity of the centre of mass."""
+    robot, (y, v, a), (momentum, horizontal, vertical) = drawing.robot, state, flown
+    duration = 2 * vertical / GRAVITY
+    given = np.isfinite(robot.torque_limits).all()
+    limits = fp.Limits(torque="urdf", velocity="urdf") if given else fp.Limits(torque=TORQUE, velocity=FASTEST)
+    foot = drawing.feet[0]
+    rest = heights_over_com(robot, foot.spots[:1], 0.0, drawing.home[1:])[0].imag
+    now = heights_over_com(robot, foot.spots[:1], float(y[0]), y[1:])[0].imag
+    return fp.Problem(
+        robot,
+        fp.Posture(float(y[0]), y[1:], v[1:], a[1:]),
+        fp.Posture(0.0, drawing.home[1:]),
+        fp.Flight(
+            duration,
+            angular_momentum=momentum,
+            takeoff=fp.Takeoff(foot.frame),
+            landing=fp.Landing(foot.frame, height=float(rest - now)),
+            horizontal_velocity=horizontal,
+            gravity=GRAVITY,
+        ),
+        fp.Motion(degree=7),
+        limits,
+    )
+
+
+def _plan(problem: fp.Problem, momentum: float) -> Plan:
+    """The plainest flight from the start of a problem; it need not reach the goal."""
+    variables = decision_variables(
+        problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), int), momentum_set(problem)
+    )
+    polynomials = variables.polynomials
+    z = np.zeros_like(polynomials.no_free_part)
+    answer: dict[str, Any] = {"status": "infeasible", "ok": False, "explanation": "", "solver": {}}
+    return Plan.of_motion(problem, polynomials, z, np.array([momentum]), **answer)

@@ -1,0 +1,55 @@
+"""Whole jumps: takeoffs that are known to be within reach, jumps flown with contact."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections import Counter
+
+import numpy as np
+from drawn_stances import drawn_stances
+from jump_flights import fly
+from measuring import PROBLEMS, Counts, heading, table
+
+import floatplan as fp
+from floatplan.stance.check import judged
+
+ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
+BAR = 5.0  # [s] of the processor for a launch
+
+
+def launch_section(counts: Counts) -> None:
+    """``launch`` for takeoffs of stances that are known: no false no, and every yes holds at 2 kHz."""
+    drawn, seeds = drawn_stances(counts.takeoffs)
+    heading(f"launch: {len(drawn)} takeoffs of stances drawn with seeds 0 to {seeds - 1}; limits 5 % above their needs")
+    seconds, ratios, missed, broken = [], [], 0, 0
+    for index, each in enumerate(drawn):
+        began = time.process_time()
+        found = fp.launch(each.plan, each.request)
+        seconds.append(time.process_time() - began)
+        if not found.ok:
+            missed += 1
+            print(f"  no, though one is known: {index}, {each.plan.robot.name}: {' '.join(found.sentences)}")
+            continue
+        ratios.append(found.ratio)
+        shares = {"torque", "torque_speed", "velocity"}
+        figures = {name: value for name, value in found.figures.items() if name not in shares}
+        broken += bool(judged(each.request, figures)[0]) or max(found.figures[name] for name in shares) > 1
+    header = ["false no", "yes that fails", "s of the processor", "at most", f"over {BAR:g} s", "factor", "at most"]
+    late = sum(each > BAR for each in seconds)
+    middle, most = (statistics.median(ratios), max(ratios)) if ratios else (np.nan, np.nan)
+    table(header, [[missed, broken, statistics.median(seconds), max(seconds), late, middle, most]])
+
+
+def contact(counts: Counts) -> None:
+    """The Go2's backflip in MuJoCo with contact: springs and dampers on the joints, late and noisy."""
+    heading(f"contact: the Go2's backflip flown with seeds 0 to {counts.landings - 1}, 500 Hz, 4 ms late")
+    found, rows = fp.jump(PROBLEMS / "jumps" / "go2.toml"), []
+    for armature in ARMATURES:
+        ends = [fly(found, seed, armature) for seed in range(counts.landings)]
+        links = Counter(link for end in ends for link in end.touched)
+        clean = sum(end.stands and not end.touched for end in ends)
+        turned = float(np.rad2deg(np.sqrt(np.mean([end.turned**2 for end in ends]))))
+        touched = ", ".join(f"{link} {count}" for link, count in links.most_common(3)) or "none"
+        rows.append([armature, sum(end.stands for end in ends), clean, turned, touched])
+    table(["armature kg m^2", "stand", "on feet alone", "error at touchdown deg", "other links that touched"], rows)
