@@ -127,13 +127,16 @@ class Problem(Checked):
         """Resolve and check everything; report all that is wrong, not only the first."""
         object.__setattr__(self, "file_text", written)
         errors = self.faults()
+        fields = {error.element for error in errors}
         try:
-            errors += faults(self._resolutions())
-            errors += faults((partial(refuse_leak, self.robot), partial(check_name, self.name, "name")))
-            errors += surroundings_errors(self.robot, self.obstacles, self.self_clearances, self.flight.duration)
-            errors += [] if self.jump is None else jump_errors(self.robot, self.jump)
+            found = faults(
+                (*self._resolutions(), partial(refuse_leak, self.robot), partial(check_name, self.name, "name"))
+            )
+            found += surroundings_errors(self.robot, self.obstacles, self.self_clearances, self.flight.duration)
+            found += [] if self.jump is None else jump_errors(self.robot, self.jump)
             if self.obstacles or self.self_clearances or self.ground:
-                errors += faults((self.robot.check_shapes,))
+                found += faults((self.robot.check_shapes,))
+            errors += [error for error in found if error.element not in fields]
         except (AttributeError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
