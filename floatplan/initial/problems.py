@@ -13,9 +13,9 @@ from floatplan.initial.candidates import DIGITS, Candidates
 from floatplan.initial.robots import ChosenRobot
 from floatplan.initial.stance import FAST
 from floatplan.motion.planar.closed_form import tree_dynamics
-from floatplan.problem.checks import position_limits
 from floatplan.problem.parts import Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import position_limits
 
 MOTION = Motion(degree="auto", objective="acceleration")
 SWINGS = (1.0, 0.6, 0.3)  # [-] of half a joint's range
