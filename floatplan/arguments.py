@@ -195,13 +195,15 @@ def made(*kinds: type, advice: str | None = None) -> Check:
     return check
 
 
-def many(check: Check, of: str) -> Check:
-    """A sequence, kept as a tuple, of what a check lets through."""
+def many(check: Check, of: str, count: int | None = None) -> Check:
+    """A sequence, kept as a tuple, of what a check lets through; of so many where a count is given."""
 
     def each(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
         if items is None:
             raise InputError(f"{value!r} is not a sequence of {of}", element=element, advice="give a list or a tuple")
+        if count not in (None, len(items)):
+            raise InputError(f"must have {count} entries, not {len(items)}", element=element)
         return tuple(_checked(items, check, _numbered(element)))
 
     return each
