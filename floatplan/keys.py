@@ -128,10 +128,9 @@ def _check(hint: Any, numbers: str | Range) -> Check:
     if origin is Literal:
         return one_of(*inner)
     if origin is tuple and inner[-1] is not ...:
-        of, entry = (
-            ("texts", text) if str in inner else ("numbers", _check(float, numbers if numbers in RANGES else "place"))
-        )
-        return pair(entry, of, 2 if len(inner) == 2 else 3)
+        if str in inner:
+            return pair(text, "texts", 2 if len(inner) == 2 else 3)
+        return pair(_check(float, numbers if numbers in RANGES else "place"))
     if origin in (tuple, Sequence):
         return many(_check(entry_of(hint), numbers), "entries")
     if origin is Mapping:
@@ -198,19 +197,18 @@ class Reader:
             part, content = kinds[kind], {key: value for key, value in content.items() if key != "kind"}
         if not isinstance(content, Mapping):
             return self._missing(f"{content!r} is not a table", place)
-        inside, known = f"{place}." if place else "", {in_files(name): name for name in part.keys}
-        values = {}
-        for key, value in content.items():
-            if key in known:
-                name = known[key]
-                values[name] = self._value(part.hints[name], value, part.keys[name], inside + key)
-            else:
-                close = difflib.get_close_matches(key, known, n=1)
-                advice = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(sorted(known))}"
-                self.errors.append(InputError("unknown key", element=inside + key, advice=advice))
-        for each, _ in part.keyed_fields():
-            if each.name not in values and is_needed(each):
-                self._missing("is missing", inside + in_files(each.name))
+        inside, known, values = f"{place}." if place else "", set(), {}
+        for each, about in part.keyed_fields():
+            key = in_files(each.name)
+            known.add(key)
+            if key in content:
+                values[each.name] = self._value(part.hints[each.name], content[key], about, inside + key)
+            elif is_needed(each):
+                self._missing("is missing", inside + key)
+        for key in [key for key in content if key not in known]:
+            close = difflib.get_close_matches(key, known, n=1)
+            advice = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(sorted(known))}"
+            self.errors.append(InputError("unknown key", element=inside + key, advice=advice))
         return part.unchecked(**values)
 
     def _missing(self, reason: str, place: str) -> Any:
