@@ -42,7 +42,7 @@ STAGE_IS_SEEN = """
     return box.top >= 0 && box.bottom <= innerHeight;
 """
 TAP = """
-    const [map, place] = [document.getElementById("map"), floatplan.map.placeOf(arguments[0])];
+    const [map, place] = [document.querySelector("#map .u-over"), floatplan.map.placeOf(arguments[0])];
     const [edge, [x, y, width, height]] = [map.getBoundingClientRect(), floatplan.map.box(place)];
     const at = { clientX: edge.left + x + width / 2, clientY: edge.top + y + height / 2 };
     map.dispatchEvent(new MouseEvent("click", { ...at, bubbles: true }));
