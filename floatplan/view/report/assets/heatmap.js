@@ -78,10 +78,9 @@ class HeatMap {
     this.plot = drawnAxes(this.holder, [x, y], {
       height: this.holder.clientHeight,
       axes: [axis(this.x.label), { ...axis(this.y.label), size: LEFT - AXIS_LABEL }],
-      hooks: { drawClear: [() => this.drawCells()] },
+      hooks: { drawClear: [() => this.drawCells()], draw: [() => this.drawMarks()] },
     });
     this.marks = ["hovered", "selected"].map((name) => this.plot.over.appendChild(make("div", `mark ${name}`)));
-    this.drawMarks();
     this.bar.replaceChildren();
     if (this.range) this.drawBar();
   }
@@ -173,7 +172,7 @@ function scaleOver(low, high) {
 function axis(label) {
   const [stroke, grid] = [() => tone("ink"), { show: false }];
   const look = { stroke, grid, ticks: { stroke, size: 5, width: 1 }, font: FONT, size: 26 };
-  const values = (_, splits) => splits.map((value) => (value === null ? "" : shortNumber(value)));
+  const values = (_, splits) => splits.map((value) => (value === null ? "" : shortNumber(value, 4)));
   return { ...look, label, labelFont: FONT, labelSize: AXIS_LABEL, labelGap: 2, values };
 }
 
