@@ -177,9 +177,8 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
             )
         else:
-            message = (
-                f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s"
-                + (f": feet of jumps may be {POINT_FEET:g} m." if jump else "; ground = true keeps it above.")
+            message = f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s" + (
+                f": feet of jumps may be {POINT_FEET:g} m." if jump else "; ground = true keeps it above."
             )
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
 

@@ -69,7 +69,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
 
 
 def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> HalfPlane:
-    """The half-plane below the links' capsules at both ends, which are thicker than what stands, and than ``ground``."""
+    """The half-plane below the links' capsules at both ends, which are thicker than what stands."""
     index, depth = program.flight, 0.0
     shapes = problem.robot.shapes
     for side, node in ((index - 1, program.starts[index]), (index + 1, program.starts[index + 1])):
