@@ -56,9 +56,7 @@ ROBOTS = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", default=list(ROBOTS))
-    print(
-        "| robot | turn, degrees | jump | torque / limit | rate / limit | flight, s | verdict | warnings | init, CPU s |"
-    )
+    print("| robot | turn, degrees | jump | torque / limit | rate / limit | flight, s | proof | warnings | CPU, s |")
     print("|---|---:|---|---:|---:|---:|---|---:|---:|")
     told: list[str] = []
     for name in parser.parse_args().names:
