@@ -14,13 +14,13 @@ from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
+from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
 RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing height
 DRIFT = 1e-3  # [m]
 SPEED = 0.02  # [m/s] of a foot that stands
 GROUND = -1e-6  # [m] of what never stands
-FEET = -4e-3  # [m] of feet, which turn about their frames as if they were round
 SEAM = 1e-6  # [rad, rad/s; over the time unit rad/s^2]
 PULL = -1e-3  # [-] of the weight
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
@@ -28,6 +28,8 @@ LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothin
 DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
+
+Words = tuple[str, str]  # a figure in words, and its limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +184,7 @@ def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[st
     if jump.problem.obstacles:
         segments = LinkShapes(tree, robot.shapes).place(com, angles)
         since = state.times - jump.takeoff_time
-        distances = [
-            obstacle_distances(segments, each, since).values.min() - each.margin for each in jump.problem.obstacles
-        ]
+        distances = [obstacle_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
         found["obstacles"] = float(min(distances))
     return found
 
@@ -215,14 +215,14 @@ def _seams(jump: JumpMotion) -> dict[str, float]:
 
 
 def _judged(jump: JumpMotion, figures: dict[str, float]) -> JumpCheck:
-    broken, held = judged(jump.request, figures)
+    broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
     if jump.flight is None or not jump.flight.ok:
         broken.append("the flight's plan does not hold")
     return JumpCheck(not broken, figures, (*broken, *held))
 
 
-def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[str], list[str]]:
-    """Sentences about figures, of those that are there: what does not hold, and what does."""
+def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Words], list[Words]]:
+    """What is said of figures, of those that are there, each with its limit: what does not hold, and what does."""
     margin, friction = request.margin, request.friction
     torque, velocity = margin["torque"], margin["velocity"]
     rules = [
@@ -243,18 +243,17 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[str
         ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),
         ("pull", PULL, "the least vertical force is {:.2g} of the weight"),
         ("ground", GROUND, "everything else is at least {:.2g} m above the ground"),
-        ("feet", FEET, "the feet's shapes are at least {:.2g} m above the ground"),
+        ("feet", -POINT_FEET, "the feet's shapes are at least {:.2g} m above the ground"),
         ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
     ]
-    held: list[str] = []
-    broken: list[str] = []
+    held: list[Words] = []
+    broken: list[Words] = []
     for name, limit, sentence in rules:
-        if name not in figures:
-            continue
-        text = f"{sentence.format(figures[name])}, {limit:g} at most"
-        (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(text)
+        if name in figures:
+            words = sentence.format(figures[name]), f"{limit:g} at most"
+            (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(words)
     for name, limit, sentence in least:
         if name in figures:
-            text = f"{sentence.format(figures[name])}, {limit:g} at least"
-            (held if figures[name] >= limit else broken).append(text)
+            words = sentence.format(figures[name]), f"{limit:g} at least"
+            (held if figures[name] >= limit else broken).append(words)
     return broken, held
