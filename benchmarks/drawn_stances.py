@@ -69,6 +69,7 @@ class Drawing:
         self.model = PlanarModel(self.robot, GRAVITY)
         alone = Phase("takeoff", self.feet[:1], 1.0, (1.0, 1.0), 1)
         self.alone = StanceDynamics(self.model, alone, self.home)
+        self.point = OnePoint(self.alone, np.linspace(0.0, 1.0, NODES))
         rear, front = (foot.spots[0] for foot in self.feet)
         model, size = self.model, len(self.home)
         (fx, fz), _ = balanced(model, alone, [])
@@ -146,7 +147,13 @@ def drawn_stance(drawing: Drawing, rng: np.random.Generator, together: bool) -> 
         if last is None:
             return None
         stances.append(Stance(drawing.robot, GRAVITY, drawing.feet[:1], 0j, last))
-    return _known(drawing, tuple(stances))
+    return _known(drawing, tuple(stances)) if all(map(_presses, stances)) else None
+
+
+def _presses(stance: Stance) -> bool:
+    """Whether at some instants forces are in the cone, so that it is worth to look at all of them."""
+    forces = [each[:-2] for each in stance.at(stance.grid.times[:: NODES // 10]).forces.values()]
+    return all((each[:, 1] > 0).all() and (np.abs(each[:, 0]) < SLIPPERY[1] * each[:, 1]).all() for each in forces)
 
 
 def _both(drawing: Drawing, rng: np.random.Generator, together: bool) -> Grid | None:
@@ -170,7 +177,10 @@ def _both(drawing: Drawing, rng: np.random.Generator, together: bool) -> Grid | 
 
     rest = moment(0.0)
     turning = -rest / (moment(1.0) - rest)  # at which the front feet carry nothing
-    found = motion(turning, times) if np.isfinite(turning) else None
+    if not np.isfinite(turning):
+        return None
+    few = motion(turning, times[6:-1:6])  # most do not hold, which few instants show
+    found = None if few is None or drawing.carried(*few)[1].min() < 0 else motion(turning, times)
     if found is None:
         return None
     fx, fz, *_ = drawing.carried(*found)
@@ -189,7 +199,8 @@ def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: f
     times = begin + np.linspace(0.0, duration, NODES)
     rates = first[1] + first[2] * duration / 2 + rng.uniform(-25.0, 25.0, len(first[0])) * duration
     last = first[0] + (0.6 * first[1] + 0.4 * rates) * duration + rng.uniform(-2.0, 2.0, len(rates)) * duration**2
-    point = OnePoint(drawing.alone, times)
+    point = drawing.point
+    point.times = times
 
     def motion(accelerations: Array) -> tuple[Array, Array, Array]:
         ends = [np.stack(pair, axis=1) for pair in zip(first, (last, rates, accelerations), strict=True)]

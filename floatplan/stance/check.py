@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances, pair_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
@@ -21,7 +21,9 @@ RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing heigh
 DRIFT = 1e-3  # [m]
 SPEED = 0.02  # [m/s] of a foot that stands
 GROUND = -1e-6  # [m] of what never stands
-SEAM = 1e-6  # [rad, rad/s; over the time unit rad/s^2]
+LIFTED = 0.01  # [m] that the lowest point of a link that stands may be above the ground
+SEAM = 1e-6  # [m, rad, per second; over the time unit per second squared] of steps of the motion
+LEAST = ("range", "pull", "ground", "feet", "obstacles", "self_distance")  # figures that are worst where they are least
 PULL = -1e-3  # [-] of the weight
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
@@ -39,14 +41,17 @@ class JumpCheck:
     Attributes
     ----------
     ok : bool
-    figures : name -> value, the worst of all stances
+    figures : name -> value, the worst of all stances; of what is near, of the flight too
         ``residual``: balance of forces and moments, over weight (and height). ``torque``, ``torque_speed``,
         ``velocity``: shares of the limits; ``held_torque``: of the efforts of joints that are locked. ``range``: least
         distance from the ends of joint ranges, rad. ``friction``: largest ratio of forces; ``slip``: horizontal force
         beyond the cone, and ``pull``: least vertical force, over weight. ``drift``, m, and ``foot_speed``, m/s: of feet
-        that stand. ``ground``: least height of all but feet, ``feet``: of their shapes, ``obstacles``: least distance
-        beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations. ``takeoff_seam``,
-        ``landing_seam``: steps there, rad, and over the time unit. ``torque_step``: where contacts change, over limits.
+        that stand. ``ground``: least height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of
+        those that stand, ``level``: by which what stands differs in height; ``obstacles``, ``self_distance``: least
+        distances beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations.
+        ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m, rad, and over
+        the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases, s.
+        ``torque_step``: where contacts change, over limits.
     sentences : for a person, what does not hold first
     """
 
@@ -57,12 +62,28 @@ class JumpCheck:
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
     """Check the stances of a jump at 2 kHz, independently of the program that found them."""
-    return _judged(jump, {**stance_figures(jump), **_seams(jump)})
+    assert jump.flight is not None
+    lines = [stance.place.imag - stance.contacts[0].depth for stance in jump.stances]
+    times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
+    flight = _surroundings(jump, flight_state(jump.flight, times, jump.takeoff_time), min(lines))
+    figures = {**_worst([stance_figures(jump), flight]), **_seams(jump), "level": float(np.ptp(lines))}
+    broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
+    if not jump.flight.ok:
+        broken.append("the flight's plan does not hold")
+    return JumpCheck(not broken, figures, (*broken, *held))
+
+
+def _worst(found: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    figures: dict[str, float] = {}
+    for each in found:
+        for name, value in each.items():
+            figures[name] = (min if name in LEAST else max)(figures.get(name, value), value)
+    return figures
 
 
 def stance_figures(jump: JumpMotion) -> dict[str, float]:
     """Figures of :class:`JumpCheck`, but for those of seams."""
-    figures: dict[str, float] = {}
+    found = []
     for stance in jump.stances:
         begin, end = stance.span
         times = np.linspace(begin, end, max(int(np.ceil((end - begin) * RATE)), 8) + 1)
@@ -70,22 +91,17 @@ def stance_figures(jump: JumpMotion) -> dict[str, float]:
         apart = np.abs(times - kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]) > APART
         times = np.sort(np.concatenate((times[apart], kinks)))
         state = stance.at(times)
-        for found in (
-            _dynamics(jump, stance, state),
-            _feet(stance, state, jump.request.friction),
-            _surroundings(jump, stance, state),
-        ):
-            for name, value in found.items():
-                best = min if name in ("range", "pull", "ground", "feet", "obstacles") else max
-                figures[name] = best(figures.get(name, value), value)
-    return figures
+        found.append(_dynamics(jump, stance, state))
+        found.append(_feet(stance, state, jump.request.friction))
+        found.append(_surroundings(jump, state, stance.place.imag - stance.contacts[0].depth, stance))
+    return _worst(found)
 
 
 def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
     robot, problem = stance.robot, jump.problem
     weight = robot.mass * stance.gravity
     model, data = robot.model, robot.model.createData()
-    height = float(np.abs(state.positions[:, 1]).max()) or 1.0
+    height = float(np.abs(state.positions[:, 1] - stance.place.imag).max()) or 1.0
     wrench = np.empty_like(state.positions)
     jacobians = [(name, *point) for name, point in _points(stance)]
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
@@ -101,7 +117,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     residual = np.abs(wrench[:, :3]) / [weight, weight, weight * height]
     motors = wrench @ robot.transmission
     rates = state.velocities @ (robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection))
-    found = {"residual": float(residual.max()), "torque": float((np.abs(motors) / problem.motor_torque_limits).max())}
+    shares = (motors / problem.motor_torque_limits, wrench @ robot.selection / problem.torque_limits)
+    found = {"residual": float(residual.max()), "torque": max(float(np.abs(each).max()) for each in shares)}
     own = np.abs(motors) + problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     found["torque_speed"] = float((own / problem.motor_stall).max())
     found["velocity"] = float((np.abs(rates) / problem.velocity_limits).max())
@@ -136,9 +153,7 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     weight = robot.mass * stance.gravity
     found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf, "drift": 0.0, "foot_speed": 0.0}
-    for (name, (joint, local)), contact in zip(
-        _points(stance), [each for each in stance.contacts for _ in each.names], strict=True
-    ):
+    for name, (joint, local) in _points(stance):
         places, speeds = np.empty((2, len(state.times), 2))
         at = pin.SE3(np.eye(3), local)
         for row, (q, v) in enumerate(zip(state.positions, state.velocities, strict=True)):
@@ -146,9 +161,8 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
             places[row] = axes @ (data.oMi[joint] * at).translation
             jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
             speeds[row] = axes @ jacobian[:3] @ v
-        used = slice(1, 2) if contact.vertical else slice(0, 2)
-        found["drift"] = max(found["drift"], float(np.ptp(places[:, used], axis=0).max()))
-        found["foot_speed"] = max(found["foot_speed"], float(np.abs(speeds[:, used]).max()))
+        found["drift"] = max(found["drift"], float(np.ptp(places, axis=0).max()))
+        found["foot_speed"] = max(found["foot_speed"], float(np.abs(speeds).max()))
         horizontal, vertical = state.forces[name].T
         pressed = vertical > LIGHT * weight
         found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
@@ -159,9 +173,12 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
     return found
 
 
-def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
-    """Least height of what does not stand, by the corners of the links' hulls; least distance from obstacles."""
-    robot = stance.robot
+def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stance | None = None) -> dict[str, float]:
+    """Heights over the ground, m, by the corners of the hulls; least distances from obstacles, and between links.
+
+    ``stance`` is what stands, nothing where there is none.
+    """
+    robot = jump.problem.robot
     tree = robot.tree
     theta, base = state.positions[:, 2], state.positions[:, 0] + 1j * state.positions[:, 1]
     joints = (state.positions - robot.reference) @ (
@@ -170,19 +187,27 @@ def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[st
     angles = tree.absolute_angles(theta, joints)
     rotations = tree.rotations(angles)
     com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
-    contacts = [contact for each in jump.stances for contact in each.contacts]
-    standing = {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
-    line = stance.place.imag - stance.contacts[0].depth
-    found = {"ground": np.inf, "feet": np.inf}
+    feet, stands = (
+        {robot.contact_link(robot.frames[frame].link) for on in each for one in on.contacts for frame in one.frames}
+        for each in (jump.stances, [] if stance is None else [stance])
+    )
+    found = {"ground": np.inf, "feet": np.inf, "lifted": 0.0}
     for link, hull in robot.link_hulls.items():
         bodies = np.array([each.body for each in hull for _ in range(2)])
         ends = np.array([end for each in hull for end in (each.start, each.end)])
         radii = np.repeat([each.radius for each in hull], 2)
         heights = (rotations @ tree.point_weights(bodies, ends).T + com[:, None]).imag - radii - line
-        kind = "feet" if link in standing else "ground"
+        kind = "feet" if link in feet else "ground"
         found[kind] = min(found[kind], float(heights.min()))
+        if link in stands:
+            found["lifted"] = max(found["lifted"], float(heights.min(axis=1).max()))
+    segments = LinkShapes(tree, robot.shapes).place(com, angles)
+    links = [shape.link for shape in robot.shapes]
+    for pair in jump.problem.self_clearances:
+        first, second = (segments.of(np.flatnonzero([name == link for name in links])) for link in pair.links)
+        least = float(pair_distances(first, second).min()) - pair.margin
+        found["self_distance"] = min(found.get("self_distance", np.inf), least)
     if jump.problem.obstacles:
-        segments = LinkShapes(tree, robot.shapes).place(com, angles)
         since = state.times - jump.takeoff_time
         distances = [obstacle_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
         found["obstacles"] = float(min(distances))
@@ -190,35 +215,36 @@ def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[st
 
 
 def _seams(jump: JumpMotion) -> dict[str, float]:
-    """Steps of places, rates and accelerations at the flight's ends, and of torques where contacts change."""
-    found = {"takeoff_seam": 0.0, "landing_seam": 0.0, "torque_step": 0.0}
+    """Steps of places, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
     assert jump.flight is not None
-    robot = jump.problem.robot
-    limits = jump.problem.motor_torque_limits
+    flight, limits = jump.flight, jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
-    for name, stance, time in (
-        ("takeoff_seam", jump.before[-1], 0.0),
-        ("landing_seam", jump.after[0], jump.flight.duration),
-    ):
-        instant = stance.span[1 if name == "takeoff_seam" else 0]
-        own, other = stance.at(np.array([instant])), flight_state(jump.flight, np.array([time]), 0.0)
-        for power, quantity in enumerate(("positions", "velocities", "accelerations")):
-            step = np.abs(getattr(own, quantity) - getattr(other, quantity)).max() * unit**power
-            found[name] = max(found[name], float(step))
-        step = np.abs((own.torques - other.torques) @ robot.transmission) / limits
-        found["torque_step"] = max(found["torque_step"], float(step.max()))
+    takes_off, lands = (flight_state(flight, np.array([time]), 0.0) for time in (0.0, flight.duration))
+    seams = [("takeoff_seam", jump.before[-1], 1, takes_off), ("landing_seam", jump.after[0], 0, lands)]
     for side in (jump.before, jump.after):
-        for first, second in itertools.pairwise(side):
-            pair = [each.at(np.array([first.span[1]])).torques @ robot.transmission for each in (first, second)]
-            found["torque_step"] = max(found["torque_step"], float((np.abs(pair[0] - pair[1]) / limits).max()))
+        inner = [(first, second.at(np.array(second.span[:1]))) for first, second in itertools.pairwise(side)]
+        seams += [("junction", first, 1, state) for first, state in inner]
+    found = dict.fromkeys(("takeoff_seam", "landing_seam", "torque_step"), 0.0)
+    for name, stance, end, other in seams:
+        own = stance.at(np.array([stance.span[end]]))
+        found[name] = max(found.get(name, 0.0), _step(own, other, unit))
+        step = np.abs((own.torques - other.torques) @ jump.problem.robot.transmission) / limits
+        found["torque_step"] = max(found["torque_step"], float(step.max()))
+    gaps = [jump.before[0].span[0], jump.takeoff_time + flight.duration - jump.after[0].span[0]]
+    gaps += [one.span[1] - two.span[0] for side in (jump.before, jump.after) for one, two in itertools.pairwise(side)]
+    found["gap"] = float(np.abs(gaps).max())
+    for stance, end in ((jump.before[0], 0), (jump.after[-1], 1)):
+        moves = stance.at(np.array([stance.span[end]]))
+        rest = max(float(np.abs(moves.velocities).max()) * unit, float(np.abs(moves.accelerations).max()) * unit**2)
+        found["rest"] = max(found.get("rest", 0.0), rest)
     return found
 
 
-def _judged(jump: JumpMotion, figures: dict[str, float]) -> JumpCheck:
-    broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
-    if jump.flight is None or not jump.flight.ok:
-        broken.append("the flight's plan does not hold")
-    return JumpCheck(not broken, figures, (*broken, *held))
+def _step(one: JumpState, other: JumpState, unit: float) -> float:
+    """Largest step of places, rates and accelerations, over the time unit."""
+    names = ("positions", "velocities", "accelerations")
+    steps = [np.abs(getattr(one, name) - getattr(other, name)).max() * unit**k for k, name in enumerate(names)]
+    return float(max(steps))
 
 
 def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Words], list[Words]]:
@@ -238,6 +264,11 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("derivative", DERIVATIVE, "rates and differences of places differ by {:.2g}"),
         ("takeoff_seam", SEAM, "the takeoff's seam is {:.2g}"),
         ("landing_seam", SEAM, "the landing's seam is {:.2g}"),
+        ("junction", SEAM, "where feet come or leave, the motion steps by {:.2g}"),
+        ("gap", SEAM, "phases are {:.2g} s apart"),
+        ("rest", SEAM, "at its ends it moves by {:.2g}"),
+        ("level", SEAM, "what stands is on grounds {:.2g} m apart"),
+        ("lifted", LIFTED, "feet that stand are up to {:.2g} m above the ground"),
     ]
     least = [
         ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),
@@ -245,6 +276,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("ground", GROUND, "everything else is at least {:.2g} m above the ground"),
         ("feet", -POINT_FEET, "the feet's shapes are at least {:.2g} m above the ground"),
         ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
+        ("self_distance", 0.0, "links are {:.2g} m apart beyond their margins"),
     ]
     held: list[Words] = []
     broken: list[Words] = []
