@@ -261,6 +261,25 @@ def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputE
     return tables
 
 
+def table_of(part: Keyed) -> dict[str, Any]:
+    """Return the table that describes a part, as plain data in rad: what :class:`Reader` makes the same part of."""
+    kind = {"kind": part.kind} if hasattr(part, "kind") else {}
+    values = {in_files(name): _written(getattr(part, name)) for name in part.keys}
+    return {**kind, **{key: value for key, value in values.items() if value is not None}}
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, Keyed):
+        return table_of(value)
+    if isinstance(value, Mapping):  # what it leaves out has no limit
+        return {name: _written(each) for name, each in value.items() if each != math.inf}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_written(each) for each in value]
+    return "none" if value == math.inf else value
+
+
 def _is_part(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, Keyed)
 
