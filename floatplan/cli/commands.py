@@ -54,7 +54,6 @@ Source = Annotated[str, argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or 
 def main() -> None:
     """Run the command line."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads would wait for one another
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and searching for them takes time
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
