@@ -1,4 +1,4 @@
-"""Whole jumps: takeoffs that are known to be within reach, jumps flown with contact."""
+"""Whole jumps: from many guesses, to takeoffs that are known to be within reach, flown with contact."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
 from floatplan.stance.check import judged
+from floatplan.stance.planner import ROOM
+from floatplan.stance.setup import jump_setup
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
-BAR = 5.0  # [s] of the processor for a launch
+BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
 def launch_section(counts: Counts) -> None:
@@ -53,3 +55,29 @@ def contact(counts: Counts) -> None:
         touched = ", ".join(f"{link} {count}" for link, count in links.most_common(3)) or "none"
         rows.append([armature, sum(end.stands for end in ends), clean, turned, touched])
     table(["armature kg m^2", "stand", "on feet alone", "error at touchdown deg", "other links that touched"], rows)
+
+
+def jump_section(counts: Counts) -> None:
+    """The Go2's backflip from its generic guess, in all; and from random guesses, one start each."""
+    path = PROBLEMS / "jumps" / "go2.toml"
+    heading(f"jump: the Go2's backflip, with everything checked; then from random guesses, seeds 1 to {counts.guesses}")
+    began = time.process_time()
+    found = fp.jump(path)
+    seconds, figures = time.process_time() - began, found.check.figures
+    header = ["found", "s of the processor", "bar", "torque", "velocity", "residual", "seam"]
+    seam = max(figures.get("takeoff_seam", np.nan), figures.get("landing_seam", np.nan))
+    shown = [figures.get(name, np.nan) for name in ("torque", "velocity", "residual")]
+    table(header, [[found.ok, seconds, JUMP_BAR, *shown, seam]])
+    setup = jump_setup(found.problem, found.request)
+    program, rows = setup.program(ROOM), []
+    for seed in range(1, counts.guesses + 1):
+        began = time.process_time()
+        solution = program.solve(program.guess(np.random.default_rng(seed)))
+        rows.append(
+            (solution.converged, solution.iterations, time.process_time() - began, float(sum(solution.durations)))
+        )
+    good = [row for row in rows if row[0]] or [(False, 0, np.nan, np.nan)]
+    _, iterations, spent, lasts = zip(*good, strict=True)
+    header = ["solved", "of", "iterations", "at most", "s of the processor", "at most", "jump lasts s", "at most"]
+    numbers = [statistics.median(iterations), max(iterations), statistics.median(spent), max(spent)]
+    table(header, [[sum(row[0] for row in rows), len(rows), *numbers, min(lasts), max(lasts)]])

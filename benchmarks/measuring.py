@@ -48,6 +48,7 @@ class Counts:
     subprocesses: int = 5
     flights: int = 100
     instants: int = INSTANTS
+    guesses: int = 20
     takeoffs: int = 50
     landings: int = 20
     chains: tuple[int, ...] = CHAINS
@@ -69,6 +70,7 @@ QUICK = Counts(
     subprocesses=2,
     flights=10,
     instants=4000,
+    guesses=4,
     takeoffs=6,
     landings=5,
 )

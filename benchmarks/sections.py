@@ -1,8 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single launch contact; all of them where none is named.
-Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump launch contact; all of them where none is
+named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from constraint_sections import forward, obstacle, witness
 from inflight_sections import inflight
-from jump_sections import contact, launch_section
+from jump_sections import contact, jump_section, launch_section
 from many_section import many
 from measuring import FULL, QUICK, Counts
 from search_sections import free_section, random_section, rest_section, starts_section
@@ -41,6 +41,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "many": many,
     "studies": studies,
     "single": single,
+    "jump": jump_section,
     "launch": launch_section,
     "contact": contact,
 }

@@ -48,10 +48,11 @@ EXPECTED = {
     "many": "plans/s",
     "studies": "largest process MB",
     "single": "proof of A",
+    "jump": "jump lasts s",
     "launch": "yes that fails",
     "contact": "on feet alone",
 }
-LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "launch", "contact"}
+LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "launch", "contact"}
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))
@@ -76,6 +77,7 @@ def test_section_runs(
         subprocesses=1,
         flights=1,
         instants=400,
+        guesses=1,
         takeoffs=2,
         landings=1,
         chains=(3,),
