@@ -26,8 +26,10 @@ from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Grid, Stance, hermite
 from floatplan.stance.phases import Phase, standing_posture
 from floatplan.stance.rows import balanced
+from floatplan.tables import POINT_FEET
 
 NODES = 61  # [-] of each phase
+WIDER = 1.5  # [-] bounds of durations about those that are known
 HEADROOM = 1.05  # [-] of limits over what the stance needs
 SLIPPERY = (0.25, 0.8)  # [-] friction of what is kept
 RISING = (0.6, 2.8)  # [m/s] of the centre of mass at takeoff
@@ -156,8 +158,11 @@ def _presses(stance: Stance) -> bool:
     return all((each[:, 1] > 0).all() and (np.abs(each[:, 0]) < SLIPPERY[1] * each[:, 1]).all() for each in forces)
 
 
-def _both(drawing: Drawing, rng: np.random.Generator, together: bool) -> Grid | None:
-    """The phase on all feet, from rest; at its end the front feet carry nothing, or no foot does."""
+def _both(drawing: Drawing, rng: np.random.Generator, together: bool, straight: bool = False) -> Grid | None:
+    """The phase on all feet, from rest; at its end the front feet carry nothing, or no foot does.
+
+    Where it is to end ``straight``, the centre of mass then rises upright and the angular momentum is zero.
+    """
     height, begin = drawing.stands[1], np.append(0.0, drawing.stands[:2])
     moved = rng.uniform((-0.3, -0.25, -0.15), (0.3, 0.2, 0.3)) * (1.0, height, height)
     rates = rng.uniform((-3.0, -1.0, 0.8), (3.0, 1.0, 2.8)) * (1.0, *([np.sqrt(height / 0.3)] * 2))
@@ -165,18 +170,23 @@ def _both(drawing: Drawing, rng: np.random.Generator, together: bool) -> Grid | 
     times = np.linspace(0.0, rng.uniform(0.15, 0.45), NODES)
 
     def motion(turning: float, at: Array) -> tuple[Array, Array, Array] | None:
-        last = np.append(turning, changes[1:])
-        ends = np.stack((begin, begin + moved)), np.stack((0 * rates, rates)), np.stack((0 * rates, last))
+        pushes = np.append(turning, changes[1:])
+        ends = np.stack((begin, begin + moved)), np.stack((0 * rates, rates)), np.stack((0 * rates, pushes))
         curve = hermite(times[[0, -1]], *(each.T for each in ends))
         parts = np.stack([(curve.derivative(k) if k else curve)(at).T for k in range(3)])
         return drawing.legs(parts[:, 0], parts[:, 1:])
 
-    def moment(turning: float) -> float:
+    def last(turning: float, row: int) -> float:
         found = motion(turning, times[-1:])
-        return np.nan if found is None else float(drawing.carried(*found)[2, 0])
+        return np.nan if found is None else float(drawing.carried(*found)[row, 0])
 
-    rest = moment(0.0)
-    turning = -rest / (moment(1.0) - rest)  # at which the front feet carry nothing
+    if straight:
+        rates[:2] = 0.0
+        still = last(0.0, 3)
+        rates[0] = 1.0
+        rates[0] = -still / (last(0.0, 3) - still)
+    rest = last(0.0, 2)
+    turning = -rest / (last(1.0, 2) - rest)  # at which the front feet carry nothing
     if not np.isfinite(turning):
         return None
     few = motion(turning, times[6:-1:6])  # most do not hold, which few instants show
@@ -190,6 +200,64 @@ def _both(drawing: Drawing, rng: np.random.Generator, together: bool) -> Grid | 
     if together:
         ratios[-1] = 2 * ratios[-2] - ratios[-3]
     return Grid(times, *found, ratios[None])
+
+
+def drawn_hops(count: int) -> tuple[list[fp.Problem], int]:
+    """Draw ``count`` problems of jumps that are known to be possible, the robots in turn; and the last seed."""
+    found: list[fp.Problem] = []
+    drawings, seed = [Drawing(name) for name in ROBOTS], 0
+    while len(found) < count:
+        drawn = _hop(drawings[len(found) % len(drawings)], np.random.default_rng(seed))
+        found += [] if drawn is None else [replace(drawn, name=f"hop_{seed}")]
+        seed += 1
+    return found, seed
+
+
+def _hop(drawing: Drawing, rng: np.random.Generator) -> fp.Problem | None:
+    """A jump straight up whose landing is its takeoff, backwards in time; so is the second half of its flight."""
+    try:
+        grid = _both(drawing, rng, together=True, straight=True)
+    except np.linalg.LinAlgError:
+        return None
+    stance = None if grid is None else Stance(drawing.robot, GRAVITY, drawing.feet, 0j, grid)
+    known = _known(drawing, (stance,)) if stance is not None and _presses(stance) else None
+    flown = None if known is None else _flown(known.plan, drawing)
+    if known is None or flown is None or stance is None:
+        return None
+    plan, limits, margin = known.plan, known.plan.problem, fp.JumpRequest().margin
+    torque = np.maximum(limits.motor_torque_limits, HEADROOM * flown[0]) / margin["torque"]
+    velocity = np.maximum(limits.velocity_limits, HEADROOM * flown[1]) / margin["velocity"]
+    feet, lasts = [tuple(foot.frame for foot in drawing.feet)], stance.span[1]
+    spans = [(lasts / WIDER, lasts * WIDER)]
+    sides = fp.JumpTakeoff(feet, spans), fp.JumpLanding(feet, spans)
+    request = fp.JumpRequest(known.request.friction, takeoff=sides[0], landing=sides[1])
+    robot, flight = drawing.robot, fp.Flight(plan.duration, "free", fp.Takeoff(feet[0][0]), gravity=GRAVITY)
+    home = fp.Posture(0.0, drawing.home[1:])
+    bounds = fp.Limits(torque=dict(zip(robot.motors, torque, strict=True)), velocity=velocity.tolist())
+    return fp.Problem(robot, home, home, flight, limits=bounds, jump=request)
+
+
+def _flown(plan: Plan, drawing: Drawing) -> tuple[Array, Array] | None:
+    """Largest torques (motors,) N m and rates (n,) rad/s of a flight that goes back as it came; None where it hits."""
+    robot, start, duration = drawing.robot, plan.problem.initial, plan.duration
+    s = np.linspace(0.0, 1.0, NODES)
+    u = np.polynomial.Polynomial([0, 1, -1])
+    first = np.asarray(start.velocities) * duration
+    sizes = np.stack((first, np.asarray(start.accelerations) * duration**2 / 2 + first))
+    powers = [np.stack([(each.deriv(k) if k else each)(s) for each in (u, u**2)]).T for k in range(3)]
+    q, v, a = (each @ sizes / duration**k for k, each in enumerate(powers))
+    q = q + start.positions
+    low, high = np.asarray(robot.position_limits).T
+    rate = plan.dynamics.base_rate(q, v, 0.0)
+    torques = plan.dynamics.full_forces(q, v, a, rate) @ robot.transmission
+    turned = start.orientation + np.concatenate(([0.0], np.cumsum((rate[1:] + rate[:-1]) / 2))) * duration / (NODES - 1)
+    shapes = robot.hulls([])
+    spots = [drawing.feet[0].spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
+    radii = np.array([drawing.feet[0].depth, *(each.radius for each in shapes for _ in range(2))])
+    com = plan.ballistics.gravity * duration**2 / 2 * s * (1 - s)
+    lows = [heights_over_com(robot, spots, float(turned[k]), q[k]).imag - radii + com[k] for k in range(NODES)]
+    hits = min(each.min() for each in lows) < lows[0][0] - POINT_FEET
+    return None if hits or not ((low < q) & (q < high)).all() else (np.abs(torques).max(axis=0), np.abs(v).max(axis=0))
 
 
 def _alone(drawing: Drawing, rng: np.random.Generator, before: Grid, duration: float) -> Grid | None:

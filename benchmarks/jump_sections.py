@@ -7,7 +7,7 @@ import time
 from collections import Counter
 
 import numpy as np
-from drawn_stances import drawn_stances
+from drawn_stances import drawn_hops, drawn_stances
 from jump_flights import fly
 from measuring import PROBLEMS, Counts, heading, table
 
@@ -41,6 +41,26 @@ def launch_section(counts: Counts) -> None:
     late = sum(each > BAR for each in seconds)
     middle, most = (statistics.median(ratios), max(ratios)) if ratios else (np.nan, np.nan)
     table(header, [[missed, broken, statistics.median(seconds), max(seconds), late, middle, most]])
+
+
+def hops(counts: Counts) -> None:
+    """``jump`` for jumps straight up that are known to be possible, with limits 5 % above what they need."""
+    problems, seeds = drawn_hops(counts.hops)
+    heading(
+        f"hops: {len(problems)} jumps drawn with seeds 0 to {seeds - 1}; limits 5 % above what they need with margins"
+    )
+    found, seconds = 0, []
+    for problem in problems:
+        began = time.process_time()
+        answer = fp.jump(problem)
+        seconds.append(time.process_time() - began)
+        found += answer.ok
+        if not answer.ok:
+            print(f"  not found: {problem.name}, {problem.robot.name}: {answer.explanation}")
+    table(
+        ["found", "of", "s of the processor", "at most"],
+        [[found, len(problems), statistics.median(seconds), max(seconds)]],
+    )
 
 
 def contact(counts: Counts) -> None:

@@ -49,6 +49,7 @@ class Counts:
     flights: int = 100
     instants: int = INSTANTS
     guesses: int = 20
+    hops: int = 50
     takeoffs: int = 50
     landings: int = 20
     chains: tuple[int, ...] = CHAINS
@@ -71,6 +72,7 @@ QUICK = Counts(
     flights=10,
     instants=4000,
     guesses=4,
+    hops=3,
     takeoffs=6,
     landings=5,
 )

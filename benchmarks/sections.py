@@ -1,7 +1,7 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump launch contact; all of them where none is
+forward obstacle witness growth inflight startup many studies single jump hops launch contact; all of them where none is
 named. Needs the extra ``bench``.
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from constraint_sections import forward, obstacle, witness
 from inflight_sections import inflight
-from jump_sections import contact, jump_section, launch_section
+from jump_sections import contact, hops, jump_section, launch_section
 from many_section import many
 from measuring import FULL, QUICK, Counts
 from search_sections import free_section, random_section, rest_section, starts_section
@@ -42,6 +42,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "studies": studies,
     "single": single,
     "jump": jump_section,
+    "hops": hops,
     "launch": launch_section,
     "contact": contact,
 }

@@ -49,10 +49,11 @@ EXPECTED = {
     "studies": "largest process MB",
     "single": "proof of A",
     "jump": "jump lasts s",
+    "hops": "jumps drawn with seeds",
     "launch": "yes that fails",
     "contact": "on feet alone",
 }
-LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "launch", "contact"}
+LONG = {"speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch", "contact"}
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))
@@ -78,6 +79,7 @@ def test_section_runs(
         flights=1,
         instants=400,
         guesses=1,
+        hops=1,
         takeoffs=2,
         landings=1,
         chains=(3,),
