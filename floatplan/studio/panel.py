@@ -13,7 +13,8 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.inputs import Actions, Dial, Inputs, by_user, in_turn, on
+from floatplan.studio.inputs import Dial, Inputs, by_user, in_turn, on
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Part, Saving, Session, View
 from floatplan.studio.stage import Player, Stage
 from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitKey
