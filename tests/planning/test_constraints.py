@@ -346,7 +346,7 @@ class TestConstraints:
         ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
         block = obstacle_clearance(BAR, "bar", LINKS, window=ends)
         sampling = watching(nodes, (block, CONSTRAINTS["circle"]), np.array([0.5]))
-        assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
+        assert sampling.grid.s[24:].tolist() == [ends[0], 0.5, ends[1]]
 
     def test_margin_is_subtracted(self, flight, x):
         motion = trajectory(*flight, x)
@@ -449,6 +449,6 @@ class TestVariables:
         fine = sample_nodes(gauss_grid(64), variables.polynomials.form)
         z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
         change = fine.values[0][:, 6:] @ z.T
-        expected = np.sqrt(fine.weights @ (change**2).mean(axis=1))
+        expected = np.sqrt(fine.grid.weights @ (change**2).mean(axis=1))
         assert np.linalg.norm(variables.metric @ step) == pytest.approx(expected, rel=1e-10)
         assert variables.metric[-1].tolist() == [0.0] * variables.coefficients + [1.0]

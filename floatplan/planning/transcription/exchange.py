@@ -95,13 +95,15 @@ def local_minima(
         return NOTHING_NEAR
     nodes = model.nodes(level, variables.polynomials.form)
     if (watch := watch_of(model.flight, constraints, "")) and all(watch.known):
-        resolved = known if known and known.sampling.nodes == nodes.nodes else trajectory(model, variables, nodes, x)
+        resolved = (
+            known if known and known.sampling.grid.nodes == nodes.grid.nodes else trajectory(model, variables, nodes, x)
+        )
         return _compiled_minima(watch, resolved, constraints)
 
     def values(sampling: Sampling) -> Array:
         motion = trajectory(model, variables, sampling, x)
-        s = sampling.s[nodes.nodes :]
-        rows = [(block.values(motion)[nodes.nodes :], applies(block, s)) for block in constraints]
+        s = sampling.grid.s[nodes.grid.nodes :]
+        rows = [(block.values(motion)[nodes.grid.nodes :], applies(block, s)) for block in constraints]
         return np.concatenate([np.where(exists[:, None], row, np.inf) for row, exists in rows], axis=1)
 
     block, row, look = _look(constraints)
@@ -119,7 +121,7 @@ def _compiled_minima(watch: CompiledConstraints, motion: Trajectory, constraints
     block, rows, look = _look(constraints)
     found = minima(watch, motion.flown, motion.variables.polynomials, look, NEAR, 1 / (FIRST_LOOK - 1))
     row, s, value, looked = found
-    motion.model.evaluated(motion.sampling.nodes + len(look.grid))
+    motion.model.evaluated(motion.sampling.grid.nodes + len(look.grid))
     motion.model.evaluated(looked, len(row))
     return Worst(block[row], rows[row], s, value)
 
