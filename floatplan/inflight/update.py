@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -115,14 +116,18 @@ class Update:
         )
         self._filled.point_to(room=np.zeros(kernel().flight_room(*self._structures)))
 
-    @property
+    @cached_property
     def _flight(self) -> Any:
         """What the kernel reads and writes."""
         return self._filled.structure
 
-    @property
+    @cached_property
     def _structures(self) -> tuple[Any, Any, Any]:
-        return self._robot.structure, self._constraints.structure, self._filled.structure
+        return self._robot.structure, self._constraints.structure, self._flight
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but where numbers lie in memory: a copy has its own."""
+        return {name: value for name, value in vars(self).items() if name not in ("_flight", "_structures")}
 
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""

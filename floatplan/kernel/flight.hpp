@@ -64,9 +64,7 @@ class FlightUpdate {
         const double per_row = (f.measured - f.began) / f.map[0];
         f.variance = f.covariance[0];
         for (std::int64_t e = 0; e < state_size; ++e) {
-            double part = 2 * f.covariance[e];
-            for (std::int64_t o = 0; o < state_size; ++o) part += f.covariance[e * state_size + o] * row[o] * per_row;
-            f.variance += per_row * row[e] * part;
+            f.variance += per_row * row[e] * (2 * f.covariance[e] + per_row * covaried(e, row));
         }
     }
 
@@ -84,9 +82,7 @@ class FlightUpdate {
         double innovation = momentum, deviation = 0;
         for (std::int64_t e = 0; e < state_size; ++e) {
             innovation -= row[e] * f.state[e];
-            double part = 0;
-            for (std::int64_t o = 0; o < state_size; ++o) part += f.covariance[e * state_size + o] * row[o];
-            deviation += row[e] * part;
+            deviation += row[e] * covaried(e, row);
         }
         const double variance = f.law.rate_noise * f.law.rate_noise * f.noise * f.map[0] * f.map[0];
         if (believed(innovation, std::sqrt(deviation + variance))) correct(row, innovation, variance, gain);
@@ -229,14 +225,17 @@ class FlightUpdate {
         }
     }
 
+    // Of the covariance times a row, an entry.
+    double covaried(std::int64_t e, const double *row) const {
+        double total = 0;
+        for (std::int64_t o = 0; o < state_size; ++o) total += f.covariance[e * state_size + o] * row[o];
+        return total;
+    }
+
     void predict(const double *row, double per_row, double dt, double *change) {
         double *covariance = f.covariance, again = 0;
         for (std::int64_t e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
-        for (std::int64_t e = 0; e < state_size; ++e) {
-            change[e] = 0;
-            for (std::int64_t o = 0; o < state_size; ++o)
-                change[e] += covariance[e * state_size + o] * row[o] * per_row;
-        }
+        for (std::int64_t e = 0; e < state_size; ++e) change[e] = per_row * covaried(e, row);
         for (std::int64_t e = 0; e < state_size; ++e) {
             covariance[e] += change[e];
             again += row[e] * per_row * change[e];
@@ -248,8 +247,7 @@ class FlightUpdate {
     void correct(const double *row, double innovation, double variance, double *gain) {
         double total = variance;
         for (std::int64_t e = 0; e < state_size; ++e) {
-            gain[e] = 0;
-            for (std::int64_t o = 0; o < state_size; ++o) gain[e] += f.covariance[e * state_size + o] * row[o];
+            gain[e] = covaried(e, row);
             total += row[e] * gain[e];
         }
         for (std::int64_t e = 0; e < state_size; ++e) {
