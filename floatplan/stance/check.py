@@ -184,9 +184,7 @@ def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[st
     if jump.problem.obstacles:
         segments = LinkShapes(tree, robot.shapes).place(com, angles)
         since = state.times - jump.takeoff_time
-        distances = [
-            obstacle_distances(segments, each, since).values.min() - each.margin for each in jump.problem.obstacles
-        ]
+        distances = [obstacle_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
         found["obstacles"] = float(min(distances))
     return found
 
