@@ -48,6 +48,7 @@ TITLES = {
     "talos": "Talos, onto a step",
     "human": "human, somersault",
 }
+NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "high_jumper": "high jumper"}  # others' as above
 COLUMNS = (
     "robot",
     "joints planned",
@@ -73,7 +74,6 @@ JUMP_COLUMNS = (
     "found in, s",
 )
 PER_ROW = 5
-TITLE = 0.16  # [in] over a strip
 SNAPSHOTS = 5
 
 
@@ -169,7 +169,7 @@ def main() -> None:
 
 def title_of(name: str) -> str:
     """What a robot is called whose problem file has that name."""
-    return TITLES.get(name, name).partition(",")[0]
+    return {**TITLES, **NAMES}.get(name, name).partition(",")[0]
 
 
 def jumped(name: str) -> JumpEntry:
@@ -204,13 +204,13 @@ def launch_of(plan: fp.Plan) -> str:
 def strips(entries: Sequence[JumpEntry]) -> Figure:
     """Moments of jumps, a strip for each."""
     placed = [jump_postures(entry.jump, jump_moments(entry.jump, between=1, flying=3)) for entry in entries]
-    heights = [strip_height(each) + TITLE for each in placed]
+    heights = [strip_height(each) for each in placed]
     figure = new_figure(WIDTH, sum(heights))
     grid = figure.add_gridspec(len(entries), 1, height_ratios=heights, hspace=0.0)
     for row, (entry, each) in enumerate(zip(entries, placed, strict=True)):
         axes = figure.add_subplot(grid[row, 0])
         draw_jump(axes, entry.jump, each)
-        axes.set_title(title_of(entry.name), fontsize=7, loc="left", pad=1)
+        axes.text(0.0, 1.0, title_of(entry.name), transform=axes.transAxes, va="top", fontsize=8)
     return figure
 
 

@@ -215,7 +215,7 @@ def strip_box(placed: Postures) -> tuple[complex, complex]:
     shifts = strip_shifts(placed)
     low, high = placed.low + shifts, placed.high + shifts
     tall = float(high.imag.max() - low.imag.min())
-    return complex(low.real.min() - 0.1 * tall, low.imag.min() - 0.22 * tall), complex(
+    return complex(low.real.min() - 0.1 * tall, low.imag.min() - 0.15 * tall), complex(
         high.real.max() + 0.1 * tall, high.imag.max() + 0.04 * tall
     )
 
