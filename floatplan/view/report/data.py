@@ -7,7 +7,7 @@ writes as text.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, u
 from floatplan.plans.verdicts import TONES
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, clearance_range, margins
+from floatplan.view.charts import Chart, ReferenceLine, SampledPlan
 from floatplan.view.outlines import (
     box_around,
     drawn_part,
@@ -80,9 +80,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
             beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
         elif left:
             beyond.append(f"limits from {min(np.abs(line.value).min() for line in left):.4g}, not drawn")
-    data: dict[str, Any] = {}
-    if chart.name == "clearance":
-        lines, data["range"] = margins(sampled.plan), clearance_range(chart, sampled)
+    data: dict[str, Any] = {"range": chart.panels[0].range}
     if all(curve.ends is not None for curve in chart.curves):
         data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
     series = [
@@ -181,8 +179,11 @@ def rounded(values: Any) -> Any:
     return plain(float(f"{array:.{DIGITS}g}")) if array.ndim == 0 else [rounded(each) for each in array]
 
 
-def sections(plan: Plan) -> list[dict[str, Any]]:
-    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
+def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open.
+
+    ``stances`` is what is said of those before and after the flight, if anything.
+    """
     certificate = plan.certificate
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     findings = ((), []) if certificate is None else certificate.table()
@@ -190,7 +191,7 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
         {"title": "Problem", "rows": plan.problem.rows()},
         {
             "title": "Result",
-            "rows": result_rows(plan),
+            "rows": [*result_rows(plan), *stances],
             "tone": "good" if plan.ok else "bad",
             "note": plan.explanation,
         },
