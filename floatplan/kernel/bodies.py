@@ -43,6 +43,8 @@ class Bodies:
         As which of these bodies each link turns.
     links : (M, m) complex, kg m^2
         Of each link alone, the row of C by these bodies.
+    rotors : (M, n) kg m^2 rad
+        Moments on the links that turn rotors, by the accelerations of sin p; zeros where there are none.
     is_mirrored : whether angles count the other way
     """
 
@@ -55,6 +57,7 @@ class Bodies:
     rotations: ComplexArray
     group: IntArray
     links: ComplexArray
+    rotors: Array
     is_mirrored: bool
 
     @property
@@ -92,6 +95,7 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
         rotations,
         group,
         links,
+        np.zeros_like(tree.turns) if tree.rotors is None else tree.rotors * amplitude,
         is_mirrored,
     )
 
@@ -127,6 +131,8 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
         group=bodies.group,
         link_real=bodies.links.real,
         link_imaginary=bodies.links.imag,
+        has_rotors=bool(bodies.rotors.any()),
+        rotors=bodies.rotors,
     )
 
 

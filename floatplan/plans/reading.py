@@ -175,6 +175,8 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
         "joints": record.joints,
         "coupled": {name: Coupling(**values) for name, values in record.coupled.items()},
         "locked": dict(record.locked),
+        "armature": dict(record.armature),
+        "damping": dict(record.damping),
     }
     source = find_urdf(record.urdf, plan_file) if urdf is None else urdf
     robot = robot_as_asked(source, choices, plan_file, "robot.")
@@ -232,4 +234,6 @@ def robot_record(robot: Robot) -> RobotRecord:
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         locked=dict(robot.locked),
         meshes=dict(robot.meshes),
+        armature=dict(robot.armature),
+        damping=dict(robot.damping),
     )

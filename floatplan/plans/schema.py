@@ -105,6 +105,7 @@ ROBOT = KeyedTable(
         "coupled": TableOf(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
         "locked": TableOf(number),
         "meshes": TableOf(text),
+        **dict.fromkeys(("armature", "damping"), TableOf(non_negative)),
     },
     NO_KEY,
 )

@@ -240,6 +240,8 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},
         "locked": dict(robot.locked),
         "reference": robot.reference_name,
+        "armature": dict(robot.armature),
+        "damping": dict(robot.damping),
     }
 
 

@@ -193,6 +193,12 @@ CoupledJoints: TypeAlias = Annotated[
 ]
 
 
+OfMotors: TypeAlias = Annotated[
+    Annotated[dict[str, Number], Tag("<table>")] | Annotated[Number, Tag("<number>")],
+    any_of("a number, or a table of numbers by joint"),
+]
+
+
 class RobotTable(Table):
     """``[robot]``: the URDF and the choices that it leaves open."""
 
@@ -215,13 +221,20 @@ class RobotTable(Table):
         str | None, Key("Posture of an SRDF file beside the URDF, where joints that are not planned are locked")
     ] = None
 
+    armature: Annotated[
+        OfMotors | None, Key("Inertia of rotors as their joints feel it: of every motor, or by joint", "kg m^2")
+    ] = None
+    damping: Annotated[
+        OfMotors | None, Key("Torque lost by a joint's rate, in simulators: of every motor, or by joint", "N m s/rad")
+    ] = None
+
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""
         coupled: Any = self.coupled
         if not isinstance(coupled, str):
             coupled = {name: each if isinstance(each, str) else each.coupling() for name, each in coupled.items()}
         said = {"joints": self.joints, "coupled": coupled or None, "locked": dict(self.locked) or None}
-        return {"plane": self.plane, **said, "reference": self.reference}
+        return {"plane": self.plane, **said, **self.model_dump(include={"reference", "armature", "damping"})}
 
 
 class RecordedPostureTable(PartTable[asked.Posture]):

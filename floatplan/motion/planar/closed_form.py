@@ -4,6 +4,7 @@ With E_k = exp(i sigma phi_k) for the absolute angles phi of the bodies, and K_k
 ``h = sum_kj Re(K_kj) phi_j' + sum_k I_k phi_k'`` and the moment that turns body k
 ``F_k = sum_j Re(K_kj (phi_j'' + i sigma phi_j'^2)) + I_k phi_k''``: the Appendix of the paper, (A.1), (A.4) and (A.5),
 as corrected, for any tree. Joint torques gather F over the joint's subtree; the sum over all bodies vanishes in flight.
+Where motors have rotors, what turns those (:attr:`~floatplan.robot.PlanarTree.rotors`) is part of F, and so of torques.
 Gravity, the path of the centre of mass and the orientation do not enter.
 """
 
@@ -149,7 +150,9 @@ class Dynamics:
     def moments(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Moments F (N, m) that turn the bodies, N m."""
         rotations = self._rotations(positions)
-        return self._moments(rotations, velocities, accelerations, base_rate)[0]
+        moments = self._moments(rotations, velocities, accelerations, base_rate)[0]
+        rotors = self._tree.rotors
+        return moments if rotors is None else np.asarray(moments + accelerations @ rotors.T)
 
     def _rotations(self, positions: Array) -> ComplexArray:
         """E (N, m) at orientation 0, which is as good as any."""
@@ -198,6 +201,8 @@ class Dynamics:
         direct[..., 3 * n] = by_base_rate * base_rate.by_momentum[:, None]
         base_response = direct.sum(axis=1) / locked_inertia[:, None]
         direct -= by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :]
+        if self._tree.rotors is not None:
+            direct[..., 2 * n : 3 * n] += self._tree.rotors
         return direct
 
 

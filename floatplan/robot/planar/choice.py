@@ -269,6 +269,33 @@ def _warning(text: str, items: Sequence[str]) -> list[str]:
     return [f"{text}: {', '.join(items)}"] if items else []
 
 
+def with_motors(tree: UrdfTree, choice: Choice, asked: Mapping[str, float | Mapping[str, float] | None]) -> UrdfTree:
+    """Return the robot with motors as asked, which come before those of the file; joints that are locked have none.
+
+    Parameters
+    ----------
+    tree : UrdfTree
+    choice : Choice
+    asked : "armature" and "damping" of all motors, or by joint; None as the file has it
+
+    Raises
+    ------
+    InputError
+        A joint is unknown or does not move.
+    """
+    joints = {name: tree.joint[name] for name in choice.ratios}
+    for key, given in asked.items():
+        for name in given if isinstance(given, Mapping) else ():
+            where = f'{key} "{name}"'
+            _moving_joint(tree, name, where)
+            if name not in joints:
+                raise InputError("the joint is locked, so that its motor does not turn", element=where)
+        own = given if isinstance(given, Mapping) else {} if given is None else dict.fromkeys(choice.motors, given)
+        joints |= {name: replace(joints[name], **{key: value}) for name, value in own.items()}
+    still = {"armature": None, "damping": None, "friction": None}
+    return replace(tree, joints=tuple(joints.get(joint.name) or replace(joint, **still) for joint in tree.joints))
+
+
 def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
     """Return the robot that is planned: the axes of planned and coupled joints exactly along or against the normal.
 

@@ -24,6 +24,7 @@ LARGEST_TORQUE = 1e4  # [N m] the same
 LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placeholder
 MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+DYNAMICS = ("armature", "damping", "friction")  # attributes of a joint's <dynamics>
 SMALLEST_MASS = 1e-15  # [kg] of a link that has any
 SHORTEST_AXIS = 1e-9  # [-] length as written
 TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: rounding to three digits of a plate, whose moments are on the edge
@@ -118,7 +119,18 @@ def _read_joint(name: str, element: Element, joints: Collection[str]) -> UrdfJoi
     lower, upper, velocity, effort = _read_limits(f"{place}: limit", kind, only(place, element, "limit"))
     origin, axis = read_origin(place, element), _read_axis(place, element, kind)
     mimic = _read_mimic(f"{place}: mimic", name, only(place, element, "mimic"), joints)
-    return UrdfJoint(name, kind, ends[0], ends[1], origin, axis, lower, upper, velocity, effort, mimic)
+    drive = _read_dynamics(f"{place}: dynamics", only(place, element, "dynamics"))
+    return UrdfJoint(name, kind, ends[0], ends[1], origin, axis, lower, upper, velocity, effort, mimic, **drive)
+
+
+def _read_dynamics(place: str, dynamics: Element | None) -> dict[str, float]:
+    """What the file says of a joint's armature, damping and friction, none of which is negative."""
+    given = {} if dynamics is None else {key: dynamics for key in DYNAMICS if key in dynamics.attrib}
+    found = {key: number(place, element, key, None) for key, element in given.items()}
+    for key, value in found.items():
+        if value < 0.0:
+            raise InputError(f"{key} {value:g} is negative", element=place)
+    return found
 
 
 def _read_axis(place: str, element: Element, kind: str) -> Array:
