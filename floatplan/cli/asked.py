@@ -6,9 +6,9 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from floatplan.cli.common import Options, RobotChoices
+from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import DATA_PREFIX, load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
@@ -19,27 +19,23 @@ PLACE = "command line"
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
-def _chosen_robot(source: str, choices: RobotChoices, degrees: bool) -> Robot:
+def _chosen_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
     """Load the robot; InputError where an option is wrong."""
-    coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None
-    if choices.coupled is not None:
-        pairs = _pairs("--coupled", choices.coupled, "FOLLOWER=LEADER") if choices.coupled.strip() != "mirror" else None
-        coupled = "mirror" if pairs is None else {name: _leader(name, leader) for name, leader in pairs}
-    locked = None
-    if choices.locked is not None:
-        pairs = _pairs("--locked", choices.locked, "JOINT=ANGLE")
-        locked = {joint: _angle("--locked", value, degrees) for joint, value in pairs}
-    said = {"plane": choices.plane, "joints": None, "coupled": coupled, "locked": locked}
-    return robot_as_asked(source, {**said, "reference": choices.reference}, PLACE, "--")
+    said: dict[str, Any] = {"joints": None, **dict.fromkeys(ROBOT_OPTIONS), **choices}
+    if said["coupled"] is not None and said["coupled"].strip() != "mirror":
+        pairs = _pairs("--coupled", said["coupled"], "FOLLOWER=LEADER")
+        said["coupled"] = {name: _leader(name, leader) for name, leader in pairs}
+    if said["locked"] is not None:
+        pairs = _pairs("--locked", said["locked"], "JOINT=ANGLE")
+        said["locked"] = {joint: _angle("--locked", value, degrees) for joint, value in pairs}
+    return robot_as_asked(source, said, PLACE, "--")
 
 
-def _refuse_beside_a_file(choices: RobotChoices) -> None:
+def _refuse_beside_a_file(choices: RobotOptions) -> None:
     """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
-    for name, value in vars(choices).items():
-        if value is not None:
-            raise _wrong(
-                f"--{name}", "a problem file says itself how its robot is read", f"set robot.{name} in the file"
-            )
+    for name in choices:
+        advice = f"set {ROBOT_OPTIONS[name].key} in the file"
+        raise _wrong(f"--{name}", "a problem file says itself how its robot is read", advice)
 
 
 def _wrong(option: str, reason: str, advice: str | None = None) -> InputError:
@@ -78,11 +74,8 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
         A list holds what is no number, or start or goal have not one number for each joint and the orientation.
     """
     tables: dict[str, dict[str, Any]] = {"start": {}, "goal": {}, "flight": {}, "motion": {}}
-    for name, key in options.keys().items():
-        value = getattr(options, name)
-        if value is None:
-            continue
-        option, (place, *inner) = f"--{name.replace('_', '-')}", key.split(".")
+    for name, value in options.items():
+        option, (place, *inner) = f"--{name.replace('_', '-')}", OPTIONS[name].key.split(".")
         if not inner:
             tables[place] |= _posture(option, _numbers(option, value, degrees), joints)
         elif place in REST:
@@ -115,7 +108,7 @@ def is_robot(source: str) -> bool:
     return source.startswith(DATA_PREFIX) or Path(source).suffix.lower() in (".urdf", ".xml")
 
 
-def named_robot(source: str, choices: RobotChoices, degrees: bool) -> Robot:
+def named_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
     """Load the robot that is named, or the one of the problem file that is named, which may hold no more than that."""
     if is_robot(source):
         return _chosen_robot(source, choices, degrees)
@@ -123,7 +116,7 @@ def named_robot(source: str, choices: RobotChoices, degrees: bool) -> Robot:
     return load_robot(source)
 
 
-def asked_problem(source: str, options: Options, choices: RobotChoices, degrees: bool) -> Problem:
+def asked_problem(source: str, options: Options, choices: RobotOptions, degrees: bool) -> Problem:
     """Build the problem that the command line asks for.
 
     Raises
@@ -138,7 +131,7 @@ def asked_problem(source: str, options: Options, choices: RobotChoices, degrees:
         return _from_tables({"name": robot.name, **tables}, robot, options, degrees, PLACE)
     _refuse_beside_a_file(choices)
     problem = load_problem(source)
-    if options == Options():
+    if not options:
         return problem
     content = problem_to_dict(problem)
     if problem.flight.landing is None:
@@ -154,9 +147,9 @@ def _as_typed(error: InputError, options: Options, place: str) -> InputError:
     if isinstance(error, ProblemError):
         return ProblemError([_as_typed(each, options, place) for each in error.errors])
     place_in_file = error.element or ""
-    for option, key in options.keys().items():
+    for option, (*_, key, _) in sorted(OPTIONS.items(), key=lambda item: -len(item[1].key)):
         beyond = place_in_file.removeprefix(key).removeprefix(".")
-        if place_in_file.startswith(key) and (place == PLACE or getattr(options, option) is not None):
+        if place_in_file.startswith(key) and (place == PLACE or option in options):
             element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))
             return _wrong(element, error.reason, error.advice)
     return error
@@ -167,7 +160,7 @@ def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, deg
         return problem_from_dict(content, robot, place)
     except InputError as found:
         error = _as_typed(found, options, place)
-        postures = " ".join(filter(None, (options.start, options.goal)))
+        postures = " ".join(options.get(end, "") for end in ("start", "goal"))
         if degrees or not any(abs(float(part)) > SURELY_DEGREES for part in _parts(postures)):
             raise error from None
         hint = _wrong("--radians", "angles are in radians here", "give --degrees if they are not")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, PlanFile, Save, Urdf, print_json, reporting_errors
+from floatplan.cli.common import Json, PlanFile, Save, Urdf, finish, reporting_errors
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
 
@@ -35,13 +35,7 @@ def certify(
     facts = certificate.to_dict()
     if save:
         load_record(plan_file).with_checks(certificate=facts).save(plan_file)
-    if json_output:
-        print_json(facts)
-    else:
-        from floatplan.cli.summary import certificate_summary, print_summary
-
-        print_summary(certificate_summary(certificate))
-    raise typer.Exit(DONE if certificate.proved else FAILED)
+    finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
 
 
 @reporting_errors
@@ -96,7 +90,6 @@ def replay(
             raise InputError("keeps an undisturbed replay only", element="--save", advice="leave it out")
         given = {"flights": flights, "budget": budget, "seed": seed, "feedback": feedback, "perturb": perturb or None}
         _fly_many(plan, replan, authority, output, json_output, engine=checked, **given)
-        raise typer.Exit(DONE)
     if output is not None:
         raise InputError("is for --replan and --authority", element="--output", advice="add one of them")
     from floatplan.simulation.replay import replay as fly
@@ -106,18 +99,12 @@ def replay(
     facts = flown.to_dict()
     if save:
         plan.record.with_checks(replay=facts).save(plan_file)
-    if json_output:
-        print_json(facts)
-    else:
-        from floatplan.cli.summary import print_summary, replay_summary
-
-        print_summary(replay_summary(flown))
-    raise typer.Exit(DONE if flown.landed or flown.disturbed else FAILED)
+    finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
 
 
 def _fly_many(
     plan: Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
-) -> None:
+) -> NoReturn:
     """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
@@ -136,10 +123,6 @@ def _fly_many(
         from floatplan.view.report.flights import write_flights_page
 
         page = write_flights_page(plan, output / "flights.html", flown, found)
-    if json_output:
-        facts: dict[str, Any] = {} if flown is None else flown.to_dict()
-        print_json(facts if found is None else {**facts, "authority": found.to_dict()})
-        return
-    from floatplan.cli.summary import flights_summary, print_summary
-
-    print_summary(flights_summary(flown, found, page))
+    facts: dict[str, Any] = {} if flown is None else flown.to_dict()
+    facts |= {} if found is None else {"authority": found.to_dict()}
+    finish(facts, json_output, lambda summary: summary.flights_summary(flown, found, page))

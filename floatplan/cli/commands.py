@@ -6,7 +6,6 @@ import atexit
 import gc
 import os
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,8 +18,9 @@ from floatplan.cli.common import (
     Degrees,
     Json,
     Options,
+    Output,
     Quiet,
-    RobotChoices,
+    RobotOptions,
     Verbose,
     argument,
     print_json,
@@ -85,11 +85,9 @@ def about(
 def plan(
     source: Source,
     options: Options,
-    choices: RobotChoices,
+    choices: RobotOptions,
     degrees: Degrees = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
-    ] = None,
+    output: Output = None,
     json_output: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -158,11 +156,9 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-app.command()(problems.bounds)
-app.command(cls=robots.InfoCommand)(robots.info)
-for command in (checks.certify, checks.replay, robots.robots, problems.schema, show.show, show.export, study, studio):
-    app.command()(command)
-app.command()(jump)
-app.command()(launch)
-app.command()(problems.takeoff)
-app.command()(robots.init)
+COMMANDS = (  # in the order of the list that --help prints, after plan
+    *(problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
+    *(show.export, study, studio, jump, launch, problems.takeoff, robots.init),
+)
+for command in COMMANDS:
+    app.command(cls=robots.InfoCommand if command is robots.info else None)(command)

@@ -10,10 +10,9 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperGroup
@@ -22,6 +21,9 @@ from floatplan.cli import INTERRUPTED
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file
 from floatplan.tables import OBJECTIVE_TABLE
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -63,102 +65,75 @@ PlanFile = Annotated[str, typer.Argument(metavar="PLAN.json", help="A plan file.
 Urdf = Annotated[
     str | None, typer.Option(metavar="ROBOT.urdf", help="The robot, where it is no longer where the plan says.")
 ]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
+]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 Save = Annotated[bool, typer.Option("--save", help="Keep the result in the plan file.")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else there.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log on stderr what the search does.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No summary, no progress: errors only.")]
 
 
+class KeyOption(NamedTuple):
+    """An option that stands for a key of problem files: how its value is shown, what it is, the key, its type."""
+
+    metavar: str
+    help: str
+    key: str
+    kind: type = str
+
+
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
-
-
-def _said(metavar: str, text: str, key: str = "") -> Any:
-    """An option, and the key of a problem file that it stands for."""
-    option = typer.Option(metavar=metavar, help=text)
-    option.key = key
-    return option
-
-
+START_HELP = "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."
+COUPLED_HELP = "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."
+OPTIONS = {
+    "start": KeyOption("O,Q1,..", START_HELP, "start"),
+    "goal": KeyOption("O,Q1,..", "The same at landing.", "goal"),
+    "duration": KeyOption("S", "Time of flight, s.", "flight.duration", float),
+    "start_velocities": KeyOption("V1,..", "Of the joints at takeoff.", "start.velocities"),
+    "goal_velocities": KeyOption("V1,..", "Of the joints at landing.", "goal.velocities"),
+    "start_accelerations": KeyOption("A1,..", "Of the joints at takeoff.", "start.accelerations"),
+    "goal_accelerations": KeyOption("A1,..", "Of the joints at landing.", "goal.accelerations"),
+    "angular_momentum": KeyOption("H", "kg m^2/s, or 'midpoint' (the default), or 'free'.", "flight.angular_momentum"),
+    "takeoff": KeyOption("FRAME", "Frame that leaves the ground last.", "flight.takeoff.frame"),
+    "landing": KeyOption("FRAME", "Frame that lands first.", "flight.landing.frame"),
+    "horizontal_velocity": KeyOption("V", "Of the centre of mass, m/s.", "flight.horizontal_velocity", float),
+    "degree": KeyOption("K", "Of the polynomials: one number, one per joint, or auto.", "motion.degree"),
+    "objective": KeyOption("NAME", f"What is least; the first if left out. {OBJECTIVE_HELP}.", "motion.objective"),
+}
+ROBOT_OPTIONS = {
+    "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
+    "coupled": KeyOption("F=L,..", COUPLED_HELP, "robot.coupled"),
+    "locked": KeyOption("J=A,..", "Joints that stay at an angle.", "robot.locked"),
+    "reference": KeyOption("NAME", "Posture of the SRDF file beside the URDF, for other joints.", "robot.reference"),
+}
+Options = Annotated[Mapping[str, Any], OPTIONS]  # those that were given, as typed
+RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
 Degrees = Annotated[
     bool, typer.Option("--degrees/--radians", help="Unit of all angles and rates on this command line.")
 ]
 
 
-@dataclass(frozen=True)
-class RobotChoices:
-    """How a URDF is to be read, as typed; None where left out."""
-
-    plane: Annotated[str | None, _said("XZ", "The plane's axes, where the URDF leaves a choice.")] = None
-    coupled: Annotated[
-        str | None, _said("F=L,..", "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right.")
-    ] = None
-    locked: Annotated[str | None, _said("J=A,..", "Joints that stay at an angle.")] = None
-    reference: Annotated[str | None, _said("NAME", "Posture of the SRDF file beside the URDF, for other joints.")] = (
-        None
-    )
-
-
-@dataclass(frozen=True)
-class Options:
-    """What is asked of a flight, as typed; None where left out."""
-
-    start: Annotated[
-        str | None, _said("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start")
-    ] = None
-    goal: Annotated[str | None, _said("O,Q1,..", "The same at landing.", "goal")] = None
-    duration: Annotated[float | None, _said("S", "Time of flight, s.", "flight.duration")] = None
-    start_velocities: Annotated[str | None, _said("V1,..", "Of the joints at takeoff.", "start.velocities")] = None
-    goal_velocities: Annotated[str | None, _said("V1,..", "Of the joints at landing.", "goal.velocities")] = None
-    start_accelerations: Annotated[str | None, _said("A1,..", "Of the joints at takeoff.", "start.accelerations")] = (
-        None
-    )
-    goal_accelerations: Annotated[str | None, _said("A1,..", "Of the joints at landing.", "goal.accelerations")] = None
-    angular_momentum: Annotated[
-        str | None, _said("H", "kg m^2/s, or 'midpoint' (the default), or 'free'.", "flight.angular_momentum")
-    ] = None
-    takeoff: Annotated[str | None, _said("FRAME", "Frame that leaves the ground last.", "flight.takeoff.frame")] = None
-    landing: Annotated[str | None, _said("FRAME", "Frame that lands first.", "flight.landing.frame")] = None
-    horizontal_velocity: Annotated[
-        float | None, _said("V", "Of the centre of mass, m/s.", "flight.horizontal_velocity")
-    ] = None
-    degree: Annotated[
-        str | None, _said("K", "Of the polynomials: one number, one per joint, or auto.", "motion.degree")
-    ] = None
-    objective: Annotated[
-        str | None, _said("NAME", f"What is least; the first if left out. {OBJECTIVE_HELP}.", "motion.objective")
-    ] = None
-
-    @classmethod
-    @functools.cache
-    def keys(cls) -> dict[str, str]:
-        """The key of each option, the longest first."""
-        hints = get_type_hints(cls, include_extras=True)
-        keys = {name: hint.__metadata__[0].key for name, hint in hints.items()}
-        return dict(sorted(keys.items(), key=lambda item: -len(item[1])))
-
-
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that its parameters which are such dataclasses declare."""
+    """Give a command the options of the tables that its parameters are annotated with."""
     hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    noted = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
+    tables: dict[str, dict[str, KeyOption]] = {name: note for name, note in noted.items() if isinstance(note, dict)}
     parameters: list[Parameter] = []
     for parameter in signature(command).parameters.values():
-        group = groups.get(parameter.name)
-        if group is None:
+        if parameter.name not in tables:
             parameters.append(parameter.replace(annotation=hints[parameter.name]))
-        else:
-            types = get_type_hints(group, include_extras=True)
-            parameters += [
-                Parameter(each.name, parameter.kind, default=each.default, annotation=types[each.name])
-                for each in fields(group)
-            ]
+        for name, row in tables.get(parameter.name, {}).items():
+            hint = Annotated[row.kind | None, typer.Option(metavar=row.metavar, help=row.help)]  # type: ignore[name-defined]
+            parameters.append(Parameter(name, parameter.kind, default=None, annotation=hint))
 
     @functools.wraps(command)
     def run(**words: Any) -> None:
         given = {
-            name: group(**{each.name: words.pop(each.name) for each in fields(group)}) for name, group in groups.items()
+            table: {name: words[name] for name in rows if words[name] is not None} for table, rows in tables.items()
         }
-        command(**words, **given)
+        command(**{name: value for name, value in words.items() if name in hints}, **given)
 
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in parameters}
@@ -262,3 +237,22 @@ def print_path(path: Path, *, err: bool = False) -> None:
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON object, which has no number that is not finite."""
     typer.echo(json.dumps(content, indent=1, allow_nan=False))
+
+
+def finish(
+    facts: Mapping[str, Any], json_output: bool, readable: Callable[[Any], RenderableType], ok: bool = True
+) -> NoReturn:
+    """Print a command's result and end it: exit code 0 where it is as wanted, else 1.
+
+    Parameters
+    ----------
+    facts : printed as JSON where that is asked for
+    readable : what is printed for a person, else, made with the functions of :mod:`floatplan.cli.summary`
+    """
+    if json_output:
+        print_json(facts)
+    else:
+        from floatplan.cli import summary
+
+        summary.print_summary(readable(summary))
+    raise typer.Exit(DONE if ok else FAILED)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,10 +12,12 @@ from floatplan.cli.common import (
     DONE,
     FAILED,
     Json,
+    Output,
     PlanFile,
     ProblemFile,
     Quiet,
     Urdf,
+    finish,
     print_json,
     program,
     reporting_errors,
@@ -32,9 +33,7 @@ Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried."
 @reporting_errors
 def jump(
     problem_file: ProblemFile,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where results go; runs/<name> if left out.")
-    ] = None,
+    output: Output = None,
     seed: Seed = 0,
     starts: Starts = 4,
     json_output: Json = False,
@@ -62,8 +61,7 @@ def jump(
             found = found.with_certificate(certify(found.flight))
     files = write_jump(found, directory, tell(quiet))
     if not quiet:
-        from floatplan.cli.jump_summary import jump_summary
-        from floatplan.cli.summary import print_summary
+        from floatplan.cli.summary import jump_summary, print_summary
 
         print_summary(jump_summary(found, files, time.perf_counter() - began, program()), stderr=json_output)
     if json_output:
@@ -98,15 +96,7 @@ def launch(
         request = JumpRequest(friction, request.margin, request.fixed, request.takeoff, request.landing)
     with progress("launch"), naming(plan_file):
         found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
-    if json_output:
-        ratio = found.ratio if math.isfinite(found.ratio) else None
-        facts = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
-        print_json(
-            {**facts, "friction": request.friction, "sentences": list(found.sentences), "figures": found.figures}
-        )
-    else:
-        from floatplan.cli.jump_summary import launch_summary
-        from floatplan.cli.summary import print_summary
-
-        print_summary(launch_summary(found, request.friction))
-    raise typer.Exit(DONE if found.ok else FAILED)
+    ratio = found.ratio if math.isfinite(found.ratio) else None
+    facts: dict[str, Any] = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
+    facts |= {"friction": request.friction, "sentences": list(found.sentences), "figures": found.figures}
+    finish(facts, json_output, lambda summary: summary.launch_summary(found, request.friction), found.ok)

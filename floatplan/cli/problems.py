@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, ProblemFile, print_json, print_path, reporting_errors
+from floatplan.cli.common import Json, ProblemFile, finish, print_path, reporting_errors
 
 
 @reporting_errors
@@ -35,13 +35,7 @@ def bounds(
         from floatplan.view.figures.robot_pictures import check_picture, save_reachable
 
         save_reachable(sets, check_picture(picture, "--picture"))
-    if json_output:
-        print_json(facts)
-        return
-    from floatplan.cli.summary import momentum_summary, print_summary, reachable_summary
-
-    print_summary(momentum_summary(problem, facts))
-    print_summary(reachable_summary(facts))
+    finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
 
 
 @reporting_errors
@@ -62,14 +56,10 @@ def takeoff(
     problem = load_problem(problem_file)
     ends = at_takeoff(problem), at_landing(problem)
     disagreement = no_common_momentum(problem)
-    if json_output:
-        facts = {str(contact.end): contact.to_dict() for contact in ends}
-        print_json({"joints": list(problem.robot.joints), **facts, "no_common_momentum": disagreement})
-    else:
-        from floatplan.cli.summary import contact_summary, print_summary
-
-        print_summary(contact_summary(ends, disagreement))
-    raise typer.Exit(DONE if all(contact.ok for contact in ends) and disagreement is None else FAILED)
+    found = {str(contact.end): contact.to_dict() for contact in ends}
+    facts = {"joints": list(problem.robot.joints), **found, "no_common_momentum": disagreement}
+    ok = all(contact.ok for contact in ends) and disagreement is None
+    finish(facts, json_output, lambda summary: summary.contact_summary(ends, disagreement), ok)
 
 
 class File(StrEnum):

@@ -13,10 +13,11 @@ from floatplan.cli.common import (
     Degrees,
     Json,
     Quiet,
-    RobotChoices,
+    RobotOptions,
     RobotSource,
     argument,
     bundled,
+    finish,
     own_urdfs,
     print_json,
     reporting_errors,
@@ -96,7 +97,7 @@ class InfoCommand(TyperCommand):
 @with_options
 def info(
     source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
-    choices: RobotChoices,
+    choices: RobotOptions,
     degrees: Degrees = False,
     frames: Annotated[bool, typer.Option("--frames", help="List the frames that may take off and land.")] = False,
     shapes: Annotated[
@@ -115,12 +116,8 @@ def info(
         from floatplan.view.figures.robot_pictures import check_picture, save_shapes
 
         save_shapes(robot, check_picture(Path(shapes)))
-    if json_output:
-        print_json(facts)
-        return
-    from floatplan.cli.summary import facts_summary, print_summary
-
-    print_summary(facts_summary(facts, frames=frames, shapes=shapes == LISTED))
+    listed = {"frames": frames, "shapes": shapes == LISTED}
+    finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
 
 
 @reporting_errors

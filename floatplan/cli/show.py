@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.common import PlanFile, Quiet, Urdf, print_path, reporting_errors
+from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path, reporting_errors
 from floatplan.cli.progress import progress
 
 Output = Annotated[
@@ -32,7 +32,7 @@ def show(
     speed: Annotated[float, typer.Option(metavar="X", help="Of films: 0.5 is slow motion.")] = 0.5,
     output: Output = None,
     urdf: Urdf = None,
-    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    open_page: OpenPage = False,
     quiet: Quiet = False,
 ) -> None:
     """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""

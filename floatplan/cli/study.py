@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from floatplan.cli.common import DONE, FAILED, Json, Quiet, argument, print_json, print_path, reporting_errors, tell
+from floatplan.cli.common import (
+    DONE,
+    FAILED,
+    Json,
+    OpenPage,
+    Quiet,
+    argument,
+    print_json,
+    print_path,
+    reporting_errors,
+    tell,
+)
 from floatplan.cli.progress import ProgressBar, progress
 from floatplan.errors import escaped
 
@@ -108,7 +119,7 @@ def studio(
     ] = None,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one.")] = PORT,
     around: Annotated[bool, typer.Option("--map/--no-map", help="Plan around the present point too.")] = True,
-    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    open_page: OpenPage = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a flight by hand: a page on this machine that plans anew at each change.

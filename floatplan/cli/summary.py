@@ -25,11 +25,19 @@ if TYPE_CHECKING:
     from floatplan.inflight.authority import Authority
     from floatplan.simulation.closed_loop import ClosedLoop
     from floatplan.simulation.replay import Replay
+    from floatplan.stance.jump import Jump
+    from floatplan.stance.launch import Launch
 
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 LONGEST_EXPLANATION = 800  # [-] characters
+REACHED = {
+    "angular_momentum": "h, kg m^2/s",
+    "horizontal_velocity": "horizontal, m/s",
+    "vertical_velocity": "vertical, m/s",
+}
+CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 COLOURS: Mapping[Tone, str] = {"good": "green", "open": "yellow", "bad": "red"}
 
 
@@ -110,7 +118,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
 
 
 def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableType:
-    """Return the result of ``floatplan bounds``, for reading."""
+    """Return the result of ``floatplan bounds``, for reading: of joints that do not turn back, and of their rates."""
     low, high = facts["angular_momentum_bounds"]
     given = problem.flight.angular_momentum
     outside = not isinstance(given, str) and not low <= given <= high
@@ -125,7 +133,7 @@ def momentum_summary(problem: Problem, facts: Mapping[str, Any]) -> RenderableTy
     )
     extremes = enumerate(zip(facts["D_min"], facts["D_max"], strict=True))
     rows = ((f"D_{index}", f"{least:.6g}", f"{largest:.6g} kg m^2") for index, (least, largest) in extremes)
-    return Group(table, _table(("", "least", "largest"), rows))
+    return Group(table, _table(("", "least", "largest"), rows), _reachable(facts))
 
 
 def certificate_summary(certificate: Certificate) -> RenderableType:
@@ -143,13 +151,13 @@ def certificate_summary(certificate: Certificate) -> RenderableType:
 def replay_summary(flown: Replay) -> RenderableType:
     """Return the result of ``floatplan replay``, for reading."""
     landed = "landed" if flown.landed else "landed elsewhere, disturbed" if flown.disturbed else "missed the goal"
-    colour = "bold green" if flown.landed else "bold yellow" if flown.disturbed else "bold red"
+    tone: Tone = "good" if flown.landed else "open" if flown.disturbed else "bad"
     titles = {"times": "after, s", "orientation": "orientation, rad", "joints": "joints, rad", "com": "CM, m"}
     errors = zip(*(map(short, getattr(flown.growth, name)) for name in titles), strict=True)
     unstable = not flown.landed and not flown.disturbed and flown.feedback is None
     advice = "with --feedback 30 an unstable motion lands all the same, a wrong plan does not"
     return Group(
-        Text(f"{landed} in {flown.seconds:.3g} s", colour),
+        Text(f"{landed} in {flown.seconds:.3g} s", f"bold {COLOURS[tone]}"),
         _named(flown.rows()),
         _table(titles.values(), errors),
         *([Text(advice, "dim")] if unstable else []),
@@ -174,15 +182,8 @@ def contact_summary(ends: Sequence[Contact], disagreement: str | None) -> Render
     return Group(*parts, *([] if disagreement is None else [Text(disagreement, "bold red")]))
 
 
-REACHED = {
-    "angular_momentum": "h, kg m^2/s",
-    "horizontal_velocity": "horizontal, m/s",
-    "vertical_velocity": "vertical, m/s",
-}
-
-
-def reachable_summary(facts: Mapping[str, Any]) -> RenderableType:
-    """Return what rates within the limits reach at both ends, of ``floatplan bounds``; empty where none stands."""
+def _reachable(facts: Mapping[str, Any]) -> RenderableType:
+    """What rates within the limits reach at both ends."""
     ends = [end for end in ("takeoff", "landing") if facts[f"{end}_asked"] is not None]
     if not ends:
         return Text("no frame stands on the ground, so none has to be at rest", "dim")
@@ -202,6 +203,43 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
     if low is None and high is None:
         return "any"
     return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"
+
+
+def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
+    """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
+    from floatplan.stance.check import judged
+
+    name, took = jump.problem.name, f"in {seconds:.3g} s"
+    if jump.flight is None:
+        return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
+    figures = {name: value for name, value in jump.check.figures.items() if name != "torque_speed" or value > 0}
+    broken, held = judged(jump.request, figures)
+    proved = jump.flight.certificate is not None and jump.flight.certificate.proved
+    tone: Tone = "bad" if not (jump.ok and proved) else "open" if jump.flight.warnings else "good"
+    phases = []
+    for phase in jump.phases:
+        times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
+        phases.append((phase.kind, *times, ", ".join(phase.contacts) or "nothing"))
+    written = [Row(path.stem, escaped(str(path))) for path in files]
+    plan = next(path for path in files if path.stem == "plan")
+    return Group(
+        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[tone]}"),
+        _table(("phase", "s", "from", "to", "on the ground"), phases),
+        *(Text(f"not within limits: {', '.join(words)}", "red") for words in broken),
+        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
+        _table(("stances", "limit"), held),
+        _named([*written, Row("next", f"{program} show {shlex.quote(str(plan))}    # the flight")]),
+        Text(CHECKED, "dim"),
+    )
+
+
+def launch_summary(launch: Launch, friction: float) -> RenderableType:
+    """Return the result of ``floatplan launch``, for reading."""
+    verdict, *rest = launch.sentences
+    remark = CHECKED if launch.ok else "That none was found does not prove that none exists."
+    lines = [Text(f"  {sentence}") for sentence in rest]
+    tone: Tone = "good" if launch.ok else "bad"
+    return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(f"Friction {friction:g}. {remark}", "dim"))
 
 
 def flights_summary(flown: ClosedLoop | None, found: Authority | None, page: Path | None) -> RenderableType:

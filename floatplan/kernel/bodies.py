@@ -16,7 +16,6 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.layout import Filled
-from floatplan.motion.planar.closed_form import distinct_turns
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.robot.planar.tree import PlanarTree
@@ -74,7 +73,7 @@ class Bodies:
 def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
     """Return a tree's bodies for joint ranges of the given centres and amplitudes (n,), rad."""
     constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
-    turns, group = distinct_turns(tree)
+    turns, group = tree.distinct_turns
     parent, terms = _built_up(turns)
     first = np.cumsum([0, *map(len, terms)])
     entries = [(joint, ratio * amplitude[joint]) for body in terms for joint, ratio in body]

@@ -264,6 +264,19 @@ def powers_map(form: Form, duration: float) -> Array:
     return np.asarray(powers / duration ** np.arange(len(powers))[:, None])
 
 
+@lru_cache(maxsize=64)
+def whitening(form: Form, free: int, duration: float) -> tuple[Array, float, Array]:
+    """Of a joint's ``b = b_0 + C z``, ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map to b_0.
+
+    The joint has ``free`` of a form's coefficients; the map is from the boundary; the duration is in s.
+    """
+    powers, given = powers_map(form, duration), len(form.given)
+    orthogonal, triangular = np.linalg.qr(powers[:, given : given + free])
+    inverse = np.linalg.inv(triangular)
+    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
+    return inverse, longest, -inverse @ (orthogonal.T @ powers[:, :given])
+
+
 def arcsine_argument(sine: Array, branch: IntArray) -> Array:
     """The angle p with sin p = ``sine`` on a branch: asin for even ones (+ pi branch), pi - asin for odd ones."""
     return np.asarray(np.pi * branch + (1 - 2 * (branch % 2)) * np.arcsin(np.minimum(np.maximum(sine, -1), 1)))

@@ -29,6 +29,8 @@ DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
+Words = tuple[str, str]  # a figure in words, and its limit
+
 
 @dataclass(frozen=True, eq=False)
 class JumpCheck:
@@ -215,14 +217,14 @@ def _seams(jump: JumpMotion) -> dict[str, float]:
 
 
 def _judged(jump: JumpMotion, figures: dict[str, float]) -> JumpCheck:
-    broken, held = judged(jump.request, figures)
+    broken, held = ([", ".join(words) for words in said] for said in judged(jump.request, figures))
     if jump.flight is None or not jump.flight.ok:
         broken.append("the flight's plan does not hold")
     return JumpCheck(not broken, figures, (*broken, *held))
 
 
-def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[str], list[str]]:
-    """Sentences about figures, of those that are there: what does not hold, and what does."""
+def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Words], list[Words]]:
+    """What is said of figures, of those that are there, each with its limit: what does not hold, and what does."""
     margin, friction = request.margin, request.friction
     torque, velocity = margin["torque"], margin["velocity"]
     rules = [
@@ -246,15 +248,14 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[str
         ("feet", FEET, "the feet's shapes are at least {:.2g} m above the ground"),
         ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
     ]
-    held: list[str] = []
-    broken: list[str] = []
+    held: list[Words] = []
+    broken: list[Words] = []
     for name, limit, sentence in rules:
-        if name not in figures:
-            continue
-        text = f"{sentence.format(figures[name])}, {limit:g} at most"
-        (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(text)
+        if name in figures:
+            words = sentence.format(figures[name]), f"{limit:g} at most"
+            (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(words)
     for name, limit, sentence in least:
         if name in figures:
-            text = f"{sentence.format(figures[name])}, {limit:g} at least"
-            (held if figures[name] >= limit else broken).append(text)
+            words = sentence.format(figures[name]), f"{limit:g} at least"
+            (held if figures[name] >= limit else broken).append(words)
     return broken, held

@@ -250,7 +250,8 @@ def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, so
     ratio = shares[limit]
     joint = _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
-    broken, _ = judged(request, {name: value for name, value in figures.items() if name not in shares})
+    said, _ = judged(request, {name: value for name, value in figures.items() if name not in shares})
+    broken = [", ".join(words) for words in said]
     if ratio <= 1 and not broken:
         first = f"A stance {what}, with {1 - ratio:.0%} to spare ({limit.replace('_', '-')} of {joint})."
     else:

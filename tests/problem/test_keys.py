@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import pytest
 
 import floatplan as fp
-from floatplan.cli.common import Options
+from floatplan.cli.common import OPTIONS
 from floatplan.plans.schema import SHARED, problem_table
 from floatplan.problem import parts
 from floatplan.problem.keys import ANGLE, Key, Keyed
@@ -50,8 +50,8 @@ def test_a_field_with_its_key_is_read_from_a_file():
 
 
 def test_options_stand_for_keys():
-    for key in Options.keys().values():
-        place, _, name = key.rpartition(".")
+    for option in OPTIONS.values():
+        place, _, name = (key := option.key).rpartition(".")
         assert key in TABLES if not place else name in TABLES[place][0].model_fields
 
 

@@ -16,15 +16,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.robot.planar.tree import PlanarTree, rotations_of
-
-
-def distinct_turns(tree: PlanarTree) -> tuple[Array, IntArray]:
-    """Rows (g, n) of a tree's turns that differ, in the order of their first appearance, and which (m,) each is."""
-    known: dict[tuple[float, ...], int] = {}
-    group = [known.setdefault(row, len(known)) for row in map(tuple, (tree.turns + 0.0).tolist())]
-    return np.array(list(known)).reshape(len(known), -1), np.array(group)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +38,7 @@ class TurningBodies:
     @classmethod
     def of(cls, tree: PlanarTree) -> TurningBodies:
         """Put together what turns alike: rotations are the same there but for a constant."""
-        turns, group = distinct_turns(tree)
+        turns, group = tree.distinct_turns
         rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
         return cls(turns, np.empty(0, np.complex128), tree.turn, rotations).adapted(tree.coupling, tree.inertia)
 

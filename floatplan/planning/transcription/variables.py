@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -14,7 +14,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import end_rates
-from floatplan.motion.sine_polynomial import CURVATURES, EDGE, Form, SinePolynomials, boundary_arguments, powers_map
+from floatplan.motion.sine_polynomial import CURVATURES, EDGE, SinePolynomials, boundary_arguments, whitening
 from floatplan.problem.problem import Problem
 
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
@@ -236,7 +236,7 @@ def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
     form, free, unit = polynomials.form, polynomials.free, whitened_unit(polynomials)
     offset, scaling = np.zeros(sum(free)), np.zeros((sum(free), sum(free)))
     for width, end, boundary in zip(free, np.cumsum(free).tolist(), polynomials.given_boundary, strict=True):
-        inverse, _, offset_by_boundary = _factors(form, width, polynomials.duration)
+        inverse, _, offset_by_boundary = whitening(form, width, polynomials.duration)
         own = slice(end - width, end)
         offset[own], scaling[own, own] = offset_by_boundary @ boundary, unit * inverse
     return offset, scaling
@@ -244,17 +244,4 @@ def whitened_variables(polynomials: SinePolynomials) -> tuple[Array, Array]:
 
 def whitened_unit(polynomials: SinePolynomials) -> float:
     """Size of b that one unit of whitened variables makes."""
-    return 1 / max(_factors(polynomials.form, free, polynomials.duration)[1] for free in polynomials.free)
-
-
-@lru_cache(maxsize=64)
-def _factors(form: Form, free: int, duration: float) -> tuple[Array, float, Array]:
-    """Of ``C = Q R``: the inverse of R, its norm, and ``-R^-1 Q^T`` times the map from the boundary to b_0.
-
-    They are those of a joint with ``free`` of a form's coefficients and a duration in s.
-    """
-    powers, given = powers_map(form, duration), len(form.given)
-    orthogonal, triangular = np.linalg.qr(powers[:, given : given + free])
-    inverse = np.linalg.inv(triangular)
-    longest = float(np.linalg.norm(inverse, 2)) if inverse.size else 0.0
-    return inverse, longest, -inverse @ (orthogonal.T @ powers[:, :given])
+    return 1 / max(whitening(polynomials.form, free, polynomials.duration)[1] for free in polynomials.free)

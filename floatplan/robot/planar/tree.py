@@ -109,6 +109,13 @@ class PlanarTree:
         np.subtract.at(moments, self.parent[1:], own)
         return read_only(moments)
 
+    @cached_property
+    def distinct_turns(self) -> tuple[Array, IntArray]:
+        """Rows (g, n) of the turns that differ, in the order of their first appearance, and which (m,) each is."""
+        known: dict[tuple[float, ...], int] = {}
+        group = [known.setdefault(row, len(known)) for row in map(tuple, (self.turns + 0.0).tolist())]
+        return np.array(list(known)).reshape(len(known), -1), np.array(group)
+
     def _weights_from_base(self, body: IntArray, local: ComplexArray) -> ComplexArray:
         origins = np.zeros((len(self.mass), len(self.mass)), dtype=np.complex128)
         for b in range(1, len(self.mass)):
