@@ -33,16 +33,9 @@ class Measured {
                           all(peaks.amplitude[i]) * cosine * rate * per_second);
             }
         move_bodies(robot, m.motion);
-        for (std::int64_t motor = 0; motor < peaks.motors; ++motor) {
-            double *torque = values + motor * nodes;
-            for (std::int64_t k = 0; k < nodes; ++k) torque[k] = 0;
-            for (std::int64_t link = 0; link < robot.links; ++link) {
-                const double turns = peaks.turns[link * peaks.motors + motor], *moment = motion.moment + link * nodes;
-                if (turns == 0) continue;
-                for (std::int64_t k = 0; k < nodes; k += LANES)
-                    store(torque + k, add_product(turns, load(moment + k), load(torque + k)));
-            }
-        }
+        for (std::int64_t motor = 0; motor < peaks.motors; ++motor)
+            for (std::int64_t k = 0; k < nodes; k += LANES)
+                store(values + motor * nodes + k, motor_torque(robot, motion, peaks.turns, peaks.motors, motor, k));
     }
 
     // Takes the Chebyshev series of a quantity's values.

@@ -62,14 +62,8 @@ class RestOfFlight {
         if (!constraints.needs_moments) move_bodies(robot, m);
         for (std::int64_t motor = 0; motor < f.motors; ++motor) {
             Vector most = all(0);
-            for (std::int64_t k = 0; k < K; k += LANES) {
-                Vector torque = all(0);
-                for (std::int64_t link = 0; link < robot.links; ++link) {
-                    const double turns = f.motor_turns[link * f.motors + motor];
-                    if (turns != 0) torque = add_product(turns, load(m.moment + link * K + k), torque);
-                }
-                most = larger(magnitude(torque), most);
-            }
+            for (std::int64_t k = 0; k < K; k += LANES)
+                most = larger(magnitude(motor_torque(robot, m, f.motor_turns, f.motors, motor, k)), most);
             f.torque_peak[motor] = 0;
             for (int lane = 0; lane < LANES; ++lane) f.torque_peak[motor] = larger(f.torque_peak[motor], most[lane]);
         }

@@ -170,6 +170,16 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
     }
 }
 
+// Torque of a motor, one of `motors` that turn the links by `turns` (links, motors), at the instants from k on.
+static inline Vector motor_torque(const Robot &robot, const Motion &m, const double *turns, std::int64_t motors,
+                                  std::int64_t motor, std::int64_t k) {
+    Vector torque = all(0);
+    for (std::int64_t link = 0; link < robot.links; ++link)
+        if (const double way = turns[link * motors + motor])
+            torque = add_product(way, load(m.moment + link * m.stride + k), torque);
+    return torque;
+}
+
 // Derivatives by position, speed and acceleration of the joints and by h, m.by (3 joints + 1), at instant k, of a sum:
 // weights (terms) of 1, theta0', velocities, accelerations and, where it has some, moments. After differentiate_turn().
 static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t k, const double *weights,

@@ -15,7 +15,7 @@ import numpy as np
 from floatplan.arguments import FINITE, by_name, made, many, number, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.pool.threads import one_thread
 from floatplan.robot.planar.choice import (
     Choice,
@@ -167,10 +167,9 @@ class Robot:
         """
         source = source if isinstance(source, str) else as_path(source, "source")
         path = urdf_path(source)
-        try:
+        with naming(path):
             plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
-            given = {"armature": armature, "damping": damping}
-            motors = {key: _of_motors(value, key) for key, value in given.items()}
+            motors = {"armature": _of_motors(armature, "armature"), "damping": _of_motors(damping, "damping")}
             joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
             if not isinstance(coupled, str):
                 coupled = optional(by_name(LEADER))(coupled, "coupled")
@@ -186,8 +185,6 @@ class Robot:
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
             return robot if reference is None else replace(robot, reference_name=reference)
-        except InputError as error:
-            raise error.within(error.source or path) from None
 
     @classmethod
     def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
@@ -323,19 +320,15 @@ class Robot:
     @cached_property
     @one_thread
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
-        try:
+        with naming(self.path):
             return link_shapes(self.layout, self.path.parent, self.meshes)
-        except InputError as error:
-            raise error.within(error.source or self.path) from None
 
     @property
     @one_thread
     def outlines(self) -> list[tuple[int, Outline]]:
         """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
-        try:
+        with naming(self.path):
             return link_outlines(self.layout, self.path.parent, self.meshes)
-        except InputError as error:
-            raise error.within(error.source or self.path) from None
 
     @property
     def mass(self) -> float:
@@ -358,9 +351,7 @@ class Robot:
 
 
 def _of_motors(value: Any, key: str) -> Any:
-    """A number of all motors, or by joint; None as it is."""
-    each = number(key)
-    return optional(by_name(each) if isinstance(value, Mapping) else each)(value, key)
+    return optional(by_name(number(key)) if isinstance(value, Mapping) else number(key))(value, key)
 
 
 def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:

@@ -72,7 +72,7 @@ class JointTorques:
 
     def __init__(self, motion: RecordedMotion, factors: Array, gains: Array | None) -> None:
         self.factors, self.gains, self.lost = factors, gains, motion.reduced.lost
-        self.loses = bool(motion.reduced.damping.any() or motion.reduced.friction.any())
+        self.loses = bool(motion.reduced.losses.any())
         # a Runge-Kutta method evaluates some instants twice
         self._planned = lru_cache(maxsize=4)(motion.torques)
         self._target = lru_cache(maxsize=4)(motion.joints)

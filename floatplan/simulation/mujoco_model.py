@@ -109,12 +109,8 @@ def _compiled(
         # nothing but inertia, gravity and joint torques, which damping and friction are taken off
         spec.option.gravity = reduced.model.gravity.linear
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-        rotors = {f"joint{robot.model.getJointId(name)}": inertia for name, inertia in robot.armature.items()}
-        for joint in spec.joints:
-            joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-            joint.frictionloss, joint.armature = 0.0, rotors.get(joint.name, 0.0)
-            # damping became one of three coefficients in MuJoCo 3.5
-            joint.damping = 0.0 if np.isscalar(joint.damping) else np.zeros_like(joint.damping)
+        for name, armature in robot.armature.items():
+            spec.joint(f"joint{robot.model.getJointId(name)}").armature = armature
         return spec.compile()
     except ValueError as error:
         raise InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine") from None

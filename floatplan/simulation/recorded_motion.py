@@ -37,15 +37,14 @@ class ReducedModel:
         With zeros for the base.
     axes : (2, 3)
         The plane's horizontal and vertical axis.
-    damping, friction : (m,) N m s/rad, N m
+    losses : (2, m) damping and friction of the joints, N m s/rad and N m
     """
 
     model: Any
     reference: Array
     selection: Array
     axes: Array
-    damping: Array
-    friction: Array
+    losses: Array
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -54,7 +53,7 @@ class ReducedModel:
 
     def lost(self, velocities: Array) -> Array:
         """Torques (m,) N m that the joints lose by damping and friction at velocities (m,), rad/s."""
-        return np.asarray(self.damping * velocities + self.friction * np.tanh(velocities / SLOW))
+        return np.asarray(self.losses[0] * velocities + self.losses[1] * np.tanh(velocities / SLOW))
 
     def off_goal(self, joints: Array, goal: Any) -> tuple[Array, Array]:
         """Magnitudes of errors at a goal (n,), rad, of joints (m,).
@@ -92,10 +91,10 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
         model.appendBodyToJoint(carrier[joint][0], source.inertias[joint], carrier[joint][1])
     model.armature = source.armature[kept]
     axes = np.stack([robot.plane.horizontal, robot.plane.vertical])
-    lost = [read_only([each.get(name, 0.0) for name in list(model.names)[4:]]) for each in (robot.damping, robot.friction)]
-    return ReducedModel(
-        model, read_only(robot.reference[kept]), read_only(robot.selection[kept]), read_only(axes), *lost
-    )
+    names = list(model.names)[BASE_COORDINATES + 1 :]
+    losses = [[each.get(name, 0.0) for name in names] for each in (robot.damping, robot.friction)]
+    arrays: Any = (robot.reference[kept], robot.selection[kept], axes, losses)
+    return ReducedModel(model, *map(read_only, arrays))
 
 
 @dataclass(frozen=True, eq=False)

@@ -232,5 +232,5 @@ def test_files_keep_motors(tmp_path):
     for wrong in (-0.1, "x", None):
         content["robot"]["armature"]["a"] = wrong
         (tmp_path / "wrong.json").write_text(json.dumps(content))
-        with pytest.raises(fp.InputError, match="robot.armature.a"):
+        with pytest.raises(fp.InputError, match=r"robot\.armature\.a"):
             fp.certify(tmp_path / "wrong.json")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -272,11 +272,7 @@ def _warning(text: str, items: Sequence[str]) -> list[str]:
 def with_motors(tree: UrdfTree, choice: Choice, asked: Mapping[str, float | Mapping[str, float] | None]) -> UrdfTree:
     """Return the robot with motors as asked, which come before those of the file; joints that are locked have none.
 
-    Parameters
-    ----------
-    tree : UrdfTree
-    choice : Choice
-    asked : "armature" and "damping" of all motors, or by joint; None as the file has it
+    ``asked`` are "armature" and "damping" of all motors, or by joint; None is as the file has it.
 
     Raises
     ------
@@ -290,10 +286,10 @@ def with_motors(tree: UrdfTree, choice: Choice, asked: Mapping[str, float | Mapp
             _moving_joint(tree, name, where)
             if name not in joints:
                 raise InputError("the joint is locked, so that its motor does not turn", element=where)
-        own = given if isinstance(given, Mapping) else {} if given is None else dict.fromkeys(choice.motors, given)
+        own: Any = given if isinstance(given, Mapping) else {} if given is None else dict.fromkeys(choice.motors, given)
         joints |= {name: replace(joints[name], **{key: value}) for name, value in own.items()}
-    still = {"armature": None, "damping": None, "friction": None}
-    return replace(tree, joints=tuple(joints.get(joint.name) or replace(joint, **still) for joint in tree.joints))
+    rest = (replace(joint, armature=None, damping=None, friction=None) for joint in tree.joints)
+    return replace(tree, joints=tuple(joints.get(joint.name, joint) for joint in rest))
 
 
 def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
