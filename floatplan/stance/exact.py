@@ -17,9 +17,9 @@ from scipy.interpolate import BPoly
 from scipy.optimize import root
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact
+from floatplan.stance.contacts import Contact, heights_over_com
 from floatplan.stance.model import PlanarModel, casadi
-from floatplan.stance.motion import Grid, hermite
+from floatplan.stance.motion import Grid, Stance, hermite
 from floatplan.stance.phases import Phase
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.stance.rows import axes_of, balanced, closures, spread
@@ -170,14 +170,27 @@ def blend(times: Array, near: float, far: float, values: Array) -> tuple[Array, 
     return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
 
 
-def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tuple[float, float]) -> list[Grid]:
+def exact_stances(
+    program: JumpProgram, solution: Solution, side: str, y: Array, rate: float, com: complex
+) -> tuple[Stance, ...]:
     """Return the stances of one side, in order of time, exact from the flight's end on.
 
     Parameters
     ----------
     side : "takeoff" or "landing"
-    meeting : orientation and its rate where the flight begins or ends, rad and rad/s
+    y : (n+1,) rad, where the flight begins or ends
+    rate : of the orientation there, rad/s
+    com : place of the centre of mass there, m, horizontal + i vertical
     """
+    phases = [phase for phase in program.phases if phase.side == side]
+    robot, anchor = program.model.robot, phases[-1 if side == "takeoff" else 0].anchor
+    place = com + complex(heights_over_com(robot, anchor.spots[:1], float(y[0]), y[1:])[0])
+    pairs = zip(phases, exact_side(program, solution, side, (float(y[0]), rate)), strict=True)
+    return tuple(Stance(robot, program.model.gravity, phase.contacts, place, grid) for phase, grid in pairs)
+
+
+def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tuple[float, float]) -> list[Grid]:
+    """Motion of the stances of one side; ``meeting``: orientation and its rate where the flight is, rad and rad/s."""
     indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
     outwards = indices[::-1] if side == "takeoff" else indices
     home = program.ends[0 if side == "takeoff" else 1]

@@ -17,12 +17,6 @@ DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
 UNDER = 4e-3  # [m] under what stands, that the flight's ground is: a foot that is a point turns there
 
 
-def takeoff_place(program: JumpProgram, solution: Solution) -> complex:
-    """Place of the takeoff's anchor in the flight's world, m: the takeoff frame's origin is at (0, 0)."""
-    index = program.flight
-    return _from_frame(program, program.phases[index - 1].anchor, solution.y[:, program.starts[index]])
-
-
 def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
     """Place of a contact relative to its frame's origin, m."""
     robot = program.model.robot
@@ -45,7 +39,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         for node in (first, last)
     )
     before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor
-    ground = takeoff_place(program, solution).imag - before.depth
+    ground = _from_frame(program, before, solution.y[:, first]).imag - before.depth
     height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
     model = program.model
     speed = model.function("speed", model.com_from(before.spots[0], 1))

@@ -16,14 +16,13 @@ from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.check import judged, stance_figures
-from floatplan.stance.contacts import heights_over_com
-from floatplan.stance.exact import exact_side
+from floatplan.stance.exact import exact_stances
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import Stance
 from floatplan.stance.program import FASTEST_TURN, ROUGHNESS, JumpProgram, Solution, ipopt, roughness
 from floatplan.stance.rows import Bound, NodeRows, Rows
-from floatplan.stance.setup import Room, side_setup
+from floatplan.stance.setup import Room, corrected, side_setup
 from floatplan.tables import Range
 
 STARTS = 3
@@ -132,9 +131,8 @@ class LaunchProgram(JumpProgram):
             rough += roughness(parts, self.node.unit)
         if self._state[1] is not None:
             self._add_state(rows, [each[:, self._seam] for each in (y, v, a)])
-        values = ca.vertcat(*rows.values)
         goal = factor + SMOOTH * total / self.node.unit + ROUGHNESS * rough
-        return ipopt(raw, goal, values), ca.Function("rows", [raw], [values, total]), rows
+        return *ipopt(raw, goal, rows), rows
 
     def _add_node_rates(self, rows: Rows, rates: Any, side: str) -> None:
         fastest = self.node.bounds.velocity
@@ -161,7 +159,7 @@ class LaunchProgram(JumpProgram):
         assert self._state[1] is not None
         model, node = self.model, self.node
         anchor = self.phases[-2 if self._seam else 1].anchor
-        found = model.function("seam", [model.momentum(), *model.com_from(anchor.spots[0], 1)])(*state)
+        found = rows.calls(model.function("seam", [model.momentum(), *model.com_from(anchor.spots[0], 1)]), *state)
         scales = (node.momentum, node.model.gravity * node.unit, node.model.gravity * node.unit)
         for value, given, scale in zip(found, self._state[1], scales, strict=True):
             rows.add((value - given) / scale, 0.0, 0.0, "velocity and momentum of the flight")
@@ -208,7 +206,8 @@ def launch(
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     y = np.append(state.orientation, state.positions)
     margins = replace(request, margin=dict.fromkeys(request.margin, 1.0))
-    node = side_setup(plan.problem, margins, end, y).node(ROOM)
+    setup = side_setup(plan.problem, margins, end, y)
+    node = setup.node(ROOM)
     model, anchor = node.model, node.phases[-2 if end == "takeoff" else 1].anchor
     v = np.append(state.orientation_rate, state.velocities)
     speeds = [float(each) for each in model.function("speed", model.com_from(anchor.spots[0], 1))(y, v, 0 * v)]
@@ -225,23 +224,25 @@ def launch(
             best = (solution.momentum, solution)
         if best[0] <= 1:
             break
-    return _answer(plan, request, end, program, best[1])
-
-
-def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, solution: Solution | None) -> Launch:
     what = "reaches the takeoff" if end == "takeoff" else "comes to rest after the landing"
-    if solution is None:
+    if best[1] is None:
         return Launch(False, np.inf, "", "", (f"No stance was found that {what}.",), {})
-    node = -1 if end == "takeoff" else 0
-    grids = exact_side(program, solution, end, (float(solution.y[0, node]), float(solution.v[0, node])))
-    phases = [phase for phase in program.phases if phase.side == end]
-    anchor, y = phases[node].anchor, solution.y[:, node]
-    from_com = heights_over_com(plan.robot, anchor.spots[:1], float(y[0]), y[1:])[0]
-    place = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position) + complex(from_com)
-    stances = tuple(
-        Stance(program.model.robot, program.model.gravity, phase.contacts, place, grid)
-        for phase, grid in zip(phases, grids, strict=True)
+    return corrected(
+        ROOM,
+        margins,
+        (program, best[1]),
+        lambda room: LaunchProgram(setup.node(room), (pinned, given)),
+        lambda *found: _answer(plan, request, end, what, *found),
     )
+
+
+def _answer(
+    plan: Plan, request: JumpRequest, end: str, what: str, program: JumpProgram, solution: Solution
+) -> tuple[Launch, dict[str, float] | None]:
+    """What a solution comes to; and the figures of its check where more nodes may mend what they show."""
+    node = -1 if end == "takeoff" else 0
+    com = complex(*plan.at(0.0 if end == "takeoff" else plan.duration).com_position)
+    stances = exact_stances(program, solution, end, solution.y[:, node], float(solution.v[0, node]), com)
     sides = (stances, ()) if end == "takeoff" else ((), stances)
     motion = JumpMotion(plan.problem, request, plan, *sides)
     figures = stance_figures(motion)
@@ -250,13 +251,15 @@ def _answer(plan: Plan, request: JumpRequest, end: str, program: JumpProgram, so
     ratio = shares[limit]
     joint = _joint(plan, stances, limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
-    said, _ = judged(request, {name: value for name, value in figures.items() if name not in shares})
+    rest = {name: value for name, value in figures.items() if name not in shares}
+    said, _ = judged(request, rest)
     broken = [", ".join(words) for words in said]
     if ratio <= 1 and not broken:
         first = f"A stance {what}, with {1 - ratio:.0%} to spare ({limit.replace('_', '-')} of {joint})."
     else:
         first = f"No stance was found within the limits that {what}: least factor {ratio:.2f}, {limit} of {joint}."
-    return Launch(ratio <= 1 and not broken, ratio, limit, joint, (first, *broken), figures)
+    answer = Launch(ratio <= 1 and not broken, ratio, limit, joint, (first, *broken), figures)
+    return answer, rest if broken else None
 
 
 def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:

@@ -60,7 +60,7 @@ class Phase:
     @cached_property
     def shares(self) -> Array:
         """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
-        even = np.arange(self.intervals + 1) / self.intervals
+        even = np.linspace(0.0, 1.0, self.intervals + 1)
         if self.side == "flight":
             return even
         return 1 - (1 - even) ** DENSER if self.side == "takeoff" else even**DENSER

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,22 +15,17 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.check import SLIP
-from floatplan.stance.exact import exact_side
-from floatplan.stance.flight import flight_problem, planned_flight, takeoff_place
+from floatplan.stance.exact import exact_stances
+from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
-from floatplan.stance.motion import Stance
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import Room, Setup, jump_setup
+from floatplan.stance.setup import Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
 ROOM = Room(0.9, 0.97, 0.7, 4)  # of the first program; the next depends on what its jump breaks
-CORRECTIONS = 2  # [-] programs after the first
-FINER = 1.4  # [-] times the nodes in each
-LESS_FRICTION = 0.85  # [-] where forces leave the cone
-STRICTER = 0.97  # [-] beyond what a figure shows
 STARTS = 4
+WORK = 150  # [-] times the starts: iterations after which no other is tried
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -56,7 +51,7 @@ def jump(
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        How many are tried, until one is found.
+        How many are tried at most, until one is found: fewer where together they take 150 iterations each.
     progress : callable, optional
         Told in a few words what is done.
 
@@ -83,15 +78,24 @@ def jump(
         setup = jump_setup(problem, asked)
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    program = setup.program(ROOM)
+    program, spent = setup.program(ROOM), 0
     for start in range(starts):
+        if spent >= WORK * starts:
+            break
+        tried = start + 1
         say(f"start {start + 1} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
         solution = program.solve(program.guess(rng))
+        spent += solution.iterations
         if not solution.converged:
             best = min(best, solution.worst)
             continue
-        answer = _corrected(setup, program, solution, seed)
+
+        def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
+            found = completed(setup, program, solution, seed)
+            return found, None if found.ok else found.check.figures
+
+        answer = corrected(ROOM, asked, (program, solution), setup.program, complete)
         if answer.ok:
             return answer
     if answer is not None:
@@ -99,40 +103,8 @@ def jump(
     return _not_found(
         problem,
         asked,
-        f"No jump was found in {starts} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
+        f"No jump was found in {tried} starts: {best[1]} stands in the way, by {best[0]:.2g}.",
     )
-
-
-def _corrected(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
-    """The jump of a solution, or of one with more nodes, stricter where the check fails."""
-    room, answer = ROOM, completed(setup, program, solution, seed)
-    for _ in range(CORRECTIONS):
-        if answer.ok:
-            break
-        room = _stricter(room, answer)
-        finer = setup.program(room)
-        again = finer.solve(finer.resampled(solution, program.phases))
-        if not again.converged:
-            break
-        program, solution = finer, again
-        answer = completed(setup, program, solution, seed)
-    return answer
-
-
-def _stricter(room: Room, answer: Jump) -> Room:
-    """More nodes, and less of what the check finds too much of."""
-    margin, figures = answer.request.margin, answer.check.figures
-
-    def share(name: str, limit: float, now: float) -> float:
-        over = figures.get(name, 0.0) / limit
-        return now if over <= 1 else now * STRICTER / min(over, 1.25)
-
-    torque = min(share("torque", margin["torque"], room.torque), share("torque_speed", margin["torque"], room.torque))
-    velocity = share("velocity", margin["velocity"], room.velocity)
-    friction = share("friction", answer.request.friction, room.friction)
-    if figures.get("slip", 0.0) > SLIP:
-        friction *= LESS_FRICTION
-    return Room(torque, velocity, friction, 2 * room.directions, FINER * room.finer)
 
 
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
@@ -144,31 +116,23 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
     if not plan.ok:
         return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-    model, begin, end = program.model, plan.at(0.0), plan.at(plan.duration)
-    sides = {
-        side: exact_side(program, solution, side, (float(state.orientation), float(state.orientation_rate)))
-        for side, state in (("takeoff", begin), ("landing", end))
-    }
-    landing = program.phases[program.flight + 1].anchor
-    tree, (body, local) = model.robot.tree, landing.spots[0]
-    turned = tree.rotations(tree.absolute_angles(np.asarray(end.orientation), end.positions))
-    from_com = turned @ tree.point_weights(np.array([body]), np.array([local], np.complex128))[0]
-    places = {"takeoff": takeoff_place(program, solution), "landing": complex(*end.com_position) + complex(from_com)}
-    stances = {
-        side: tuple(
-            Stance(model.robot, model.gravity, phase.contacts, places[side], grid)
-            for phase, grid in zip([each for each in program.phases if each.side == side], sides[side], strict=True)
+    before, after = (
+        exact_stances(
+            program,
+            solution,
+            side,
+            np.append(state.orientation, state.positions),
+            float(state.orientation_rate),
+            complex(*state.com_position),
         )
-        for side in sides
-    }
-    found = Jump(problem, request, plan, stances["takeoff"], stances["landing"], status="found")
-    return replace(found, explanation=_explained(found))
-
-
-def _explained(found: Jump) -> str:
-    if found.check.ok:
-        return "The stances hold at 2 kHz."
-    return f"The stances do not hold between the program's nodes: {found.check.sentences[0]}."
+        for side, state in (("takeoff", plan.at(0.0)), ("landing", plan.at(plan.duration)))
+    )
+    found = Jump(problem, request, plan, before, after, status="found")
+    check = found.check
+    held = "The stances hold at 2 kHz." if check.ok else f"Between the program's nodes, {check.sentences[0]}."
+    answer = replace(found, explanation=held)
+    vars(answer)["check"] = check  # the motion is the same
+    return answer
 
 
 def _not_found(problem: Problem, request: JumpRequest, explanation: str) -> Jump:

@@ -25,12 +25,23 @@ from floatplan.arrays import Array
 from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite
 from floatplan.stance.phases import Phase
-from floatplan.stance.rows import BALANCE, MEETS, RELEASE, NodeRows, Rows, closures, hermite_step
+from floatplan.stance.rows import (
+    BALANCE,
+    CLEAR,
+    LEAST_FORCE,
+    MEETS,
+    PRESSED,
+    RELEASE,
+    NodeRows,
+    Rows,
+    closures,
+    hermite_step,
+)
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
+CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node away from the flight, where they vanish
 RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
-LEAST_FORCE = 0.02  # [-] of the weight, vertical, of contacts beside the anchor at nodes where they stand
 FASTEST_TURN = 40.0  # [rad/s] of the base
 ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
@@ -52,8 +63,6 @@ class Solution:
     worst : largest violation of a constraint, scaled; and which it is
     converged : whether every constraint holds, though the cost may not be least where IPOPT ended early
     iterations : int
-    cost : integral of squared torques, N^2 m^2 s
-    raw : the variables, scaled
     """
 
     y: Array
@@ -65,8 +74,6 @@ class Solution:
     worst: tuple[float, str]
     converged: bool
     iterations: int
-    cost: float
-    raw: Array
 
 
 class JumpProgram:
@@ -159,7 +166,7 @@ class JumpProgram:
 
     @cached_property
     def _solver(self) -> tuple[Any, Any, Rows]:
-        """IPOPT's solver, a function of the variables for all rows and the cost, and the rows."""
+        """IPOPT's solver, a function of the variables for all rows, and the rows."""
         ca, unit = casadi(), self.node.unit
         raw = ca.MX.sym("w", sum(rows * columns for rows, columns in self._shapes))
         y, v, a, *rest = self.split(raw)
@@ -178,9 +185,7 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
-        values = ca.vertcat(*rows.values)
-        solver = ipopt(raw, total / unit + ROUGHNESS * rough, values)
-        return solver, ca.Function("rows", [raw], [values, total]), rows
+        return *ipopt(raw, total / unit + ROUGHNESS * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
@@ -216,7 +221,7 @@ class JumpProgram:
         (x, z), (vx, vz) = model.com_from(anchor), model.com_from(anchor, 1)
         momentum = model.momentum() + turn * mass * (x * vz - z * vx)
         outputs = [momentum, -turn * weight * x, -turn * weight * vx]
-        momenta, pulls, changes = model.function("about", outputs).map(phase.intervals + 1)(y, v, a)
+        momenta, pulls, changes = rows.calls(model.function("about", outputs), y, v, a)
         ahead = hermite_step(momenta, pulls, changes, step)
         rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{BALANCE} ({phase.side})")
         rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
@@ -226,7 +231,7 @@ class JumpProgram:
         ca, index, count = casadi(), self.phases.index(phase), phase.intervals + 1
         function, bounds = self.node.stance(phase)
         linear = ca.mtimes(drifts, ca.DM(np.stack((1 - phase.shares, phase.shares))))
-        values, cost = function.map(count)(*parts, forces / self.node.weight, linear)
+        values, cost = rows.calls(function, *parts, forces / self.node.weight, linear)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         takeoff = phase.side == "takeoff"
         seam, flies = (-1, self.phases[index + 1]) if takeoff else (0, self.phases[index - 1])
@@ -235,6 +240,10 @@ class JumpProgram:
                 low[row], high[row] = -np.inf, np.inf
                 if flies.side == "flight" or label != RELEASE:
                     low[row, seam] = high[row, seam] = 0.0
+            if label == PRESSED and flies.side == "flight":
+                low[row, seam] = -np.inf
+            if label.startswith("friction") and flies.side == "flight":
+                low[row, seam + (-1 if takeoff else 1)] = CONE_ROOM
         if takeoff and index > 0:
             low[:, 0], high[:, 0] = -np.inf, np.inf
         if not takeoff and index + 1 < len(self.phases):
@@ -249,8 +258,8 @@ class JumpProgram:
         count = phase.intervals + 1
         step = duration * ca.DM(np.diff(phase.shares)).T
         rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, "turn (flight)")
-        z0, vx0, vz0 = self._com(self.flight - 1, [each[:, 0] for each in parts])
-        z1, vx1, vz1 = self._com(self.flight + 1, [each[:, -1] for each in parts])
+        z0, vx0, vz0 = self._com(rows, self.flight - 1, [each[:, 0] for each in parts])
+        z1, vx1, vz1 = self._com(rows, self.flight + 1, [each[:, -1] for each in parts])
         rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node.height, 0.0, 0.0, "parabola")
         rows.add((vx1 - vx0) / (gravity * unit), 0.0, 0.0, "parabola")
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
@@ -258,18 +267,22 @@ class JumpProgram:
         heights = z0 + vz0 * times - gravity * times**2 / 2
         lifts = LIFT * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node.flight()
-        values, cost = function.map(count)(y, v, a, heights, ca.DM(lifts).T, ca.repmat(momentum, 1, count))
+        values, cost = rows.calls(function, y, v, a)
+        feet = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])
+        over = feet + [float(label == CLEAR) for _, _, label in bounds]
+        values += ca.mtimes(ca.sparsify(ca.DM(over)), heights) - ca.sparsify(ca.DM(np.outer(feet, lifts)))
+        values[0, :] -= ca.repmat(momentum / self.node.momentum, 1, count)
         low, high = (np.tile([[row[side]] for row in bounds], (1, count)).astype(float) for side in (0, 1))
         for end in (0, -1):  # the stances hold all but the momentum there
             low[1:, end], high[1:, end] = -np.inf, np.inf
         rows.add_nodes(values, bounds, low, high, "flight")
         return cost
 
-    def _com(self, index: int, state: Sequence[Any]) -> tuple[Any, Any, Any]:
+    def _com(self, rows: Rows, index: int, state: Sequence[Any]) -> tuple[Any, Any, Any]:
         """Height of the centre of mass over the ground, and its velocity, where a stance's anchor stands."""
         model, anchor = self.model, self.phases[index].anchor
         places, rates = model.com_from(anchor.spots[0]), model.com_from(anchor.spots[0], 1)
-        z, vx, vz = model.function("com", [places[1], *rates])(*state)
+        z, vx, vz = rows.calls(model.function("com", [places[1], *rates]), *state)
         return z + anchor.depth, vx, vz
 
     def solve(self, guess: Array) -> Solution:
@@ -280,7 +293,7 @@ class JumpProgram:
         answer = solver(x0=guess, lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
-        values, cost = (np.asarray(each).ravel() for each in evaluate(raw))
+        values = np.asarray(evaluate(raw)).ravel()
         excess = np.maximum(np.maximum(low - values, values - high), 0.0)
         at = int(excess.argmax())
         y, v, a, *rest = self.split(raw)
@@ -294,8 +307,6 @@ class JumpProgram:
             worst=(float(excess[at]), rows.labels[at]),
             converged=float(excess[at]) < (CONVERGED if stats["success"] else HELD),
             iterations=int(stats["iter_count"]),
-            cost=float(cost[0]) * (self.node.weight * self.node.height) ** 2,
-            raw=raw,
         )
 
     def guess(self, rng: np.random.Generator | None = None) -> Array:
@@ -327,29 +338,28 @@ class JumpProgram:
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
+        old = (solution.y, solution.v, solution.a)
         parts: list[list[Array]] = [[], [], []]
         forces, at = [], 0
         for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
             columns = slice(at, at + other.intervals + 1)
             at += other.intervals
-            duration, old = solution.durations[index], solution
-            curve = hermite(duration * other.shares, old.y[:, columns], old.v[:, columns], old.a[:, columns])
-            times = duration * own.shares
-            last = slice(None) if index + 1 == len(phases) else slice(-1)
-            for order, part in enumerate(parts):
-                part.append((curve.derivative(order) if order else curve)(times).T[:, last])
+            if own.intervals:
+                curve = hermite(solution.durations[index] * other.shares, *(each[:, columns] for each in old))
+                times = solution.durations[index] * own.shares[:-1]
+                for order, part in enumerate(parts):
+                    part.append((curve.derivative(order) if order else curve)(times).T)
             rows = [np.interp(own.shares, other.shares, row) for row in solution.forces[index]]
             forces.append(np.array(rows).reshape(-1, len(own.shares)))
         drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -2]]
-        joined = [np.concatenate(part, axis=1) for part in parts]
+        joined = [np.concatenate((*part, each[:, -1:]), axis=1) for part, each in zip(parts, old, strict=True)]
         return self.join([*joined, *forces, *drifts, solution.durations[:, None], np.array([[solution.momentum]])])
 
 
-def ipopt(variables: Any, goal: Any, values: Any) -> Any:
-    """IPOPT's solver of a program."""
+def ipopt(variables: Any, goal: Any, rows: Rows) -> tuple[Any, Any]:
+    """IPOPT's solver of a program, and a function of the variables for all rows."""
     settings = {"print_level": 0, "sb": "yes", "tol": TOLERANCE, "constr_viol_tol": HELD, "max_iter": ITERATIONS}
-    options = {"print_time": False, "ipopt": {**settings, "mu_strategy": "adaptive"}}
-    return casadi().nlpsol("jump", "ipopt", {"x": variables, "f": goal, "g": values}, options)
+    return rows.calls.solver(variables, goal, casadi().vertcat(*rows.values), settings | {"mu_strategy": "adaptive"})
 
 
 def roughness(parts: Sequence[Any], unit: float) -> Any:

@@ -17,6 +17,8 @@ from floatplan.stance.phases import Phase
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
 BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
+PRESSED = "pressed on the ground"
+LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
 
 
@@ -42,12 +44,13 @@ class Bounds:
 
 @dataclass
 class Rows:
-    """Constraints as they are gathered: expressions with bounds, and what each is about."""
+    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes."""
 
     values: list[Any] = field(default_factory=list)
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
+    calls: Calls = field(default_factory=lambda: Calls())
 
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
@@ -65,6 +68,67 @@ class Rows:
         self.low.append(low[index, nodes])
         self.high.append(high[index, nodes])
         self.labels += [f"{bounds[row][2]} ({side})" for row in index.tolist()]
+
+
+class Calls:
+    """Functions of single nodes, evaluated at many: their derivatives are taken node by node, each in one expression.
+
+    What they return are symbols, in which the rest of a program is written; arguments are affine in its variables.
+    """
+
+    def __init__(self) -> None:
+        self._found: list[tuple[Any, Any, Any]] = []  # function of one vector, its arguments (size, nodes), symbols
+
+    def __call__(self, function: Any, *arguments: Any) -> list[Any]:
+        """Outputs (size, nodes) for arguments (size, nodes)."""
+        ca = casadi()
+        ways = [function.size1_in(k) for k in range(function.n_in())]
+        point = ca.SX.sym("point", sum(ways))
+        outputs = function.call(ca.vertsplit(point, np.cumsum([0, *ways]).tolist()))
+        one = ca.Function("one", [point], [ca.vertcat(*outputs)])
+        points = ca.vertcat(*arguments)
+        symbols = ca.MX.sym("called", one.size1_out(0), points.shape[1])
+        self._found.append((one, points, symbols))
+        return list(ca.vertsplit(symbols, np.cumsum([0, *[each.shape[0] for each in outputs]]).tolist()))
+
+    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any]) -> tuple[Any, Any]:
+        """IPOPT's solver of a program, and a function raw -> values."""
+        ca = casadi()
+        given = [raw, *[symbols for _, _, symbols in self._found]]
+        both = ca.vertcat(*[ca.vec(each) for each in given])
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", values.shape[0])
+        bends = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
+        now = [raw, *[one.map(points.shape[1])(points) for one, points, _ in self._found]]
+        found = ca.Function("found", given, [goal, values])(*now)
+        slope = ca.Function("slope", given, [ca.jacobian(values, both)])(*now)
+        bend, weights = ca.Function("bend", [*given, lam_f, lam_g], bends)(*now, lam_f, lam_g)
+        sizes = np.cumsum([0, *[each.numel() for each in given]]).tolist()
+        curved, chain = 0.0, [ca.MX.eye(raw.shape[0])]
+        for called, weight in zip(self._found, ca.vertsplit(weights, sizes)[1:], strict=True):
+            first, second = self._derivatives(raw, *called[:2], weight)
+            curved += second
+            chain.append(first)
+        through, none = ca.vertcat(*chain), ca.MX.sym("p", 0)
+        full = ca.mtimes(through.T, ca.mtimes(bend, through)) + curved
+        options = {
+            "jac_g": ca.Function("jac_g", [raw, none], [found[1], ca.mtimes(slope, through)]),
+            "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
+            "print_time": False,
+            "ipopt": settings,
+        }
+        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": found[0], "g": found[1]}, options)
+        return solver, ca.Function("values", [raw], [found[1]])
+
+    def _derivatives(self, raw: Any, one: Any, points: Any, weights: Any) -> tuple[Any, Any]:
+        """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""
+        ca, count = casadi(), points.shape[1]
+        point, weight = ca.SX.sym("point", one.size1_in(0)), ca.SX.sym("weight", one.size1_out(0))
+        slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
+        bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
+        linear = ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
+        wides = slope.map(count)(points), bend.map(count)(points, ca.reshape(weights, -1, count))
+        first, second = (ca.mtimes(ca.diagcat(*ca.horzsplit(wide, points.shape[0])), linear) for wide in wides)
+        return first, ca.mtimes(linear.T, second)
 
 
 class NodeRows:
@@ -108,6 +172,8 @@ class NodeRows:
                 held = (friction * pair[1] + sign * pair[0]) / self.weight
                 rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
+        if phase.others:  # else it may pull a little between nodes
+            rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
         rows += self._torque_rows(moments)
         ground = -phase.anchor.depth
         if self.watched.spots:
@@ -182,23 +248,22 @@ class NodeRows:
         return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
 
     def flight(self) -> tuple[Any, list[Bound]]:
-        """Function (y, v, a, height of the centre of mass, h) -> (rows, cost) of the flight's nodes."""
+        """Function (y, v, a) -> (rows, cost) of the flight's nodes: h first, and heights over the centre of mass."""
         ca, model = casadi(), self.model
-        height, lift, momentum = ca.SX.sym("height"), ca.SX.sym("lift"), ca.SX.sym("momentum")
         moments = model.moments(None, [])
         rows: list[Row] = [
-            ((model.momentum() - momentum) / self.momentum, 0.0, 0.0, "angular momentum in flight"),
+            (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
             (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
             *self._torque_rows(moments),
         ]
         spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
         _, z = model.places(model.weights(spots))
         for index, least in enumerate(self.watched.least):
-            rows.append((z[index] + height, float(least), np.inf, CLEAR))
+            rows.append((z[index], float(least), np.inf, CLEAR))
         for index, contact in enumerate(self.feet, start=len(self.watched.spots)):
-            rows.append((z[index] + height - lift, contact.depth, np.inf, f"{contact.name} above the ground"))
+            rows.append((z[index], contact.depth, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("flight", [output, self._cost(moments)], height, lift, momentum)
+        function = model.function("flight", [output, self._cost(moments)])
         return function, [row[1:] for row in rows]
 
 

@@ -1,10 +1,11 @@
-"""From a problem and a request to the program of a jump: contacts, standing postures, phases, bounds."""
+"""From a problem and a request to the program of a jump: contacts, standing postures, phases, bounds, corrections."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from floatplan.errors import InputError
 from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
+from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
     contact_at,
@@ -23,12 +25,16 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import JumpProgram, inside
+from floatplan.stance.program import JumpProgram, Solution, inside
 from floatplan.stance.rows import Bounds, NodeRows
 
 MOST = 2  # [-] contacts of a phase
 FAR = 0.1  # [m] above what is lowest in the reference posture: no foot is there
 NEAR = 0.1  # [rad] by which a posture that is given may be moved so that it is static
+CORRECTIONS = 2  # [-] programs after the first
+FINER = 1.4  # [-] times the nodes in each
+LESS_FRICTION = 0.85  # [-] where forces leave the cone
+STRICTER = 0.97  # [-] beyond what a figure shows
 TURN = 2 * math.pi
 
 
@@ -48,6 +54,55 @@ class Room:
     friction: float
     directions: int
     finer: float = 1.0
+
+    def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
+        """More nodes, and less of what the figures of a check show too much of."""
+
+        def share(name: str, limit: float, now: float) -> float:
+            over = figures.get(name, 0.0) / limit
+            return now if over <= 1 else now * STRICTER / min(over, 1.25)
+
+        most = request.margin["torque"]
+        torque = min(share("torque", most, self.torque), share("torque_speed", most, self.torque))
+        velocity = share("velocity", request.margin["velocity"], self.velocity)
+        friction = share("friction", request.friction, self.friction)
+        if figures.get("slip", 0.0) > SLIP:
+            friction *= LESS_FRICTION
+        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer)
+
+
+Answer = TypeVar("Answer")
+
+
+def corrected(
+    room: Room,
+    request: JumpRequest,
+    found: tuple[JumpProgram, Solution],
+    program: Callable[[Room], JumpProgram],
+    complete: Callable[[JumpProgram, Solution], tuple[Answer, Mapping[str, float] | None]],
+) -> Answer:
+    """Return what a solution comes to between its nodes; where that fails, of one with more nodes, and stricter.
+
+    Parameters
+    ----------
+    room : of the program that is solved
+    request : JumpRequest
+    found : that program, and its solution
+    program : the same with other room
+    complete : what a solution comes to, and the figures of its check where they fail
+    """
+    answer, figures = complete(*found)
+    for _ in range(CORRECTIONS):
+        if figures is None:
+            break
+        room = room.stricter(request, figures)
+        finer = program(room)
+        again = finer.solve(finer.resampled(found[1], found[0].phases))
+        if not again.converged:
+            break
+        found = finer, again
+        answer, figures = complete(*found)
+    return answer
 
 
 @dataclass(frozen=True, eq=False)
