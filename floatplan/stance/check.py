@@ -84,7 +84,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     robot, problem = stance.robot, jump.problem
     weight = robot.mass * stance.gravity
     model, data = robot.model, robot.model.createData()
-    height = float(np.abs(state.positions[:, 1]).max()) or 1.0
+    standing = pin.centerOfMass(model, data, state.positions[0]) @ robot.plane.vertical
+    height = float(standing - stance.place.imag + stance.contacts[0].depth)
     wrench = np.empty_like(state.positions)
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     for row, (q, v, a) in enumerate(zip(state.positions, state.velocities, state.accelerations, strict=True)):
