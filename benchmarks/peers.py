@@ -162,8 +162,7 @@ class SymbolicFlight:
         q, orientation = ca.SX.sym("q", self.joints), ca.SX.sym("o")
         angle = tree.turn * (orientation + ca.DM(tree.turns) @ q + tree.offsets)
         cosine, sine = ca.cos(angle), ca.sin(angle)
-        placed = shapes.place(np.zeros(1, dtype=np.complex128), np.zeros((1, len(tree.mass))))
-        weights = np.concatenate((placed.start_weights, placed.end_weights))
+        weights = np.concatenate(shapes.weights)
         real, imaginary = ca.DM(weights.real), ca.DM(weights.imag)
         places = ca.horzcat(real @ cosine - imaginary @ sine, real @ sine + imaginary @ cosine).T
         return ca.Function("ends", [q, orientation], [places])

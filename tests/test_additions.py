@@ -217,16 +217,14 @@ def rows():
     nodes = ready.model.nodes(4, variables.polynomials.form)
     aim = objective(asked, ready.model, variables, nodes)
     sampling = watching(nodes, ready.constraints, np.array([0.3]))
-    found = FlightProgram(ready.model, variables, sampling, aim, ready.constraints).evaluate(ready.plain_start.x)
-    return found.inequality, found.inequality_jacobian
+    return FlightProgram(ready.model, variables, sampling, aim, ready.constraints).evaluate(ready.plain_start.x)
 
-of_kernel = rows()
+of_kernel = rows().inequality
 program.compiled_constraints = lambda *arguments, **options: None
 program.watch_of.cache_clear()
-for one, other in zip(of_kernel, rows(), strict=True):
-    assert np.allclose(one, other, rtol=1e-10, atol=1e-10) and np.abs(one).max() > 0
-other = fp.plan(asked, prove=True)
-assert other.ok and other.certificate.proved
+assert np.allclose(of_kernel, rows().inequality, rtol=1e-10, atol=1e-10) and np.abs(of_kernel).max() > 0
+program.compiled_constraints = compiled_constraints
+program.watch_of.cache_clear()
 
 assert verdicts(plan, "obstacle") == {"obstacles[0] bend": "proved"}
 for shift in np.linspace(-0.5, 0.5, 11):

@@ -130,11 +130,11 @@ def init(
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Write a problem file for a robot: a flip from feet at rest to feet at rest, else the largest turn found.
+    """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
 
-    The file plans as it stands: floatplan plan FILE.toml proves its flight, without warnings. It says what was found:
-    plane, joints with their ranges, couplings, feet, and the limits of the URDF. Of takeoff and landing the joint rates
-    at that instant are checked; whether the legs have the stroke, the force and the balance for it is not.
+    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight,
+    without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
+    URDF. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
     """
     from floatplan.files import write_atomically
     from floatplan.initial.flight import first_flight
@@ -150,8 +150,11 @@ def init(
         )
 
     chosen = chosen_robot(robot)
-    text = problem_file_text(chosen, first_flight(chosen, seed=seed, progress=tell(quiet)), path)
+    flight = first_flight(chosen, seed=seed, progress=tell(quiet))
+    text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:
         typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
-        typer.echo(f"next: floatplan plan {path}", err=True)
+        for reason in flight.reasons:
+            typer.echo(reason, err=True)
+        typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)

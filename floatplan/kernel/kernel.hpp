@@ -132,6 +132,7 @@ struct Evaluation {
     const double *basis;                                   // (3, instants, size): by x, of p and its derivatives
     const std::int64_t *columns;                           // (joints + 1): where each joint's x begin; then h
     const double *axes;                                    // of h, by the rest of x
+    const double *of_axes;                                 // (3, instants, joints, axes): p by these too, or null
     const double *attitude_slopes;                         // (instants, size)
     Motion motion;
 };

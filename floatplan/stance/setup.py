@@ -172,7 +172,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         No frame takes off, a contact cannot be one, there is no gravity, or no standing posture is found.
     """
     _check_gravity(problem)
-    turns = round((problem.final.orientation - problem.initial.orientation) / TURN)
+    turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
     before = _wanted(problem, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
     usual = ((), ()) if all(given) else _default_groups(problem, turns, before)

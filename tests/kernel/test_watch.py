@@ -31,13 +31,18 @@ def kernel():
     return library.kernel()
 
 
-@pytest.fixture(params=[*PROBLEMS, "everything", "free"])
+@pytest.fixture(params=[*PROBLEMS, "everything", "free", "following"])
 def problem(request, root):
     if request.param in PROBLEMS:
         return fp.load_problem(root / "problems" / f"{request.param}.toml")
     plain = fp.load_problem(root / "problems" / "handstand.toml")
-    flight = replace(plain.flight, angular_momentum="free") if request.param == "free" else plain.flight
-    return replace(plain, limits=EVERYTHING, obstacles=AROUND, flight=flight)
+    if request.param == "everything":
+        return replace(plain, limits=EVERYTHING, obstacles=AROUND)
+    free = replace(plain, limits=EVERYTHING, obstacles=AROUND, flight=replace(plain.flight, angular_momentum="free"))
+    if request.param == "free":
+        return free
+    start = replace(free.start, velocities="takeoff", accelerations="free")
+    return replace(free, start=start)
 
 
 def program_and_point(problem, seed):

@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from general_flight import general_flight
 from robot_samples import URDF_FOLDER
 from scipy.integrate import simpson
 
@@ -41,6 +42,8 @@ from floatplan.planning.transcription.objectives import (
 )
 from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.planning.transcription.trajectory import (
+    QUANTITIES,
+    FlightModel,
     flight_model,
     sample_also,
     sample_nodes,
@@ -133,13 +136,13 @@ def problem():
 
 @pytest.fixture(scope="module")
 def flight(problem):
-    """What evaluates a motion x: (model, variables, sampling)."""
+    """What evaluates a motion x on the general path: (model, variables, sampling)."""
     branches = np.array([[0, 0, 0], [0, 1, -1]])
     variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
     polynomials = variables.polynomials
     assert variables.momentum.free == 1
     sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.form), INSTANTS)
-    return flight_model(problem), variables, sampling
+    return FlightModel(general_flight(problem)), variables, sampling
 
 
 @pytest.fixture(scope="module", params=range(3))
@@ -196,13 +199,23 @@ class TestDerivatives:
         assert np.abs(jacobian).min() > 0
         assert_derivative(lambda at: trajectory(*flight, at).residual[0], jacobian, x, scale)
 
-    def test_of_18(self, flight, x, scale):
+    @pytest.mark.parametrize("general", [False, True])
+    def test_of_18(self, problem, flight, x, scale, general):
+        flight = flight if general else (flight_model(problem), *flight[1:])
         jacobian = trajectory(*flight, x).attitude_jacobian[:, 0]
         assert_derivative(lambda at: trajectory(*flight, at).flown.attitude, jacobian, x, scale)
 
-    def test_of_the_whole_program(self, flight, x, scale):
+    @pytest.mark.parametrize("name", ["torques", "motor_torques", "orientation_rate", "velocities", "accelerations"])
+    def test_of_quantities_by_the_kernel_and_on_the_general_path(self, problem, flight, x, name):
+        here, there = trajectory(flight_model(problem), *flight[1:], x), trajectory(*flight, x)
+        expected = QUANTITIES[name].jacobian(there)
+        assert QUANTITIES[name].jacobian(here) == pytest.approx(expected, rel=1e-10, abs=1e-10 * np.abs(expected).max())
+
+    def test_of_the_whole_program(self, problem, flight, x, scale):
         """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""
-        program = FlightProgram(*flight, CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values()))
+        program = FlightProgram(
+            flight_model(problem), *flight[1:], CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values())
+        )
         here = program.evaluate(x)
         assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, x, scale)
         assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, x, scale)
@@ -212,9 +225,15 @@ class TestDerivatives:
 class TestRatesThatFollow:
     """The same derivatives where the rates at both ends follow from a free h, and accelerations are free."""
 
-    @pytest.fixture(params=[("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free")])
+    @pytest.fixture(
+        params=[
+            (*ends, general)
+            for ends in (("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free"))
+            for general in (False, True)
+        ]
+    )
     def following(self, request, problem):
-        objective_name, at_takeoff, at_landing = request.param
+        objective_name, at_takeoff, at_landing, general = request.param
         asked = replace(
             problem,
             start=replace(problem.start, velocities="takeoff", accelerations=at_takeoff),
@@ -226,7 +245,7 @@ class TestRatesThatFollow:
         variables = decision_variables(asked, asked.degrees, branches, momentum_set(asked))
         assert variables.following
         sampling = sample_also(sample_nodes(gauss_grid(24), variables.polynomials.form), INSTANTS)
-        model = flight_model(asked)
+        model = FlightModel(general_flight(asked)) if general else flight_model(asked)
         return (model, variables, sampling), objective(asked, model, variables, sampling)
 
     @pytest.fixture(params=range(3))

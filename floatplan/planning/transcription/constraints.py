@@ -15,7 +15,6 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.kernel.constraints import Block, ObstacleRows, PairRows, SumRows
-from floatplan.motion.dynamics import Distances
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
 from floatplan.problem.parts import Obstacle
@@ -87,27 +86,23 @@ class Clearance(Constraint):
 
     def values(self, trajectory: Trajectory) -> Array:
         """Distances less the margin (K, r)."""
-        return (self._distances(trajectory).values - self.margin) / LENGTH_SCALE
+        flown, between = trajectory.flown, self.between
+        if isinstance(between, Obstacle):
+            return (flown.obstacle_distances(between) - self.margin) / LENGTH_SCALE
+        return (flown.pair_distances(*between) - self.margin) / LENGTH_SCALE
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        return trajectory.shape_jacobian(self._distances(trajectory).by_body / LENGTH_SCALE)
+        flown, between = trajectory.differentiable, self.between
+        if isinstance(between, Obstacle):
+            return trajectory.jacobian(flown.obstacle_partials(between)) / LENGTH_SCALE
+        return trajectory.jacobian(flown.pair_partials(*between)) / LENGTH_SCALE
 
     def compiled(self) -> Block:
         """Return the same distances."""
         if isinstance(self.between, Obstacle):
             return ObstacleRows(self.between, self.margin, LENGTH_SCALE)
         return PairRows(*self.between, self.margin, LENGTH_SCALE)
-
-    def _distances(self, trajectory: Trajectory) -> Distances:
-        """They are measured once per trajectory."""
-        if self not in trajectory.distances:
-            flown, between = trajectory.flown, self.between
-            if isinstance(between, Obstacle):
-                trajectory.distances[self] = flown.obstacle_distances(between)
-            else:
-                trajectory.distances[self] = flown.pair_distances(*between)
-        return trajectory.distances[self]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -94,7 +94,7 @@ def local_minima(
     if not constraints:
         return NOTHING_NEAR
     nodes = model.nodes(level, variables.polynomials.form)
-    if watch := watch_of(model.flight, constraints, ""):
+    if (watch := watch_of(model.flight, constraints, "")) and all(watch.known):
         resolved = known if known and known.sampling.nodes == nodes.nodes else trajectory(model, variables, nodes, x)
         return _compiled_minima(watch, resolved, constraints)
 
