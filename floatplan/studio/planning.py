@@ -9,16 +9,15 @@ import contextlib
 import io
 import os
 import pickle
-import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
 from typing import Any
 
 import floatplan as fp
-from floatplan.pool import get_ready
+from floatplan.pool import processes
 from floatplan.studio.answers import Failure, Map, MapTask, PlanTask, ShownPlan
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
@@ -33,7 +32,7 @@ LOADED = (  # before a process begins
 )
 
 
-class StoppedError(Exception):
+class StoppedError(RuntimeError):
     """The process was stopped, or has died, before it answered."""
 
 
@@ -46,9 +45,8 @@ class Worker:
     def __init__(self, robot: fp.Robot, niceness: int = 0) -> None:
         self._robot, self._niceness = robot, niceness
         self._lock = threading.Lock()
-        self._process: Any = None
-        self._pipe: Connection | None = None
-        self._stops = 0  # so far
+        self._running = contextlib.ExitStack()
+        self._executor: Any = None
         self._closed = False
 
     def ask(self, task: PlanTask | MapTask) -> Any:
@@ -60,27 +58,20 @@ class Worker:
             :meth:`stop` was called meanwhile, or the process has died.
         """
         try:
-            pipe = self._running()
-        except StoppedError:
-            raise
-        except Exception as error:  # whatever the system says: the page goes on and says it
-            return Failure(f"the process that plans cannot be started: {Failure.of(error).words}")
-        try:
-            pipe.send_bytes(packed(task, self._robot))
-            return unpacked(pipe.recv_bytes(), self._robot)
-        except (EOFError, OSError):
+            answer = self._started().submit(_answer, packed(task, self._robot)).result()
+        except (CancelledError, RuntimeError):  # so a pool says that it was stopped, or has lost its process
             self.stop()
             raise StoppedError from None
+        except Exception as error:  # whatever the system says: the page goes on and says it
+            self.stop()
+            return Failure(f"the process that plans cannot be started: {Failure.of(error).words}")
+        return unpacked(answer, self._robot)
 
     def stop(self) -> None:
-        """End the process, whatever it does; from any thread, and without waiting for one that only starts."""
+        """End the process, whatever it does; from any thread."""
         with self._lock:
-            self._stops += 1
-            process, self._process, self._pipe = self._process, None, None
-        if process is not None:
-            process.kill()
-            process.join()
-            process.close()
+            running, self._running, self._executor = self._running, contextlib.ExitStack(), None
+        running.close()
 
     def close(self) -> None:
         """Stop for good."""
@@ -88,49 +79,37 @@ class Worker:
         self.stop()
 
     @property
-    def process_id(self) -> int | None:
+    def process_ids(self) -> list[int]:
         """Of the process, where one runs."""
         with self._lock:
-            return None if self._process is None else self._process.pid
+            return [] if self._executor is None else [*self._executor._processes]
 
-    def _running(self) -> Connection:
+    def _started(self) -> Any:
         with self._lock:
-            if self._pipe is not None:
-                return self._pipe
-            stops = self._stops
-        process, pipe = self._started()
-        with self._lock:
-            self._process, self._pipe = process, pipe
-        if self._closed:
-            self.stop()
-        if self._stops != stops:
-            raise StoppedError
-        return pipe
-
-    def _started(self) -> tuple[Any, Connection]:
-        if self._closed:
-            raise StoppedError
-        context = get_ready("__main__", *LOADED)
-        ours, theirs = context.Pipe()
-        process = context.Process(target=serve, args=(theirs, self._robot, self._niceness), daemon=True)
-        process.start()
-        theirs.close()
-        return process, ours
+            if self._closed:
+                raise StoppedError
+            if self._executor is None:
+                pool = processes(1, ("__main__", *LOADED), _prepare, self._robot, self._niceness)
+                self._executor = self._running.enter_context(pool)
+            return self._executor
 
 
-def serve(pipe: Connection, robot: fp.Robot, niceness: int) -> None:
-    """Answer until the other end is closed, with so much less priority; Ctrl-C is for the main process."""
+_robots: list[fp.Robot] = []  # of a process that answers: the one that it is asked about
+
+
+def _prepare(robot: fp.Robot, niceness: int) -> None:
+    """Make a process ready to answer about a robot, with so much less priority."""
+    _robots[:] = [robot]
     if hasattr(os, "nice"):
         os.nice(niceness)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            task = unpacked(pipe.recv_bytes(), robot)
-            try:
-                answer = task.answer()
-            except Exception as error:  # whatever it is, the page goes on and says it
-                answer = Failure.of(error)
-            pipe.send_bytes(packed(answer, robot))
+
+
+def _answer(content: bytes) -> bytes:
+    (robot,) = _robots
+    try:
+        return packed(unpacked(content, robot).answer(), robot)
+    except Exception as error:  # whatever it is, the page goes on and says it
+        return packed(Failure.of(error), robot)
 
 
 def packed(content: object, robot: fp.Robot) -> bytes:
@@ -214,7 +193,7 @@ class Planning:
     @property
     def process_ids(self) -> list[int]:
         """Of the processes that run."""
-        return [number for worker in (self._quick, self._thorough) if (number := worker.process_id) is not None]
+        return [*self._quick.process_ids, *self._thorough.process_ids]
 
     def _tell(self, question: Question, answer: ShownPlan | Failure) -> None:
         if isinstance(answer, ShownPlan) and answer.plan.ok:

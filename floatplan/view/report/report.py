@@ -26,8 +26,7 @@ from floatplan.view.charts import SampledPlan, charts
 from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
-PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
-SCRIPTS = ("theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
+SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
@@ -41,10 +40,8 @@ def report(plan: Plan, path: str | Path | None = None) -> str:
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     """
-    licence, plots = map(asset, PLOTS)
-    scripts = [f"/*\n{licence}\n*/\n{plots}", *map(asset, SCRIPTS)]
     title = f"{plan.problem.name}: {plan_verdict(plan)[0]}"
-    return page("report.html", title, STYLES, scripts, report_data(plan, path)).decode()
+    return page("report.html", title, STYLES, SCRIPTS, report_data(plan, path)).decode()
 
 
 def page(
@@ -56,20 +53,25 @@ def page(
     ----------
     body : file of the template of what is on the page
     title : of the page
-    styles : files
-    scripts : their texts
+    styles, scripts : files
     data : what JSON holds
     numbers : what stands in the body's place for numbers, which is not searched
     """
+    texts = [*map(_script, scripts)]
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
     parts = {
         "title": html.escape(title),
-        "policy": policy(scripts),
+        "policy": policy(texts),
         "style": "\n".join(map(asset, styles)),
-        "scripts": "\n".join([content, *(f"<script>{script}</script>" for script in scripts)]),
+        "scripts": "\n".join([content, *(f"<script>{script}</script>" for script in texts)]),
     }
     return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
+
+
+def _script(name: str) -> str:
+    """The text of a script; that of uPlot 1.6.32 with the licence that it is to be passed on with."""
+    return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
 
 
 def write_report(plan: Plan, path: str | Path) -> Path:

@@ -3,7 +3,7 @@
 
 const CHART_HEIGHT = 168;
 const MANY = 6; // curves, from which on the legend beside the robot names them, and captions only the chosen one
-const ASIDE = 0.22; // strength of curves that are not chosen
+const ASIDE = 22; // percent: strength of curves that are not chosen
 
 class Chart {
   constructor(motion, spec, holder, onSeek) {
@@ -70,7 +70,8 @@ class Chart {
 
   stroke(part, colour) {
     const aside = this.part !== null && part !== this.part && this.spec.series.some((one) => one.part === this.part);
-    return faded(colour, aside && part !== null ? ASIDE : 1);
+    const strength = aside && part !== null ? ASIDE : 100;
+    return `color-mix(in srgb, ${shade(colour)} ${strength}%, ${tone("paper")})`;
   }
 
   /* Times, dashed lines, curves, and where these start and should end. */

@@ -111,7 +111,7 @@ class Page {
     this.holder.addEventListener("pointermove", (event) => this.onMove(event));
     this.holder.addEventListener("pointerleave", () => this.leave());
     this.holder.addEventListener("click", (event) => {
-      const place = this.map.at(...this.inside(event));
+      const place = this.map.at(event);
       if (place === null) return;
       this.choose(this.map.row[place]);
       this.film.scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
@@ -151,16 +151,12 @@ class Page {
     return label;
   }
 
-  inside(event) {
-    const box = this.holder.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  }
-
   onMove(event) {
     if (event.pointerType === "touch") return;
-    const [x, y] = this.inside(event);
-    const place = this.map.at(x, y);
+    const place = this.map.at(event);
     if (place === null) return this.leave();
+    const box = this.holder.getBoundingClientRect();
+    const [x, y] = [event.clientX - box.left, event.clientY - box.top];
     this.map.hover(place);
     const row = this.map.row[place];
     const names = [...this.data.axes.map((axis) => axis.key), ...(this.map.values ? [this.map.z] : [])];
@@ -203,7 +199,6 @@ class Page {
       this.player = new Player(motion.duration, (time) => this.stage.draw(time));
     } else {
       this.stage.take(motion);
-      this.stage.resize();
       this.player.take(motion.duration);
     }
     if (!isCalm()) this.player.play();
