@@ -22,7 +22,7 @@ from floatplan.robot.robot import Robot
 from floatplan.simulation.perturbation import Drawn
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
-SLOW = 0.1  # [rad/s] about which friction changes its sign: a step could not be integrated
+SLOW = 0.5  # [rad/s] about which friction changes its sign: a step could not be integrated
 
 
 @dataclass(frozen=True, eq=False)
