@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from floatplan.problem.schema import TABLES, keys_of, problem_schema
+from floatplan.keys import KIND, in_files
+from floatplan.problem.schema import TABLES, problem_schema
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
 OPENING = """# Keys of a problem file
@@ -25,11 +26,13 @@ def page() -> str:
     schema = problem_schema()
     sections = [OPENING]
     for place, (table, about) in TABLES.items():
-        described = schema["$defs"][table.__name__] if place else schema
+        described = schema["$defs"][f"{table.__name__}Table"] if place else schema
+        keys = {in_files(name): key for name, key in table.keys.items()}
+        keys = {"kind": KIND, **keys} if hasattr(table, "kind") else keys
         required = set(described.get("required", ()))
         rows = [
             f"| `{name}` | {_form(schema, form)} | {_default(form, name in required)} | {key.meaning} | {key.unit} |"
-            for name, key in keys_of(table).items()
+            for name, key in keys.items()
             for form in [described["properties"][name]]
         ]
         head = "| key | value | default | meaning | unit |\n| --- | --- | --- | --- | --- |"

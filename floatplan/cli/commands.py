@@ -54,7 +54,6 @@ Source = Annotated[str, argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or 
 def main() -> None:
     """Run the command line."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads would wait for one another
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and searching for them takes time
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
@@ -79,9 +78,6 @@ def about(
     """Plan the flight phase of robots that have left the ground."""
 
 
-@app.command()
-@reporting_errors
-@with_options
 def plan(
     source: Source,
     options: Options,
@@ -156,9 +152,10 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-COMMANDS = (  # in the order of the list that --help prints, after plan
-    *(problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
+COMMANDS = (  # in the order in which --help lists them
+    *(plan, problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
     *(show.export, study, studio, jump, launch, problems.takeoff, robots.init),
 )
 for command in COMMANDS:
-    app.command(cls=robots.InfoCommand if command is robots.info else None)(command)
+    typed = reporting_errors(with_options(command))
+    app.command(cls=robots.InfoCommand if command is robots.info else None)(typed)

@@ -20,7 +20,6 @@ from floatplan.cli.common import (
     finish,
     print_json,
     program,
-    reporting_errors,
     tell,
 )
 from floatplan.cli.progress import progress
@@ -30,7 +29,6 @@ Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")
 Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
 
 
-@reporting_errors
 def jump(
     problem_file: ProblemFile,
     output: Output = None,
@@ -70,7 +68,6 @@ def jump(
     raise typer.Exit(DONE if found.ok and proved else FAILED)
 
 
-@reporting_errors
 def launch(
     plan_file: PlanFile,
     urdf: Urdf = None,

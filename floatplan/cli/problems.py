@@ -9,10 +9,9 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.common import Json, ProblemFile, finish, print_path, reporting_errors
+from floatplan.cli.common import Json, ProblemFile, finish, print_path
 
 
-@reporting_errors
 def bounds(
     problem_file: ProblemFile,
     picture: Annotated[
@@ -38,7 +37,6 @@ def bounds(
     finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
 
 
-@reporting_errors
 def takeoff(
     problem_file: ProblemFile,
     json_output: Json = False,
@@ -69,7 +67,6 @@ class File(StrEnum):
     STUDY = "study"
 
 
-@reporting_errors
 def schema(
     file: Annotated[File, typer.Argument(help="Which file.")] = File.PROBLEM,
     output: Annotated[

@@ -20,9 +20,7 @@ from floatplan.cli.common import (
     finish,
     own_urdfs,
     print_json,
-    reporting_errors,
     tell,
-    with_options,
 )
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
@@ -31,7 +29,6 @@ LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
 
 
-@reporting_errors
 def robots(json_output: Json = False) -> None:
     """List the robots at hand: what to type, and the joints that turn in the plane."""
     from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
@@ -93,8 +90,6 @@ class InfoCommand(TyperCommand):
         return super().parse_args(ctx, words)
 
 
-@reporting_errors
-@with_options
 def info(
     source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
     choices: RobotOptions,
@@ -120,7 +115,6 @@ def info(
     finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
 
 
-@reporting_errors
 def init(
     robot: RobotSource,
     output: Annotated[

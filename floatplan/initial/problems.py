@@ -13,10 +13,10 @@ from floatplan.arrays import Array
 from floatplan.initial.robots import ChosenRobot, standing_height, upright
 from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.plans.plan import Plan
-from floatplan.problem.checks import position_limits
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import position_limits
 from floatplan.stance.jump import Jump
 from floatplan.stance.motion import Stance
 

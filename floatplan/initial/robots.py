@@ -12,8 +12,8 @@ import numpy as np
 
 from floatplan.errors import InputError, naming
 from floatplan.motion.planar.ballistics import frame_from_com
-from floatplan.problem.checks import lowest_point
 from floatplan.problem.parts import JointState
+from floatplan.problem.resolution import lowest_point
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.check import check_urdf

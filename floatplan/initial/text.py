@@ -15,9 +15,9 @@ import numpy as np
 from floatplan.initial.flight import FirstFlight
 from floatplan.initial.problems import DIGITS, FAST
 from floatplan.initial.robots import ChosenRobot
-from floatplan.problem.checks import position_limits
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
+from floatplan.problem.resolution import position_limits
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import PREFIX
 

@@ -14,7 +14,7 @@ class Correcting {
 
     void lay_out(Arena &arena) {
         const std::int64_t most = 1 + f.most_rows * f.blocks;
-        for (double **each : {&best, &y, &step, &gradient}) arena.take(*each, size);
+        for (double **each : {&best, &y, &step}) arena.take(*each, size);
         arena.take(hessian, size * size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
@@ -75,7 +75,7 @@ class Correcting {
     Predicted two[2] = {}, *present = two, *tried = two + 1;
     std::int64_t n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *gradient, *hessian, *jacobian, *residual, *first, *worst;
+    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst;
 
     void report(Corrected &found) {
         found.miss = present->miss;
@@ -198,16 +198,16 @@ class Correcting {
     void step_along_all() {
         for (std::int64_t a = 0; a < size; ++a) {
             for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] = a == b ? stiffness : 0;
-            gradient[a] = -stiffness * best[a];
+            step[a] = -stiffness * best[a];
         }
         for (std::int64_t r = 0; r < rows; ++r) {
             const double *row = jacobian + r * size;
             for (std::int64_t a = 0; a < size; ++a) {
-                gradient[a] -= row[a] * residual[r];
-                for (std::int64_t b = 0; b <= a; ++b) hessian[a * size + b] += row[a] * row[b];
+                step[a] -= row[a] * residual[r];
+                for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] += row[a] * row[b];
             }
         }
-        solve_symmetric();
+        eliminate(hessian, step, size);
     }
 
     // The rows of a block that are below their aim, at most so many, the worst.
@@ -240,24 +240,5 @@ class Correcting {
             for (std::int64_t e = 0; e < count; ++e) passed += values[e] == floor;
         }
         return floor;
-    }
-
-    void solve_symmetric() {  // Cholesky
-        for (std::int64_t a = 0; a < size; ++a)
-            for (std::int64_t b = 0; b <= a; ++b) {
-                double part = hessian[a * size + b];
-                for (std::int64_t k = 0; k < b; ++k) part -= hessian[a * size + k] * hessian[b * size + k];
-                hessian[a * size + b] = a == b ? std::sqrt(part) : part / hessian[b * size + b];
-            }
-        for (std::int64_t a = 0; a < size; ++a) {
-            double part = gradient[a];
-            for (std::int64_t k = 0; k < a; ++k) part -= hessian[a * size + k] * step[k];
-            step[a] = part / hessian[a * size + a];
-        }
-        for (std::int64_t a = size; a-- > 0;) {
-            double part = step[a];
-            for (std::int64_t k = a + 1; k < size; ++k) part -= hessian[k * size + a] * step[k];
-            step[a] = part / hessian[a * size + a];
-        }
     }
 };

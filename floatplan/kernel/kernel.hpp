@@ -85,16 +85,16 @@ struct Batch {
 struct Interpolation {
     ThirtyTwos nodes;
     std::int64_t points;         // of the finer grid, some of them nodes
-    const double *curvature;     // (6 + width, nodes): second derivatives of the powers of s
+    const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
     const double *to_cosines;    // (nodes, nodes), by columns: from values at the nodes to factors of cos(j phi)
     const double *to_fine;       // (points, nodes): from values at the nodes to those on the finer grid
 };
 
-// One row for each plan; coefficients (joints, 6 + width) in powers of seconds.
+// One row for each plan; coefficients (joints, columns) in powers of seconds.
 struct Peaks {
-    std::int64_t count, levels, motors, velocities;  // velocities: whether they are measured too
+    std::int64_t count, levels, columns, motors, velocities;  // velocities: whether they are measured too
     double resolved;
-    const double *turns, *amplitude;  // (links, motors), (joints), rad
+    const double *turns, *centre, *amplitude;  // (links, motors), (joints), rad
     const double *duration, *momentum, *coefficients;
     double *peaks;  // (motors), or (motors + joints)
 };

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from floatplan.arguments import by_name, many, number, one_of, optional, pair, positive, text
 from floatplan.errors import InputError
-from floatplan.problem.keys import ANGLE, Key, Keyed, in_files
+from floatplan.keys import ANGLE, Key, Keyed, in_files
 from floatplan.robot.robot import Robot
 
 Standing: TypeAlias = Literal["standing"] | Mapping[str, float]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal, Self, TypeAlias, get_type_hints
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 from floatplan.arguments import FINITE, by_joint, number, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
-from floatplan.problem.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
+from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
@@ -188,6 +188,7 @@ class Motion(Keyed):
 class Motor(Keyed):
     """Speed-dependent torque limit ``|torque| + slope |velocity| <= stall``, N m and N m s/rad."""
 
+    about: ClassVar[str] = "A motor's torque falls with its rate: at most `stall - slope |rate|`"
     stall: Annotated[float, Key("Torque at rest", "N m", "limit")]
     slope: Annotated[float, Key("Torque that is lost with the rate", "N m s/rad")]
 
@@ -245,8 +246,6 @@ class Obstacle(Keyed):
         Times between which it exists, s; left out, for the whole flight.
     """
 
-    kind: ClassVar[str]
-    about: ClassVar[str]
     margin: Annotated[float, Key("Distance to keep from it", "m")] = 0.0
     velocity: Annotated[
         Pair, Key("Of one that moves: horizontal, vertical; it is where it is written at takeoff", "m/s")
@@ -289,8 +288,7 @@ class Obstacle(Keyed):
     @classmethod
     def places(cls) -> tuple[str, ...]:
         """Names of the fields that are places, m."""
-        hints = get_type_hints(cls)
-        return tuple(name for name, key in cls.keys.items() if hints[name] == Pair and key.unit == "m")
+        return tuple(name for name, key in cls.keys.items() if cls.hints[name] == Pair and key.unit == "m")
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle."""
@@ -391,6 +389,7 @@ class Bar(Obstacle):
 
 
 OBSTACLE_KINDS: dict[str, type[Obstacle]] = {kind.kind: kind for kind in (Circle, HalfPlane, Bar)}
+Obstacle.kinds = OBSTACLE_KINDS
 
 
 @dataclass(frozen=True)

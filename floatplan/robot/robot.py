@@ -12,7 +12,7 @@ from xml.etree.ElementTree import fromstring
 
 import numpy as np
 
-from floatplan.arguments import FINITE, by_name, made, many, number, optional, text
+from floatplan.arguments import FINITE, by_name, for_all, made, many, number, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -169,7 +169,8 @@ class Robot:
         path = urdf_path(source)
         with naming(path):
             plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
-            motors = {"armature": _of_motors(armature, "armature"), "damping": _of_motors(damping, "damping")}
+            given = (("armature", armature), ("damping", damping))
+            motors = {key: optional(for_all(number(key)))(value, key) for key, value in given}
             joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
             if not isinstance(coupled, str):
                 coupled = optional(by_name(LEADER))(coupled, "coupled")
@@ -348,10 +349,6 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, plane={self.plane.name!r}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
-
-
-def _of_motors(value: Any, key: str) -> Any:
-    return optional(by_name(number(key)) if isinstance(value, Mapping) else number(key))(value, key)
 
 
 def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Path | None, prefix: str) -> Robot:

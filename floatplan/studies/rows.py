@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -82,7 +82,7 @@ def _together(study: StudyFile, problems: Family) -> dict[str, Any] | None:
     """Plan rows in one batch and measure them in blocks; None where that fails, so that the bad row is to be found."""
     began = time.perf_counter()
     try:
-        plans = plan_many(problems, seed=study.samples.seed, **study.plan.model_dump())
+        plans = plan_many(problems, seed=study.samples.seed, **asdict(study.plan))
         found = np.flatnonzero(plans.ok)
         peaks, use = _measured(problems, plans, found)
     except Exception:
@@ -136,7 +136,7 @@ def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
     began = time.perf_counter()
     measured = _not_measured(study)
     try:
-        plans = plan_many(problem, seed=row_seed(study.samples.seed, index), **study.plan.model_dump())
+        plans = plan_many(problem, seed=row_seed(study.samples.seed, index), **asdict(study.plan))
         answer = plans.answer(0)
         if plans.ok[0]:
             plan = plans[0]

@@ -11,6 +11,8 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -31,48 +33,36 @@ class Actions:
     """Actions by what they are about, done in a thread of their own in the order in which they were begun."""
 
     def __init__(self, name: str) -> None:
+        self._name = name
         self._actions: dict[str, Callable[[], object]] = {}
-        self._change = threading.Condition()
-        self._closed = False
-        self._busy = False
+        self._lock = threading.Lock()
+        self._thread = ThreadPoolExecutor(1, name)
         self.errors: list[BaseException] = []
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
-        self._thread.start()
 
     def do(self, about: str, action: Callable[[], object]) -> None:
-        """Do something soon; in place of what was to be done about the same before."""
-        with self._change:
+        """Do something soon; in place of what was to be done about the same before. Nothing where it is closed."""
+        with self._lock, suppress(RuntimeError):
+            if about not in self._actions:
+                self._thread.submit(self._work, about)
             self._actions[about] = action
-            self._change.notify_all()
 
     def wait(self, patience: float) -> bool:
-        """Wait until nothing is left to do; return whether that came within so many seconds."""
-        with self._change:
-            return self._change.wait_for(lambda: not self._actions and not self._busy, patience)
+        """Wait until all that was begun is done; return whether that came within so many seconds."""
+        done, _ = wait([self._thread.submit(lambda: None)], patience)
+        return bool(done)
 
     def close(self) -> None:
         """Do no more."""
-        with self._change:
-            self._closed = True
-            self._change.notify_all()
-        self._thread.join()
+        self._thread.shutdown(cancel_futures=True)
 
-    def _work(self) -> None:
-        while True:
-            with self._change:
-                self._busy = False
-                self._change.notify_all()
-                self._change.wait_for(lambda: self._closed or self._actions)
-                if self._closed:
-                    return
-                about = next(iter(self._actions))
-                action = self._actions.pop(about)
-                self._busy = True
-            try:
-                action()
-            except Exception as error:  # the page goes on whatever happens; it is an error of the program
-                self.errors.append(error)
-                LOG.exception("%s: %s", self._thread.name, about)
+    def _work(self, about: str) -> None:
+        with self._lock:
+            action = self._actions.pop(about)
+        try:
+            action()
+        except Exception as error:  # the page goes on whatever happens; it is an error of the program
+            self.errors.append(error)
+            LOG.exception("%s: %s", self._name, about)
 
 
 def on(register: Any, action: Callable[[Any], object]) -> None:

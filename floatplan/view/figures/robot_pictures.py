@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
-from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.motion.planar.reachable import Reachable
 from floatplan.robot.robot import Robot
 from floatplan.view.figures.snapshots import spatial_figure
-from floatplan.view.outlines import box_around, pairs, stadium
+from floatplan.view.outlines import body_poses, box_around, pairs, stadium
 from floatplan.view.style import COLUMN, INK, METADATA, OKABE_ITO, legend_above, new_figure, picture
 
 FILL = 0.25  # [-] opacity of a capsule or polygon: what is behind it shows through
@@ -47,12 +46,8 @@ def save_shapes(robot: Robot, path: str | Path) -> Path:
 
 def shapes_picture(robot: Robot) -> Figure:
     """Draw capsules (coloured) over collision geometry (thin lines), the base level, joints at rest, m."""
-    rotations = robot.tree.rotations(robot.tree.absolute_angles(np.zeros(1), robot.resting[None]))[0]
-
-    def places(body: int, points: ComplexArray) -> ComplexArray:
-        return np.asarray(robot.tree.point_weights(np.full(len(points), body), points) @ rotations)
-
-    ends = [places(shape.body, np.array([shape.start, shape.end])).tolist() for shape in robot.shapes]
+    poses = body_poses(robot, np.zeros(1), robot.resting[None], np.zeros(1, dtype=np.complex128))
+    ends = [poses.points([shape.body] * 2, [shape.start, shape.end])[0].tolist() for shape in robot.shapes]
     capsules = [
         stadium(start, end, max(shape.radius, THINNEST)) for (start, end), shape in zip(ends, robot.shapes, strict=True)
     ]
@@ -61,7 +56,7 @@ def shapes_picture(robot: Robot) -> Figure:
     colours = [OKABE_ITO[shape.body % len(OKABE_ITO)] for shape in robot.shapes]
     axes.add_collection(PolyCollection([*map(pairs, capsules)], facecolors=colours, alpha=FILL, **look))
     for body, outline in robot.outlines:
-        edges = places(body, outline.points)[outline.edges]
+        edges = poses.points([body] * len(outline.points), outline.points)[0][outline.edges]
         if outline.radius:
             rims = [pairs(stadium(start, end, outline.radius)) for start, end in edges.tolist()]
             axes.add_collection(PolyCollection(rims, facecolors="none", edgecolors=INK, linewidths=0.4))
