@@ -68,12 +68,7 @@ class InputError(FloatplanError, ValueError):
     """
 
     def __init__(
-        self,
-        reason: str,
-        *,
-        source: str | Path | None = None,
-        element: str | None = None,
-        advice: str | None = None,
+        self, reason: str, *, source: str | Path | None = None, element: str | None = None, advice: str | None = None
     ) -> None:
         self.reason = printable(reason)
         self.source = None if source is None else str(source)

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from inspect import cleandoc
 from types import MappingProxyType, NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -54,14 +56,14 @@ class Key:
 
     Attributes
     ----------
-    meaning : for a person
+    meaning : for a person; what the class's docstring says of the parameter, if left out
     unit : empty where it has none; angles are in the file's unit
     numbers : range of its numbers, or its key in :data:`floatplan.tables.RANGES`; that of its own name if left out, and
         of a pair without one that of a place
     check : of the field, where its type and its numbers do not say all
     """
 
-    meaning: str
+    meaning: str = ""
     unit: str = ""
     numbers: str | Range = ""
     check: Check | None = None
@@ -102,7 +104,9 @@ class Keyed(Checked):
         """Gather the keys, and make the checks of the fields."""
         hints = get_type_hints(cls, include_extras=True)
         noted = {name: get_args(hint) for name, hint in hints.items() if get_origin(hint) is Annotated}
-        cls.keys = {name: key for name, (_, key) in noted.items() if isinstance(key, Key)}
+        keys = {name: key for name, (_, key) in noted.items() if isinstance(key, Key)}
+        documented = {name: text for base in reversed(cls.__mro__) for name, text in _parameters(base).items()}
+        cls.keys = {name: replace(key, meaning=key.meaning or documented.get(name, "")) for name, key in keys.items()}
         cls.hints = {name: noted[name][0] for name in cls.keys}
         made_of = {name: key.check or _check(cls.hints[name], key.numbers or name) for name, key in cls.keys.items()}
         cls.checks = made_of | {name: check for name, (_, check) in noted.items() if name not in made_of}
@@ -111,6 +115,13 @@ class Keyed(Checked):
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:
         """The fields that have a key, with it."""
         return [(each, cls.keys[each.name]) for each in fields(cls) if each.name in cls.keys]  # type: ignore[arg-type]
+
+
+def _parameters(of: type) -> dict[str, str]:
+    """What a docstring says of each parameter, without the full stop at the end."""
+    docstring = cleandoc(vars(of).get("__doc__") or "").partition("Parameters\n----------\n")[2]
+    found = re.findall(r"^(\w+) : .*\n((?: {4}.*(?:\n|$))+)", docstring.partition("\n\n")[0], re.MULTILINE)
+    return {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in found}
 
 
 def is_needed(of: Field[Any]) -> bool:
@@ -261,6 +272,25 @@ def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputE
     else:
         wrong += faults
     return tables
+
+
+def table_of(part: Keyed) -> dict[str, Any]:
+    """Return the table that describes a part, as plain data in rad: what :class:`Reader` makes the same part of."""
+    kind = {"kind": part.kind} if hasattr(part, "kind") else {}
+    values = {in_files(name): _written(getattr(part, name)) for name in part.keys}
+    return {**kind, **{key: value for key, value in values.items() if value is not None}}
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, Keyed):
+        return table_of(value)
+    if isinstance(value, Mapping):  # what it leaves out has no limit
+        return {name: _written(each) for name, each in value.items() if each != math.inf}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_written(each) for each in value]
+    return "none" if value == math.inf else value
 
 
 def _is_part(hint: Any) -> bool:

@@ -79,16 +79,7 @@ class LimitRow:
 
 
 _LIMITS = (
-    LimitRow(
-        "velocity",
-        "velocities",
-        "rad/s",
-        "Rates",
-        "joints",
-        in_urdf=True,
-        always=True,
-        base="orientation_rate",
-    ),
+    LimitRow("velocity", "velocities", "rad/s", "Rates", "joints", in_urdf=True, always=True, base="orientation_rate"),
     LimitRow("acceleration", "accelerations", "rad/s^2", "Accelerations", "joints"),
     LimitRow("torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True),
     LimitRow("orientation_rate", "orientation_rate", "rad/s", "Rates", "base"),

@@ -15,7 +15,7 @@ OPENING = """# Keys of a problem file
 A problem file is TOML. Every key that floatplan knows is here, and any other is refused. Angles and rates are in
 radians unless the file says `angles = "deg"`. [Limits](limits.md) has the ranges of numbers. `floatplan schema` prints
 the same as JSON Schema 2020-12, for editors: with `floatplan schema -o floatplan.schema.json` and, as the first line of
-a problem file, `#:schema ./floatplan.schema.json`.
+a problem file, `#:schema ./floatplan.schema.json`. Numbers in parentheses are the paper's equations.
 
 This page is made by `scripts/key_reference.py`.
 """

@@ -149,7 +149,7 @@ def verdicts(plan, kind):
 
 LIMIT_WORKS = """
 from floatplan.studio.panel import LimitsTab
-from floatplan.plans.measures import told_limits
+from floatplan.plans.measures import limits_shown
 from floatplan.tables import LIMIT_TABLE
 
 problem = fp.load_problem(ROOT / "problems" / "somersault.toml")
@@ -167,7 +167,7 @@ content["problem"]["limits"]["power"] = [0.5 * most] * len(names)
 Path("tampered.json").write_text(json.dumps(content))
 assert "refuted" in {each.verdict for each in fp.certify("tampered.json").findings if each.kind == "power"}
 assert "Powers" in report(plan) and "powers" in figures(plan)
-assert LIMIT_TABLE["power"] in told_limits(plan.utilisation)
+assert LIMIT_TABLE["power"] in limits_shown(plan.utilisation)
 assert "power" in problem_schema()["$defs"]["LimitsTable"]["properties"]
 assert varied_number("limits.power", False).unit == "W"
 by_hand = edits.limit("power", edits.BY_HAND, dict.fromkeys(problem.robot.motors, 10.0))(problem)

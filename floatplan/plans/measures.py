@@ -113,7 +113,7 @@ def largest_use(rows: Sequence[Utilisation]) -> float | None:
     return max((share for share in shares if share is not None), default=None)
 
 
-def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
+def limits_shown(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
     """Limits whose utilisation is worth a column: those that are always told, and those that some motor has."""
     return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
 

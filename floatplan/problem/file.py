@@ -14,11 +14,9 @@ import tomli_w
 
 from floatplan.arguments import made
 from floatplan.arguments import path as as_path
-from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
-from floatplan.keys import read_tables
-from floatplan.problem.jump import jump_table
+from floatplan.keys import read_tables, table_of
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.schema import ProblemFile, ProblemTables, RobotFile, RobotRequest
@@ -30,7 +28,6 @@ DATA_PREFIX = "example-robot-data:"
 
 STATE = ("positions", "velocities", "accelerations")
 SETTLED = STATE[1:]  # of which words may be asked for
-BY_JOINT = {"start": STATE, "goal": STATE, "limits": ("position",)}
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -147,23 +144,10 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "limits": limits,
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
         "self_clearance": [asdict(pair) for pair in problem.self_clearances],
-        **({} if problem.jump is None else {"jump": jump_table(problem.jump)}),
+        **({} if problem.jump is None else {"jump": table_of(problem.jump)}),
     }
     values: dict[str, Any] = plain(content)
     return values
-
-
-def _limits_of_file(problem: Problem, limits: Array) -> Any:
-    """Limits (n,) of coordinates for a problem file: by name; a list in joint order where a joint has several motors.
-
-    A name would be that of one motor.
-    """
-    joints = problem.robot.joints
-    if len(problem.robot.motors) == len(joints):
-        return {joint: limit for joint, limit in zip(joints, limits.tolist(), strict=True) if math.isfinite(limit)}
-    if not np.isfinite(limits).any():
-        return None
-    return [limit if math.isfinite(limit) else "none" for limit in limits.tolist()]
 
 
 def _of_motors(problem: Problem) -> dict[str, Any]:
@@ -197,18 +181,15 @@ def save_problem(problem: Problem, path: str | Path) -> Path:
 
 def problem_text(problem: Problem, path: str | Path) -> str:
     """Return what :func:`save_problem` writes to ``path``; the same errors."""
-    content = {"robot": _robot_table(problem.robot, Path(path)), **problem_to_dict(problem)}
-    for table, keys in BY_JOINT.items():
-        for key in keys:
-            values = content[table].pop(f"{key}_asked", content[table][key])
-            if not isinstance(values, str):
-                by_joint = zip(problem.robot.joints, values, strict=True)
-                values = {joint: value for joint, value in by_joint if value is not None}
-            content[table][key] = values
-    limits = content["limits"]
-    for key, by_coordinate in {**problem.joint_limits, "torque": problem.torque_limits}.items():
-        limits[key] = _limits_of_file(problem, by_coordinate)
-    limits["torque"] = limits.pop("motor_torque", None) or limits["torque"]
+    content = {
+        "robot": _robot_table(problem.robot, Path(path)),
+        "name": problem.name,
+        "ground": problem.ground,
+        **{name: table_of(getattr(problem, name)) for name in ("start", "goal", "flight", "motion", "limits")},
+        "obstacles": [table_of(obstacle) for obstacle in problem.obstacles],
+        "self_clearance": [table_of(pair) for pair in problem.self_clearances],
+        "jump": problem.jump and table_of(problem.jump),
+    }
     return tomli_w.dumps(_without_gaps(content))
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from floatplan.arguments import by_name, many, number, one_of, optional, pair, positive, text
 from floatplan.errors import InputError
-from floatplan.keys import ANGLE, Key, Keyed, in_files
+from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.robot import Robot
 
 Standing: TypeAlias = Literal["standing"] | Mapping[str, float]
@@ -169,15 +169,3 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
             if joint not in robot.joints:
                 advice = f"joints: {', '.join(robot.joints)}"
                 yield InputError(f"{joint!r} is not a planned joint", element=f"jump.{place}", advice=advice)
-
-
-def jump_table(jump: JumpRequest) -> dict[str, Any]:
-    """Return the table of a problem file that says the same, as plain data."""
-    return {name: _plain(getattr(jump, name)) for name in jump.keys}
-
-
-def _plain(value: Any) -> Any:
-    if not isinstance(value, Keyed):
-        return value
-    held = {in_files(name): _plain(getattr(value, name)) for name in value.keys}
-    return {name: each for name, each in held.items() if each is not None}

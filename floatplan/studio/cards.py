@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 
 from floatplan.arguments import short
-from floatplan.plans.measures import Utilisation, told_limits
+from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.presentation import raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
@@ -126,7 +126,7 @@ def limits_card(answer: ShownPlan | None) -> str:
     """A row for each motor: what it reaches, and how much of its limits that is."""
     if answer is None:
         return ""
-    limits, motors = told_limits(answer.utilisation), answer.plan.robot.motors
+    limits, motors = limits_shown(answer.utilisation), answer.plan.robot.motors
     titles = "".join(f"<th>{limit.title.lower()}, {raised(limit.unit)}<th>" for limit in limits)
     ordered = sorted(answer.utilisation, key=lambda row: motors.index(row.joint))
     rows = "".join(_motor(row, limits) for row in ordered)

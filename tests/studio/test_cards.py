@@ -13,7 +13,7 @@ from rich.console import Console
 
 import floatplan as fp
 from floatplan.cli.summary import plan_summary
-from floatplan.plans.measures import PlanWarning, told_limits
+from floatplan.plans.measures import PlanWarning, limits_shown
 from floatplan.plans.presentation import plan_verdict
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
@@ -90,7 +90,7 @@ def test_names_are_text(present: ShownPlan) -> None:
         cards.status_card(view),
         cards.status_card(replace(view, fault=HOSTILE)),
         cards.saved_card([HOSTILE]),
-        cards._motor(row, told_limits([row])),
+        cards._motor(row, limits_shown([row])),
     ):
         assert HOSTILE not in card
         assert "<img" not in card
