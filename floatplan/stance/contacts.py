@@ -94,7 +94,8 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     if found.real[front] - found.real[rear] <= SOLE:
         depth = float(place.imag - under.min())
         if depth > HIGHEST:
-            raise InputError(f"{frame!r} is {1e3 * depth:.0f} mm above the ground", advice=_lower(robot, home, y))
+            reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
+            raise InputError(reason, advice=_lower(robot, home, y))
         return (_contact(robot, frame, "", (home.body, home.local), depth),)
     ends = zip(NAMED, (rear, front), (True, False), strict=True)
     heel, toe = (
@@ -105,10 +106,11 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
 
 
 def _lower(robot: Robot, home: Frame, y: Array) -> str:
-    """Which frame to name in the place of one that is high above the ground."""
-    others = [name for name, each in robot.frames.items() if each.body == home.body]
-    heights = heights_over_com(robot, [(home.body, robot.frames[name].local) for name in others], y).imag
-    return f"a contact is a point: name the frame of a foot, such as {others[int(heights.argmin())]!r}"
+    """Which frame to name in the place of one that is high above the ground: a link's, lower on the same body."""
+    links = [name for name, each in robot.frames.items() if each.body == home.body and name == each.link]
+    heights = heights_over_com(robot, [(home.body, robot.frames[name].local) for name in links], y).imag
+    lowest = links[int(heights.argmin())]
+    return "name a foot's frame" + (f", such as {lowest!r}" if robot.frames[lowest].local != home.local else "")
 
 
 def _contact(robot: Robot, frame: str, suffix: str, spot: Spot, depth: float, vertical: bool = False) -> Contact:

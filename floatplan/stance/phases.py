@@ -171,7 +171,10 @@ def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> s
     step = float(np.ptp(places.imag - [each.depth for each in contacts]))
     if step > LEVEL:
         return f"its feet are {1e3 * step:.0f} mm apart in height"
-    outside = max(places.real.min(), -places.real.max(), 0.0)
-    if outside > STILL:
-        return f"its centre of mass is {1e3 * outside:.0f} mm outside its feet"
-    return "its centre of mass is too near the ends of its feet"
+    inside = min(-places.real.min(), places.real.max())
+    if inside < -STILL:
+        return f"its centre of mass is {-1e3 * inside:.0f} mm outside its feet"
+    room = INSIDE * np.ptp(places.real)
+    if inside < room:
+        return f"its centre of mass is {1e3 * inside:.0f} mm from the end of its feet, {1e3 * room:.0f} mm at least"
+    return "a joint is too near the end of its range"

@@ -171,7 +171,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     InputError
         No frame takes off, a contact cannot be one, there is no gravity, or no standing posture is found.
     """
-    _check_gravity(problem)
+    _check_stand(problem)
     turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
     before = _wanted(problem, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
@@ -205,7 +205,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
         As of :func:`jump_setup`.
     """
     robot, gravity = problem.robot, float(problem.flight.gravity)
-    _check_gravity(problem)
+    _check_stand(problem)
     takes_off = side == "takeoff"
     frame = problem.takeoff.frame if takes_off else problem.landing.frame
     _check_stands(robot, frame, side)
@@ -240,7 +240,8 @@ def _turned(posture: Array, angle: float) -> Array:
     return np.append(posture[0] + angle, posture[1:])
 
 
-def _check_gravity(problem: Problem) -> None:
+def _check_stand(problem: Problem) -> None:
+    problem.robot.check_shapes()
     if not problem.flight.gravity > 0:
         raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
 
@@ -258,10 +259,15 @@ def _side(
     asked = request.takeoff.from_ if takes_off else request.landing.to
     tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
     limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits))))
-    found = standing_posture(robot, outer, wanted, limits)
     own = isinstance(asked, Mapping)
-    is_other = own and found is not None and np.abs(found - wanted)[1:].max() > NEAR
+    named = ("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place
+    for joint, at, (low, high) in zip(robot.joints, wanted[1:], problem.position_limits, strict=True):
+        if own and not low <= at <= high:
+            reason = f"{at:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
+            raise InputError(reason, element=f"{named}.{joint}")
     floating = "" if own else in_the_air(robot, outer, wanted, FAR)
+    found = None if floating else standing_posture(robot, outer, wanted, limits)
+    is_other = own and found is not None and np.abs(found - wanted)[1:].max() > NEAR
     if not floating and found is not None and not is_other:
         floating = in_the_air(robot, outer, found)
     if floating:
@@ -270,7 +276,7 @@ def _side(
         static = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found[1:], strict=True)]
         raise InputError(
             f"the posture is not static: {not_static(robot, outer, wanted)}",
-            element=("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place,
+            element=named,
             advice=f"static is {', '.join(static)} rad" if static else "give another, or other contacts",
         )
     return contacts, found
@@ -329,5 +335,9 @@ def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str) -> 
         chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
             raise InputError(f"{name!r} is no point of a sole", element=place, advice=f"name {points[0].name!r}")
+        twice = [each for each in found if set(each.names) & {point for one in chosen for point in one.names}]
+        if twice:
+            reason = f"{name!r} stands twice: with {', '.join(map(repr, twice[0].names))}"
+            raise InputError(reason, element=place, advice="name a foot, or those that are coupled to it, once")
         found += chosen
     return tuple(found)
