@@ -183,13 +183,14 @@ class Watched:
     least: Array
 
 
-def watched_points(robot: Robot, ground: float, y: Array, directions: int) -> Watched:
+def watched_points(robot: Robot, ground: float, y: Array, directions: int, feet: Sequence[Spot]) -> Watched:
     """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
 
     Parameters
     ----------
     ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
     directions : how many; of four the first is between the axes, so that boxes have all their corners
+    feet : points on which it stands before the flight or after it
     """
     kept: dict[tuple[float, ...], list[tuple[Spot, float]]] = {}
     for shape in robot.hulls([]):
@@ -204,7 +205,8 @@ def watched_points(robot: Robot, ground: float, y: Array, directions: int) -> Wa
         heights = heights_over_com(robot, [spot for spot, _ in members], y).imag - ground
         for index in sorted(farthest):
             above = heights[index] - radii[index]
-            if above > STANDING:
+            stands = any(body == members[index][0][0] and abs(place - places[index]) < SAME for body, place in feet)
+            if above > STANDING and not stands:
                 spots.append(members[index][0])
                 least.append(radii[index] + min(ROOM, above / 2))
     return Watched(tuple(spots), np.array(least))

@@ -12,6 +12,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.problem.jump import JumpRequest, Standing
+from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.stance.check import SLIP
@@ -138,7 +139,8 @@ class Setup:
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
-        watched = watched_points(problem.robot, self.ground, rest, room.directions)
+        feet = [spot for phase in self.phases for contact in phase.contacts for spot in contact.spots]
+        watched = watched_points(problem.robot, self.ground, rest, room.directions, feet)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
         return NodeRows(model, phases, watched, bounds, self.standing)
 
@@ -173,12 +175,12 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     """
     _check_stand(problem)
     turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
-    before = _wanted(problem, request.takeoff.from_)
+    before = _wanted(problem, problem.initial, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
     usual = ((), ()) if all(given) else _default_groups(problem, turns, before)
     takeoff, landing = (asked or default for asked, default in zip(given, usual, strict=True))
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
-    after = _wanted(problem, request.landing.to, posture)
+    after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
     ground = _ground(problem.robot, takeoff_contacts[0][0], posture)
     time = problem.flight.duration
@@ -209,8 +211,8 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
     takes_off = side == "takeoff"
     frame = problem.takeoff.frame if takes_off else problem.landing.frame
     _check_stands(robot, frame, side)
-    wanted = _wanted(problem, request.takeoff.from_)
-    wanted = wanted if takes_off else _wanted(problem, request.landing.to, wanted)
+    wanted = _wanted(problem, problem.initial, request.takeoff.from_)
+    wanted = wanted if takes_off else _wanted(problem, problem.final, request.landing.to, wanted)
     groups: Sequence[Sequence[str]] = (request.takeoff if takes_off else request.landing).contacts or ()
     if not groups:
         feet = standing_feet(robot, frame, wanted)
@@ -296,15 +298,15 @@ def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
     return float(heights_over_com(robot, contact.spots[:1], posture)[0].imag - contact.depth)
 
 
-def _wanted(problem: Problem, asked: Standing, standing: Array | None = None) -> Array:
+def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Array | None = None) -> Array:
     """Posture (n+1,) rad that is asked for: that of ``standing``, or by joint, others being in the reference.
 
-    The base is level; or, where the robot stands on it, as the flight begins.
+    The base is level; or, where the robot stands on it, as in the flight's ``state`` there, less whole turns.
     """
     if standing is not None and not isinstance(asked, Mapping):
         return standing
     robot, given = problem.robot, asked if isinstance(asked, Mapping) else {}
-    level = problem.initial.orientation if problem.takeoff_frame.body == 0 else 0.0
+    level = math.remainder(state.orientation, TURN) if problem.takeoff_frame.body == 0 else 0.0
     return np.array([level, *(given.get(*pair) for pair in zip(robot.joints, robot.resting.tolist(), strict=True))])
 
 

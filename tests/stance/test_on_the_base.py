@@ -51,6 +51,20 @@ def test_it_hops_with_rotors_in_its_motors(root: Path) -> None:
     assert fp.launch(found.flight).ok
 
 
+def test_it_lands_on_its_hands(root: Path) -> None:
+    """What stands after the flight alone is not kept above the ground there, and its base is as the goal's."""
+    problem = of_file(root, "gymnast")
+    bent = np.radians([40.0, -40.0])
+    flight = replace(problem.flight, landing=fp.Landing("hand"))
+    landing = fp.JumpLanding([["hand"]], to=dict(zip(problem.robot.joints, bent, strict=True)))
+    request = fp.JumpRequest(takeoff=problem.jump.takeoff, landing=landing)
+    found = fp.jump(replace(problem, goal=fp.Posture(np.radians(-100.0), bent), flight=flight), request, starts=2)
+    assert found.ok
+    first, last = found.at([0.0, found.duration]).positions[:, 2]
+    assert np.radians(50) < first < np.radians(90)
+    assert np.radians(-120) < last < np.radians(-80)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["gymnast", "acrobat"])
 def test_jumps_of_chains_are_found(root: Path, name: str) -> None:
