@@ -29,7 +29,7 @@ from floatplan.cli.common import (
     tell,
     with_options,
 )
-from floatplan.cli.jumps import jump, launch
+from floatplan.cli.jumps import jump, launch, launches, needs_casadi
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
 from floatplan.errors import InputError
@@ -101,6 +101,9 @@ def plan(
     certify: Annotated[
         bool, typer.Option("--certify/--no-certify", help="Prove the plan, and put the certificate into its file.")
     ] = True,
+    launch: Annotated[
+        bool, typer.Option("--launch", help="Look for stances that reach the takeoff, and follow the landing.")
+    ] = False,
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
 
@@ -119,8 +122,12 @@ def plan(
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
+    if launch:
+        needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+    with progress("stances", quiet):
+        stances, of_stances = launches(answer, seed) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
         files = write_results(answer, directory, rate, tell=tell(quiet))
         if is_robot(source):
@@ -130,13 +137,16 @@ def plan(
 
             files += save_figures(answer, directory / FIGURES, compare=_without_obstacles(answer, seed))
         if report:
-            files.append(answer.show(directory / REPORT, browse=False))
+            from floatplan.view.report.report import write_report
+
+            files.append(write_report(answer, directory / REPORT, stances))
     if not quiet:
         from floatplan.cli.summary import plan_summary, print_summary
 
-        print_summary(plan_summary(answer, files, program()), stderr=json_output)
+        print_summary(plan_summary(answer, files, program(), stances), stderr=json_output)
     if json_output:
-        print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
+        record = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
+        print_json({**record, "launch": of_stances} if launch else record)
     proved = answer.certificate is not None and answer.certificate.proved
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
 

@@ -80,16 +80,22 @@ class Postures:
 
 def postures(plan: Plan, times: Array) -> Postures:
     """Return the robot in flight at times (K,), s."""
-    return _placed(plan, times, plan.orientation(times), plan.joint_motion(times)[0])
+    return placed_robot(
+        plan.problem, times, com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
+    )
 
 
 def posture_at(plan: Plan, state: JointState, time: float) -> Postures:
     """Return the robot in a given posture, its centre of mass where the flight has it at ``time``."""
-    return _placed(plan, np.array([time]), np.array([state.orientation]), state.positions[None])
+    times = np.array([time])
+    return placed_robot(
+        plan.problem, times, com_path(plan, times), np.array([state.orientation]), state.positions[None]
+    )
 
 
-def _placed(plan: Plan, times: Array, orientation: Array, positions: Array) -> Postures:
-    robot, problem, com = plan.robot, plan.problem, com_path(plan, times)
+def placed_robot(problem: Problem, times: Array, com: ComplexArray, orientation: Array, positions: Array) -> Postures:
+    """Return a problem's robot at times (K,) s: centre of mass (K,) m, orientation (K,), positions (K, n) rad."""
+    robot = problem.robot
     poses, bodies = body_poses(robot, orientation, positions, com), [shape.body for shape in robot.shapes]
     ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]
     takeoff, landing = poses.points(*map(list, zip(*ends, strict=True))).T

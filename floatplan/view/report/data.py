@@ -7,7 +7,7 @@ writes as text.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -181,8 +181,11 @@ def rounded(values: Any) -> Any:
     return plain(float(f"{array:.{DIGITS}g}")) if array.ndim == 0 else [rounded(each) for each in array]
 
 
-def sections(plan: Plan) -> list[dict[str, Any]]:
-    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
+def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open.
+
+    ``stances`` is what is said of those before and after the flight, if anything.
+    """
     certificate = plan.certificate
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     findings = ((), []) if certificate is None else certificate.table()
@@ -190,7 +193,7 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
         {"title": "Problem", "rows": plan.problem.rows()},
         {
             "title": "Result",
-            "rows": result_rows(plan),
+            "rows": [*result_rows(plan), *stances],
             "tone": "good" if plan.ok else "bad",
             "note": plan.explanation,
         },
