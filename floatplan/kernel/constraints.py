@@ -251,21 +251,16 @@ class RowTargets:
         self._template.motion.per_second = 1 / constraints.flight.duration
         self._template.point_to(times=self._kept[0], target=target)
         self._room = self._placed(self._template, 0)
-        self.stride = self._template.motion.stride
-        structure, begin = self._template, -(-address(room := np.empty(self._room)) // 64) * 64
-        self._placed(structure, address(room))
-        self.begins = {name: (getattr(structure.motion, name) - begin) // 8 for name in ("rate", "moment")}
 
     def _placed(self, structure: Structure, memory: int) -> int:
         constraints = self.constraints
         return constraints.kernel.motion_room(*constraints.references, structure, memory)
 
     def fresh(self) -> tuple[Structure, Array]:
-        """Return a structure for a motion, and the memory that it points to, where arrays begin as ``begins`` says."""
-        room = np.empty(self._room)
-        structure, begin = type(self._template).from_buffer_copy(self._template), address(room)
-        self._placed(structure, begin)
-        return structure, room[-begin % 64 // 8 :]
+        """Return a structure for a motion, and the memory that it points to."""
+        room, structure = np.empty(self._room), type(self._template).from_buffer_copy(self._template)
+        self._placed(structure, address(room))
+        return structure, room
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,15 +285,13 @@ class MotionRows:
         self._instants, self._flown, self._constraints = instants, flown, instants.constraints
         joints = flown.joints
         self._structure, self._memory = instants.fresh()
+        motion = self._structure.motion
+        self._rate, self._moment = np.empty(motion.stride), np.empty((self._constraints.links, motion.stride))
+        motion.point_to(rate=self._rate, moment=self._moment)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
         self._call(RATES)
-        flown.__dict__["base_rate"] = self._kept("rate", 1)[:, 0]
-
-    def _kept(self, name: str, rows: int) -> Array:
-        """What the kernel has written there (K, rows)."""
-        begin, stride = self._instants.begins[name], self._instants.stride
-        return self._memory[begin : begin + rows * stride].reshape(rows, stride)[:, : self._instants.instants].T
+        flown.__dict__["base_rate"] = self._rate[: instants.instants]
 
     def _call(self, wanted: int, given: int = 0, count: int = 0, result: int = 0) -> None:
         constraints = self._constraints
@@ -315,7 +308,7 @@ class MotionRows:
         values = np.empty(self._instants.count)
         self._call(VALUES, result=address(values))
         if constraints.needs_moments:
-            flown.__dict__["moments"] = self._kept("moment", constraints.links)
+            flown.__dict__["moments"] = self._moment[:, : self._instants.instants].T
         return values
 
     def drift(self, by_x: ByX, instants: int) -> Array:

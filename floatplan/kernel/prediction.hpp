@@ -12,7 +12,7 @@ class RestOfFlight {
   public:
     RestOfFlight(const Robot &robot, const Constraints &constraints, const Flight &flight)
         : has_distances(constraints.needs_places), robot(robot), constraints(constraints), f(flight), n(robot.joints),
-          K(f.instants), columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, nullptr, nullptr} {}
+          K(f.instants), columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, 0, 0} {}
 
     const bool has_distances;
     double T = 0, h = 0, change = 0, orientation = 0;

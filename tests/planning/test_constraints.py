@@ -29,8 +29,6 @@ from floatplan.planning.transcription.constraints import (
     applies,
     constraints,
     link_clearance,
-    magnitude_limit,
-    motor_limit,
     obstacle_clearance,
     window_ends,
 )
@@ -51,6 +49,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import decision_variables
+from floatplan.problem.limits import Shares
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
 GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
@@ -62,18 +61,23 @@ SLOPE = read_only([2.0, 0.3])
 RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 
 OF_JOINTS = np.eye(3)[list(JOINTS)]
+
+
+def limit(key, rows, limits=LIMITS, **also) -> Limit:
+    row, names = tables.LIMIT_TABLE[key], tuple(f"{key} {number}" for number in range(len(rows)))
+    return Limit.of(Shares(key, names, limits, row.unit, {row.quantity: rows / limits[:, None]}, also))
+
+
 CONSTRAINTS = {
     "circle": obstacle_clearance(CIRCLE, "circle", LINKS),
     "half-plane": obstacle_clearance(GROUND, "ground", LINKS * 2),
     "bar": obstacle_clearance(BAR, "bar", LINKS, window=BAR.window),
     "self": link_clearance((0,), (2, 3), ("shank", "arms"), 0.05),
-    "torque": magnitude_limit("motor_torques", ("torque of q1", "torque of q3"), GROUPS, LIMITS, "N m"),
-    "velocity": magnitude_limit("velocities", ("velocity of q1", "velocity of q3"), OF_JOINTS, LIMITS, "rad/s"),
-    "acceleration": magnitude_limit("accelerations", ("of q1", "of q3"), OF_JOINTS, LIMITS, "rad/s^2"),
-    "motor": motor_limit(("q1", "q3"), OF_JOINTS, RATIOS, LIMITS, SLOPE),
-    "orientation rate": magnitude_limit(
-        "orientation_rate", ("orientation rate",), np.eye(1), read_only([4.0]), "rad/s"
-    ),
+    "torque": limit("torque", GROUPS),
+    "velocity": limit("velocity", OF_JOINTS),
+    "acceleration": limit("acceleration", OF_JOINTS),
+    "motor": limit("torque", OF_JOINTS, velocities=(SLOPE / LIMITS)[:, None] * RATIOS),
+    "orientation rate": limit("orientation_rate", np.eye(1), read_only([4.0])),
 }
 OBJECTIVES = {
     "coefficients": CoefficientNorm(8),
@@ -346,7 +350,7 @@ class TestConstraints:
         ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
         block = obstacle_clearance(BAR, "bar", LINKS, window=ends)
         sampling = watching(nodes, (block, CONSTRAINTS["circle"]), np.array([0.5]))
-        assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
+        assert sampling.grid.s[24:].tolist() == [ends[0], 0.5, ends[1]]
 
     def test_margin_is_subtracted(self, flight, x):
         motion = trajectory(*flight, x)
@@ -449,6 +453,6 @@ class TestVariables:
         fine = sample_nodes(gauss_grid(64), variables.polynomials.form)
         z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
         change = fine.values[0][:, 6:] @ z.T
-        expected = np.sqrt(fine.weights @ (change**2).mean(axis=1))
+        expected = np.sqrt(fine.grid.weights @ (change**2).mean(axis=1))
         assert np.linalg.norm(variables.metric @ step) == pytest.approx(expected, rel=1e-10)
         assert variables.metric[-1].tolist() == [0.0] * variables.coefficients + [1.0]

@@ -60,7 +60,7 @@ class FlightProgram:
 
         At the ends a constraint applies only where it changes.
         """
-        targets, count, s = [], 0, self.sampling.s
+        targets, count, s = [], 0, self.sampling.grid.s
         for block in self.constraints:
             watched = (steerable(s) | changes_at_ends(self.variables, block)) & applies(block, s)
             shape = int(watched.sum()), len(block.labels)
@@ -119,9 +119,9 @@ class FlightProgram:
         """Where the kernel puts the rows that it knows."""
         assert self._watch, "there is a kernel for them"
         known = [target for target, is_known in zip(self._targets, self._watch.known, strict=True) if is_known]
-        nothing = np.empty((len(self.sampling.s), 0), dtype=np.int64)
+        nothing = np.empty((len(self.sampling.grid.s), 0), dtype=np.int64)
         target = np.concatenate((nothing, *known), axis=1)
-        return RowTargets(self._watch, self.sampling.s, target, self._count, self.back_off)
+        return RowTargets(self._watch, self.sampling.grid.s, target, self._count, self.back_off)
 
     def _with_others(self, motion: Trajectory, jacobian: Array) -> Array:
         """Put those derivatives (k, size) of all rows that the kernel does not know among the others."""
@@ -136,10 +136,10 @@ class FlightProgram:
     def _compiled_derivatives(self, motion: Trajectory, compiled: MotionRows, x: Array) -> Derivatives:
         """Gradient, (14) and rows by x, after the values."""
         assert self._watch, "there is a kernel for them"
-        drift = compiled.drift(motion.by_x, self.sampling.nodes)
+        drift = compiled.drift(motion.by_x, self.sampling.grid.nodes)
         slopes = drift[:, None, :]
         jacobian = compiled.jacobian(motion.flown.transport(slopes) if self._watch.needs_places else slopes)
-        of_row = len(self.sampling.s) * len(x)
+        of_row = len(self.sampling.grid.s) * len(x)
         for rows in self._watch.differentiated:
             self.model.differentiated(of_row * rows)
         if isinstance(self.objective, IntegralOfSquares) and self._watch.also is not None:
@@ -147,7 +147,7 @@ class FlightProgram:
             self.model.differentiated(of_row)
         else:
             gradient = self.objective.gradient(motion, x)
-        equality = motion.duration * (self.sampling.weights @ drift)[None]
+        equality = motion.duration * (self.sampling.grid.weights @ drift)[None]
         return Derivatives(gradient, equality, self._with_others(motion, jacobian))
 
 

@@ -29,26 +29,11 @@ ENTRY = 0.5  # [instants of one body] of a Jacobian
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """The instants at which a motion is looked at, and the ``values`` of the polynomial basis of a form there."""
+    """The K instants at which a motion is looked at, first the N nodes, and the ``values`` of a form's basis there."""
 
     grid: FlightGrid
     form: Form
     values: tuple[Array, Array, Array]
-
-    @property
-    def s(self) -> Array:
-        """Instants (K,) in [0, 1]: first the N nodes, then any others."""
-        return self.grid.s
-
-    @cached_property
-    def nodes(self) -> int:
-        """Number N of nodes."""
-        return self.grid.nodes
-
-    @cached_property
-    def weights(self) -> Array:
-        """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
-        return self.grid.weights
 
     @property
     def given(self) -> int:
@@ -128,7 +113,7 @@ class Trajectory:
     def s(self) -> Array:
         """Instants (S K,) in [0, 1]."""
         motions = len(self.angular_momentum)
-        return self.sampling.s if motions == 1 else np.tile(self.sampling.s, motions)
+        return self.sampling.grid.s if motions == 1 else np.tile(self.sampling.grid.s, motions)
 
     @property
     def differentiable(self) -> DifferentiableMotion:
@@ -169,9 +154,9 @@ class Trajectory:
             return None
         compiled = MotionRows(rows, self.flown)
         compiled.values()
-        slopes = compiled.drift(self.by_x, self.sampling.nodes)
+        slopes = compiled.drift(self.by_x, self.sampling.grid.nodes)
         self.model.differentiated(rows.count * self.variables.size)
-        return compiled.jacobian(slopes).reshape(len(self.sampling.s), -1, self.variables.size)
+        return compiled.jacobian(slopes).reshape(len(self.sampling.grid.s), -1, self.variables.size)
 
     @cached_property
     def velocity_jacobian(self) -> Array:
@@ -198,14 +183,14 @@ class Trajectory:
     def residual_jacobian(self) -> Array:
         """Derivatives (e, size) of the residual by x."""
         return self.duration * np.tensordot(
-            self.sampling.weights, self._chained(self.differentiable.residual_partials), 1
+            self.sampling.grid.weights, self._chained(self.differentiable.residual_partials), 1
         )
 
     @cached_property
     def attitude_jacobian(self) -> Array:
         """Derivative (K, e, size) by x of the attitude, as small turns."""
         rates = self._of_kernel("orientation_rate")  # in a plane they are what drifts
-        drift = self._chained(self.differentiable.drift) if rates is None else rates[: self.sampling.nodes]
+        drift = self._chained(self.differentiable.drift) if rates is None else rates[: self.sampling.grid.nodes]
         return self.flown.transport(drift)
 
     def jacobian(self, partials: Partials) -> Array:
@@ -248,7 +233,7 @@ class Trajectory:
 @lru_cache(maxsize=16)
 def _rows_of(flight: FlightDynamics, quantity: str, sampling: Sampling) -> RowTargets | None:
     """Where the kernel puts a quantity; None in space."""
-    return quantity_rows(flight, quantity, sampling.s)
+    return quantity_rows(flight, quantity, sampling.grid.s)
 
 
 @lru_cache(maxsize=16)
@@ -256,7 +241,7 @@ def basis_by_x(variables: DecisionVariables, sampling: Sampling) -> ByX:
     """Return the basis of p combined as x combines it, joint by joint."""
     free, scaling = variables.polynomials.free, variables.scaling
     columns = np.cumsum([0, *free])
-    basis = np.zeros((3, len(sampling.s), variables.size))
+    basis = np.zeros((3, len(sampling.grid.s), variables.size))
     for derivative, values in enumerate(sampling.values):
         for joint, width in enumerate(free):
             own = slice(columns[joint], columns[joint + 1])
@@ -267,7 +252,7 @@ def basis_by_x(variables: DecisionVariables, sampling: Sampling) -> ByX:
 
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
-    model.evaluated(len(sampling.s))
+    model.evaluated(len(sampling.grid.s))
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
@@ -280,7 +265,7 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     """
     polynomials, momentum = variables.polynomials, variables.momentum
     sampling = model.nodes(level, polynomials.form)
-    model.evaluated(len(x) * sampling.nodes)
+    model.evaluated(len(x) * sampling.grid.nodes)
     z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
     h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T
