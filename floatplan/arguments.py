@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import read_only
-from floatplan.errors import InputError, refuse
+from floatplan.errors import InputError, refuse, single
 from floatplan.tables import LEAST, RANGES, Range
 
 LARGEST_SEED = 2**63 - 1
@@ -51,7 +51,7 @@ class Checked:
             try:
                 kept = check(value, place + name.rstrip("_"))  # what is a word of Python has one in its name
             except InputError as error:
-                errors.append(error)
+                errors += single(error)
             else:
                 if kept is not value:
                     object.__setattr__(self, name, kept)
@@ -174,7 +174,7 @@ def one_of(*words: str, or_number: Check | None = None) -> Check:
     def check(value: Any, element: str) -> Any:
         if isinstance(value, str) and value in words:
             return value
-        if or_number is None or isinstance(value, str):
+        if or_number is None or isinstance(value, str | list | tuple | Mapping):
             raise InputError(f"must be {wanted}, not {value!r}", element=element)
         return or_number(value, element)
 
@@ -191,6 +191,8 @@ def made(*kinds: type, advice: str | None = None) -> Check:
     wanted = either([kind.__name__ for kind in kinds])
 
     def check(value: Any, element: str) -> Any:
+        if value is MISSING:
+            return value
         if not isinstance(value, kinds):
             raise InputError(f"{in_short(value)} is not a {wanted}", element=element, advice=advice)
         if isinstance(value, Checked):

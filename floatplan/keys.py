@@ -267,7 +267,7 @@ def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputE
     reader = Reader(degrees=content.get("angles") == "deg")
     tables = reader.part(kind, content)
     faults = tables.faults()
-    if wrong is None or reader.errors:
+    if wrong is None or reader.errors or any(fault.element == "angles" for fault in faults):
         refuse([*reader.errors, *faults])
     else:
         wrong += faults

@@ -14,7 +14,7 @@ import tomli_w
 
 from floatplan.arguments import in_short, made
 from floatplan.arguments import path as as_path
-from floatplan.errors import InputError, naming, refuse
+from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
 from floatplan.keys import read_tables, table_of
 from floatplan.problem.parts import JointState
@@ -219,7 +219,8 @@ def _problem(
     try:
         problem = Problem(robot, **asked, written=written)
     except InputError as error:
-        wrong = [*wrong, *getattr(error, "errors", (error,))]
+        known = {each.element for each in wrong}
+        wrong = [*wrong, *(each for each in single(error) if each.element not in known)]
     refuse(wrong)
     return problem
 
