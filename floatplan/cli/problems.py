@@ -31,9 +31,9 @@ def bounds(
     sets = reachable_sets(problem)
     facts = momentum_facts(problem, sets)
     if picture is not None:
-        from floatplan.view.figures.robot_pictures import check_picture, save_reachable
+        from floatplan.view.figures.robot_pictures import reachable_picture, save_picture
 
-        save_reachable(sets, check_picture(picture, "--picture"))
+        save_picture(picture, "--picture", reachable_picture, sets)
     finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
 
 

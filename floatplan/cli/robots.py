@@ -108,9 +108,9 @@ def info(
     robot = named_robot(source, choices, degrees)
     facts = robot_facts(robot)
     if shapes is not None and shapes != LISTED:
-        from floatplan.view.figures.robot_pictures import check_picture, save_shapes
+        from floatplan.view.figures.robot_pictures import save_picture, shapes_picture
 
-        save_shapes(robot, check_picture(Path(shapes)))
+        save_picture(Path(shapes), "--shapes", shapes_picture, robot)
     listed = {"frames": frames, "shapes": shapes == LISTED}
     finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
 

@@ -1,18 +1,11 @@
-"""What a user does: actions, one at a time, and inputs: sliders of numbers by their paths, choices of words and ticks.
-
-Of actions that come faster than they are done the newest counts; an input does not fight with the user who holds it.
-"""
+"""Inputs: sliders of numbers by their paths, choices of words and ticks; none fights with the user who holds it."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
-import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -20,49 +13,13 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.studio.edits import Edit, number_at, numbers
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
 
 Result = TypeVar("Result")
-LOG = logging.getLogger(__name__)
 RELEASED = 0.7  # [s] after the user's last touch, before an input follows the session
 STEPS = 400  # [-] of a slider
 FINER = 2  # [-] decimals that are shown beyond those of a step
-
-
-class Actions:
-    """Actions by what they are about, done in a thread of their own in the order in which they were begun."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._actions: dict[str, Callable[[], object]] = {}
-        self._lock = threading.Lock()
-        self._thread = ThreadPoolExecutor(1, name)
-        self.errors: list[BaseException] = []
-
-    def do(self, about: str, action: Callable[[], object]) -> None:
-        """Do something soon; in place of what was to be done about the same before. Nothing where it is closed."""
-        with self._lock, suppress(RuntimeError):
-            if about not in self._actions:
-                self._thread.submit(self._work, about)
-            self._actions[about] = action
-
-    def wait(self, patience: float) -> bool:
-        """Wait until all that was begun is done; return whether that came within so many seconds."""
-        done, _ = wait([self._thread.submit(lambda: None)], patience)
-        return bool(done)
-
-    def close(self) -> None:
-        """Do no more."""
-        self._thread.shutdown(cancel_futures=True)
-
-    def _work(self, about: str) -> None:
-        with self._lock:
-            action = self._actions.pop(about)
-        try:
-            action()
-        except Exception as error:  # the page goes on whatever happens; it is an error of the program
-            self.errors.append(error)
-            LOG.exception("%s: %s", self._name, about)
 
 
 def on(register: Any, action: Callable[[Any], object]) -> None:

@@ -17,7 +17,8 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.edits import end_state, moved, put_obstacle
-from floatplan.studio.inputs import Actions, on
+from floatplan.studio.inputs import on
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session, View
 from floatplan.view.outlines import (
     Poses,

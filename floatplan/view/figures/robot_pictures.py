@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,21 +28,19 @@ REACHABLE_PAD = 0.08  # [-] of that picture's width and height
 ENDS = ("takeoff", "landing")
 
 
-def check_picture(path: Path, option: str = "--shapes") -> Path:
-    """Return the path of a picture; InputError where its name has no known ending, or is a folder."""
-    if _form(path) not in METADATA or path.is_dir():
-        endings = ", ".join(f".{form}" for form in METADATA)
+def save_picture(path: Path, option: str, draw: Callable[[Any], Figure], about: Any) -> Path:
+    """Write what a function draws into a file, PNG, SVG or PDF by its name.
+
+    Raises
+    ------
+    InputError
+        The name, which an ``option`` gave, has no known ending, or is a folder's; errors of the function.
+    """
+    form = path.suffix.lower().lstrip(".")
+    if form not in METADATA or path.is_dir():
+        endings = ", ".join(f".{each}" for each in METADATA)
         raise InputError(f"must be a file name that ends in {endings}, not {path}", element=option)
-    return path
-
-
-def _form(path: str | Path) -> str:
-    return Path(path).suffix.lower().lstrip(".")
-
-
-def save_shapes(robot: Robot, path: str | Path) -> Path:
-    """Draw a robot's shapes in its resting posture into a file, PNG, SVG or PDF by its name."""
-    return write_atomically(path, picture(_form(path), shapes_picture, robot))
+    return write_atomically(path, picture(form, draw, about))
 
 
 def shapes_picture(robot: Robot) -> Figure:
@@ -65,17 +64,6 @@ def shapes_picture(robot: Robot) -> Figure:
     patch = Patch(facecolor=OKABE_ITO[0], alpha=FILL, edgecolor=INK)
     legend_above(figure, [(patch, "capsules"), (Line2D([], [], color=INK, linewidth=0.4), "collision geometry")])
     return figure
-
-
-def save_reachable(sets: dict[str, Reachable], path: str | Path) -> Path:
-    """Draw the sets, by end of the flight, into a file, PNG, SVG or PDF by its name.
-
-    Raises
-    ------
-    InputError
-        No set is a polygon.
-    """
-    return write_atomically(path, picture(_form(path), reachable_picture, sets))
 
 
 def reachable_picture(sets: dict[str, Reachable]) -> Figure:

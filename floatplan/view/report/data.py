@@ -21,7 +21,7 @@ from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, u
 from floatplan.plans.verdicts import TONES
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, clearance_range, margins
+from floatplan.view.charts import Chart, ReferenceLine, SampledPlan
 from floatplan.view.outlines import (
     box_around,
     drawn_part,
@@ -80,9 +80,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
             beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
         elif left:
             beyond.append(f"limits from {min(np.abs(line.value).min() for line in left):.4g}, not drawn")
-    data: dict[str, Any] = {}
-    if chart.name == "clearance":
-        lines, data["range"] = margins(sampled.plan), clearance_range(chart, sampled)
+    data: dict[str, Any] = {"range": chart.panels[0].range}
     if all(curve.ends is not None for curve in chart.curves):
         data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
     series = [

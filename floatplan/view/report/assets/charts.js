@@ -31,10 +31,9 @@ class Chart {
   }
 
   readout(title, { name, colour, key, limit }) {
-    const [entry, swatch, value] = [make("span", "entry curve"), make("i", "swatch"), make("b", "value")];
-    paint(() => (swatch.style.background = shade(colour)));
+    const [entry, value] = [make("span", "entry curve"), make("b", "value")];
     value.dataset.key = key;
-    entry.append(swatch, make("span", "", name), value);
+    entry.append(swatch("", colour), make("span", "", name), value);
     if (limit) entry.append(make("span", "limit", limit));
     title.append(entry);
     return value;
@@ -45,9 +44,8 @@ class Chart {
     const { lines, beyond } = this.spec;
     for (const name of new Set(lines.map((line) => line.name))) {
       const colours = new Set(lines.filter((line) => line.name === name).map((line) => line.colour));
-      const swatch = make("i", "swatch dashed");
-      paint(() => (swatch.style.borderColor = colours.size === 1 ? shade([...colours][0]) : tone("ink")));
-      title.appendChild(make("span", "entry")).append(swatch, make("span", "", name));
+      const mark = swatch("dashed", colours.size === 1 ? [...colours][0] : INK);
+      title.appendChild(make("span", "entry")).append(mark, make("span", "", name));
     }
     if (beyond) title.append(make("span", "beyond", beyond));
   }

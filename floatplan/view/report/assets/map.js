@@ -86,13 +86,12 @@ class Page {
     const counts = rows.statuses.map((_, index) => rows.status.reduce((sum, one) => sum + (one === index), 0));
     rows.statuses.forEach(({ colour, words }, index) => {
       if (!counts[index]) return;
-      const swatch = addKey(key, "bar", `${words} (${counts[index]})`);
-      swatch.style.background = colour;
-      if (index < SOLVED) this.ofPlans.push(swatch);
+      const mark = make("i", "swatch bar");
+      mark.style.background = colour;
+      addKey(key, mark, `${words} (${counts[index]})`);
+      if (index < SOLVED) this.ofPlans.push(mark);
     });
-    const empty = addKey(key, "bar", "no row");
-    empty.style.border = "1px solid var(--line)";
-    this.empty = empty.parentElement;
+    this.empty = addKey(key, make("i", "swatch bar none"), "no row");
     this.nothing = this.film.appendChild(make("p", "nothing", "Choose a point of the map."));
   }
 

@@ -62,9 +62,16 @@ function fillHeader({ name, question, version }) {
   document.getElementById("version").textContent = version ? ` ${version}` : "";
 }
 
+/* A mark in a colour of data. */
+function swatch(shape, colour) {
+  const mark = make("i", `swatch ${shape}`);
+  paint(() => mark.style.setProperty("--colour", shade(colour)));
+  return mark;
+}
+
 /* A list's next entry: its swatch, in front of words. */
-function addKey(list, shape, words) {
-  const swatch = make("i", `swatch ${shape}`);
-  list.appendChild(make("li")).append(swatch, make("span", "", words));
-  return swatch;
+function addKey(list, mark, words) {
+  const entry = list.appendChild(make("li"));
+  entry.append(mark, make("span", "", words));
+  return entry;
 }
