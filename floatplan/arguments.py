@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import read_only
-from floatplan.errors import InputError, refuse
+from floatplan.errors import InputError, refuse, single
 from floatplan.tables import LEAST, RANGES, Range
 
 LARGEST_SEED = 2**63 - 1
@@ -51,7 +51,7 @@ class Checked:
             try:
                 kept = check(value, place + name.rstrip("_"))  # what is a word of Python has one in its name
             except InputError as error:
-                errors.append(error)
+                errors += single(error)
             else:
                 if kept is not value:
                     object.__setattr__(self, name, kept)
@@ -174,11 +174,16 @@ def one_of(*words: str, or_number: Check | None = None) -> Check:
     def check(value: Any, element: str) -> Any:
         if isinstance(value, str) and value in words:
             return value
-        if or_number is None or isinstance(value, str):
+        if or_number is None or isinstance(value, str | list | tuple | Mapping):
             raise InputError(f"must be {wanted}, not {value!r}", element=element)
         return or_number(value, element)
 
     return check
+
+
+def in_short(value: object) -> str:
+    """The representation of anything, its first line where it has several."""
+    return repr(value).partition("\n")[0]
 
 
 def made(*kinds: type, advice: str | None = None) -> Check:
@@ -186,8 +191,10 @@ def made(*kinds: type, advice: str | None = None) -> Check:
     wanted = either([kind.__name__ for kind in kinds])
 
     def check(value: Any, element: str) -> Any:
+        if value is MISSING:
+            return value
         if not isinstance(value, kinds):
-            raise InputError(f"{value!r} is not a {wanted}", element=element, advice=advice)
+            raise InputError(f"{in_short(value)} is not a {wanted}", element=element, advice=advice)
         if isinstance(value, Checked):
             value.check(element)
         return value
@@ -231,6 +238,12 @@ def by_name(check: Check) -> Check:
         return dict(zip(names, _checked(value.values(), check, (f"{element}.{name}" for name in names)), strict=True))
 
     return each
+
+
+def for_all(check: Check) -> Check:
+    """What a check lets through: one for all, or by name."""
+    named = by_name(check)
+    return lambda value, element: (named if isinstance(value, Mapping) else check)(value, element)
 
 
 def by_joint(check: Check, *words: str, single: bool = True, mapping: bool = True) -> Check:
@@ -363,7 +376,7 @@ def _brief(value: object) -> str:
         return f"{len(value)} of {type(value[0]).__name__}"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return value if isinstance(value, str) else repr(value).partition("\n")[0]
+    return value if isinstance(value, str) else in_short(value)
 
 
 def _brief_array(array: npt.NDArray[Any]) -> str:

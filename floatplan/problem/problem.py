@@ -123,7 +123,7 @@ class Problem(Checked):
             if self.obstacles or self.self_clearances or self.ground:
                 found += faults((self.robot.check_shapes,))
             errors += [error for error in found if error.element not in fields]
-        except (AttributeError, TypeError, ValueError):
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
         if not errors:
