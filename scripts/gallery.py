@@ -7,7 +7,6 @@ tables alone. Without ``--launch`` the column of that name is left empty: it tak
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,9 +62,9 @@ COLUMNS = (
 )
 JUMP_COLUMNS = (
     "robot",
-    "turns",
-    "joints planned",
-    "push-off, flight, landing, s",
+    "turn",
+    "in all, s",
+    "in flight, s",
     "torque / limit",
     "rate / limit",
     "friction",
@@ -129,16 +128,14 @@ class JumpEntry:
     def row(self) -> list[str]:
         """Cells of the table, under ``JUMP_COLUMNS``."""
         jump, robot, figures = self.jump, self.jump.problem.robot, self.jump.check.figures
-        flight = next(phase for phase in jump.phases if phase.kind == "flight")
         turn = jump.problem.final.orientation - jump.problem.initial.orientation
-        lasts = (flight.begin, flight.end - flight.begin, jump.duration - flight.end)
         assert jump.flight is not None
         proved = jump.flight.certificate is not None and jump.flight.certificate.proved
         return [
             title_of(self.name),
-            f"{abs(turn) / math.tau:.0f} {'backwards' if turn * robot.plane.turn > 0 else 'forwards'}" if turn else "0",
-            f"{len(robot.joints)} (+{len(robot.coupled)} coupled)" if robot.coupled else f"{len(robot.joints)}",
-            ", ".join(f"{seconds:.2f}" for seconds in lasts),
+            ("back" if turn * robot.plane.turn > 0 else "forwards") if turn else "none",
+            f"{jump.duration:.2f}",
+            f"{jump.flight.duration:.2f}",
             *(f"{figures[name]:.2f}" for name in ("torque", "velocity", "friction")),
             "proved" if proved else "not proved",
             "checked" if jump.check.ok else "not within limits",

@@ -152,7 +152,7 @@ def test_the_page_has_the_table_of_these_plans(monkeypatch, plans):
         stands = has_contact(plans(name).problem, "takeoff")
         assert (cells[7] == "flies") == (not stands)
         first = (GALLERY / f"{name}.toml").read_text().splitlines()[0]
-        assert ("no stance" in first) == (cells[7] in ("flies", "not found", "does not stand")), first
+        assert ("without a stance" in first) == (cells[7] in ("flies", "not found", "does not stand")), first
 
 
 def test_the_page_begins_with_jumps_that_are_there(monkeypatch):
@@ -184,7 +184,7 @@ def test_problems_are_written_with_the_robot_s_address(tmp_path, plans):
 
 def test_couplings_and_postures_that_are_none_are_refused(tmp_path):
     text = (GALLERY / "go2.toml").read_text()
-    for asked, wrong, reason in (("mirror", "left", "is not 'mirror'"), ("standing", "sitting", "no posture")):
+    for asked, wrong, reason in (("mirror", "left", "must be 'mirror'"), ("standing", "sitting", "no posture")):
         (tmp_path / "problem.toml").write_text(text.replace(f'"{asked}"', f'"{wrong}"'))
         with pytest.raises(fp.InputError, match=reason):
             fp.load_problem(tmp_path / "problem.toml")

@@ -71,12 +71,12 @@ def first_flight(chosen: ChosenRobot, *, seed: int = 0, progress: Callable[[str]
     say = progress or (lambda _: None)
     reasons = _no_jump(chosen)
     for turns in () if reasons else (int(chosen.robot.plane.turn), 0):
-        what = "jump with a whole turn" if turns else "jump without a turn"
-        say(what)
+        what = "with a whole turn" if turns else "without a turn"
+        say(f"jump {what}")
         answer = _jump(chosen, turns, seed)
         if isinstance(answer, FirstFlight):
             return replace(answer, reasons=tuple(reasons))
-        reasons.append(f"A {what}: {answer}")
+        reasons.append(f"A jump {what} was not found: {answer}")
     work = farthest = 0.0
     for problem in turns_afloat(chosen):
         turn = abs(problem.final.orientation - problem.initial.orientation)

@@ -54,7 +54,7 @@ def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
     used = [f"{found.check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items()]
     checked = (
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
-        f" found too, and hold 2000 times a second: they take {' and '.join(used)}."
+        f" found too, and checked 2000 times a second: they take {' and '.join(used)}."
     )
     return [*_comment(what), *_comment(checked), *_comment(" ".join(flight.reasons))]
 

@@ -87,12 +87,9 @@ class Numbers:
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
         """Of problems as they are; all of them give h, or all take the middle."""
-        like = problems[0]
-        ends = [problem.initial for problem in problems], [problem.final for problem in problems]
-        values = {
-            name: np.stack([np.array([getattr(state, name) for state in states]) for states in ends], axis=1)
-            for name in OF_STATES
-        }
+        like, states = problems[0], [state for problem in problems for state in (problem.initial, problem.final)]
+        arrays = {name: np.array([getattr(state, name) for state in states]) for name in OF_STATES}
+        values = {name: array.reshape(-1, 2, *array.shape[1:]) for name, array in arrays.items()}
         given = ("duration",) if like.flight.angular_momentum == "midpoint" else ("duration", "angular_momentum")
         for name in given:
             values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)

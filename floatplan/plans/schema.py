@@ -76,6 +76,7 @@ ROBOT = KeyedTable(
         "locked": by_name(number),
         "meshes": by_name(text),
         "resting": many(number, "numbers"),
+        **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
     },
     NO_KEY,
 )
