@@ -162,8 +162,7 @@ class SymbolicFlight:
         q, orientation = ca.SX.sym("q", self.joints), ca.SX.sym("o")
         angle = tree.turn * (orientation + ca.DM(tree.turns) @ q + tree.offsets)
         cosine, sine = ca.cos(angle), ca.sin(angle)
-        placed = shapes.place(np.zeros(1, dtype=np.complex128), np.zeros((1, len(tree.mass))))
-        weights = np.concatenate((placed.start_weights, placed.end_weights))
+        weights = np.concatenate(shapes.weights)
         real, imaginary = ca.DM(weights.real), ca.DM(weights.imag)
         places = ca.horzcat(real @ cosine - imaginary @ sine, real @ sine + imaginary @ cosine).T
         return ca.Function("ends", [q, orientation], [places])
@@ -240,14 +239,14 @@ class Ipopt:
 
     def _state(self) -> None:
         sampling, model = self._reduced.sampling, self._planar
-        duration, count = self._problem.flight.duration, self._reduced.sampling.nodes
-        self._times = duration * sampling.s
+        duration, count = self._problem.flight.duration, self._reduced.sampling.grid.nodes
+        self._times = duration * sampling.grid.s
         self._q, self._qd, self._qdd = self._at(self._times)
         self._rate = self._flight.rate.map(count)(self._q, self._qd)
         self._orientation = model.initial_orientation + duration * self._rate @ ca.DM(
-            gauss_grid(sampling.nodes).integrals.T
+            gauss_grid(sampling.grid.nodes).integrals.T
         )
-        final = model.initial_orientation + duration * self._rate @ ca.DM(sampling.weights)
+        final = model.initial_orientation + duration * self._rate @ ca.DM(sampling.grid.weights)
         self._require(final, model.final_orientation, model.final_orientation)
 
     def _ends(self) -> None:
@@ -262,7 +261,7 @@ class Ipopt:
 
     def _limits(self) -> None:
         """Torques, velocities and the orientation rate, at the nodes."""
-        problem, count = self._problem, self._reduced.sampling.nodes
+        problem, count = self._problem, self._reduced.sampling.grid.nodes
         if np.isfinite(problem.torque_limits).any():
             torques = self._flight.torques.map(count)(self._q, self._qd, self._qdd, self._rate)
             self._bound(torques, np.repeat(problem.torque_limits[None, :], count, axis=0))
@@ -276,7 +275,7 @@ class Ipopt:
         self._require(rows, -limits.ravel(), limits.ravel())
 
     def _obstacles(self) -> None:
-        count = self._reduced.sampling.nodes
+        count = self._reduced.sampling.grid.nodes
         com = self._planar.ballistics.positions(self._times)
         for obstacle in self._problem.obstacles:
             if not isinstance(obstacle, fp.Circle) or obstacle.window or any(obstacle.velocity):

@@ -129,12 +129,12 @@ class CompiledSqp:
         x = ca.MX.sym("x", variables.size)
         z = ca.reshape(scaling @ x, width, n).T
         states = z @ value.T + plain[0].T, z @ derivative.T + plain[1].T
-        weights = ca.DM(duration * sampling.weights)
-        turned = at_node.map(sampling.nodes)(*states) @ weights
-        rates, by_p, by_rate = with_gradient.map(sampling.nodes)(*states)
-        of_nodes = duration * sampling.weights[:, None]
+        weights = ca.DM(duration * sampling.grid.weights)
+        turned = at_node.map(sampling.grid.nodes)(*states) @ weights
+        rates, by_p, by_rate = with_gradient.map(sampling.grid.nodes)(*states)
+        of_nodes = duration * sampling.grid.weights[:, None]
         weighted_value, weighted_derivative = (
-            of_nodes * part[: sampling.nodes, CONDITIONS:] for part in sampling.values[:2]
+            of_nodes * part[: sampling.grid.nodes, CONDITIONS:] for part in sampling.values[:2]
         )
         by_z = by_p @ weighted_value + by_rate @ weighted_derivative
         jacobian = ca.vec(by_z.T).T @ scaling

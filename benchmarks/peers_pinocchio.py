@@ -14,17 +14,16 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
+from general_flight import BaseRate, GeneralDynamics, general_flight
 from peers import MOST_ITERATIONS, NODES, Slsqp
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.motion.planar.closed_form import BaseRate, Dynamics
-from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.planning.transcription.trajectory import FlightModel
 from floatplan.robot.planar.model import BASE_COORDINATES
 
 
-class PinocchioRate(Dynamics):
+class PinocchioRate(GeneralDynamics):
     """theta0' of (4) and its derivatives by Pinocchio, instant by instant."""
 
     def __init__(self, robot: fp.Robot) -> None:
@@ -78,8 +77,4 @@ class PinocchioSlsqp(Slsqp):
 
     def __init__(self, problem: fp.Problem, nodes: int = NODES, iterations: int = MOST_ITERATIONS) -> None:
         super().__init__(problem, nodes, iterations)
-        flight = self.program.model.flight
-        assert isinstance(flight, PlanarFlight), "Pinocchio's root turns about one axis here"
-        self.program = replace(
-            self.program, model=FlightModel(replace(flight, equations=pinocchio_rate(problem.robot)))
-        )
+        self.program = replace(self.program, model=FlightModel(general_flight(problem, pinocchio_rate(problem.robot))))

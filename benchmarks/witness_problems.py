@@ -313,7 +313,7 @@ class _Seen:
         """Least distance to an obstacle while it exists, less its margin, m."""
         low, high = obstacle.window or (0.0, self.times[-1])
         exists = (self.times >= low) & (self.times <= high)
-        values = obstacle_distances(self.segments, obstacle, self.times).values.min(axis=1)
+        values = obstacle_distances(self.segments, obstacle, self.times).min(axis=1)
         return float(values[exists].min()) - obstacle.margin
 
 
@@ -334,7 +334,7 @@ def _cleared(plan: fp.Plan, obstacle: Obstacle) -> Obstacle:
     low, high = obstacle.window or (0.0, plan.duration)
 
     def values(times: np.ndarray) -> np.ndarray:
-        return obstacle_distances(_segments(plan, times), obstacle, times).values.min(axis=1)
+        return obstacle_distances(_segments(plan, times), obstacle, times).min(axis=1)
 
     times = np.linspace(max(low, 0.0), min(high, plan.duration), GRID)
     lacking = max(GAP[0] + obstacle.margin - _least(values, times, values(times)), 0.0)
@@ -397,7 +397,7 @@ def _self_clearances(rng: np.random.Generator, plan: fp.Plan) -> Iterator[fp.Sel
 
         def values(times: np.ndarray, first: np.ndarray = first, second: np.ndarray = second) -> np.ndarray:
             segments = _segments(plan, times)
-            return pair_distances(segments.of(first), segments.of(second)).values.min(axis=1)
+            return pair_distances(segments.of(first), segments.of(second)).min(axis=1)
 
         room = _least(values, times, values(times)) - rng.uniform(*GAP)
         if wanted and room > 0:

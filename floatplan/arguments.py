@@ -15,13 +15,13 @@ from dataclasses import MISSING, fields
 from itertools import count, islice
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import read_only
-from floatplan.errors import InputError, refuse
+from floatplan.errors import InputError, refuse, single
 from floatplan.tables import LEAST, RANGES, Range
 
 LARGEST_SEED = 2**63 - 1
@@ -46,14 +46,16 @@ class Checked:
         errors: list[InputError] = []
         for name, check in self.checks.items():
             value = getattr(self, name)
+            if value is MISSING:  # in a file; who reads that says so
+                continue
             try:
                 kept = check(value, place + name.rstrip("_"))  # what is a word of Python has one in its name
             except InputError as error:
-                errors.append(error)
+                errors += single(error)
             else:
                 if kept is not value:
                     object.__setattr__(self, name, kept)
-        if not errors:
+        if not errors and not any(value is MISSING for value in vars(self).values()):
             errors = [InputError(reason, element=place + name) for name, reason in self.contradictions()]
         if not errors:
             vars(self).pop("_is_checked", None)
@@ -172,7 +174,7 @@ def one_of(*words: str, or_number: Check | None = None) -> Check:
     def check(value: Any, element: str) -> Any:
         if isinstance(value, str) and value in words:
             return value
-        if or_number is None or isinstance(value, str):
+        if or_number is None or isinstance(value, str | list | tuple | Mapping):
             raise InputError(f"must be {wanted}, not {value!r}", element=element)
         return or_number(value, element)
 
@@ -184,6 +186,8 @@ def made(*kinds: type, advice: str | None = None) -> Check:
     wanted = either([kind.__name__ for kind in kinds])
 
     def check(value: Any, element: str) -> Any:
+        if value is MISSING:
+            return value
         if not isinstance(value, kinds):
             raise InputError(f"{value!r} is not a {wanted}", element=element, advice=advice)
         if isinstance(value, Checked):
@@ -193,28 +197,30 @@ def made(*kinds: type, advice: str | None = None) -> Check:
     return check
 
 
-def many(check: Check, of: str) -> Check:
-    """A sequence, kept as a tuple, of what a check lets through."""
+def many(check: Check, of: str, count: int | None = None) -> Check:
+    """A sequence, kept as a tuple, of what a check lets through; of so many where a count is given."""
 
     def each(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
         if items is None:
             raise InputError(f"{value!r} is not a sequence of {of}", element=element, advice="give a list or a tuple")
+        if count not in (None, len(items)):
+            raise InputError(f"must have {count} entries, not {len(items)}", element=element)
         return tuple(_checked(items, check, _numbered(element)))
 
     return each
 
 
-def pair(check: Check, of: str = "numbers") -> Check:
-    """Two of what a check lets through, kept as a tuple."""
+def pair(check: Check, of: str = "numbers", count: Literal[2, 3] = 2) -> Check:
+    """Two of what a check lets through, or three, kept as a tuple."""
 
-    def both(value: Any, element: str) -> tuple[Any, Any]:
+    def each(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
-        if items is None or len(items) != 2:
-            raise InputError(f"{value!r} is not two {of}", element=element)
-        return check(items[0], element), check(items[1], element)
+        if items is None or len(items) != count:
+            raise InputError(f"{value!r} is not {'two' if count == 2 else 'three'} {of}", element=element)
+        return tuple(check(item, f"{element}[{index}]") for index, item in enumerate(items))
 
-    return both
+    return each
 
 
 def by_name(check: Check) -> Check:

@@ -68,12 +68,7 @@ class InputError(FloatplanError, ValueError):
     """
 
     def __init__(
-        self,
-        reason: str,
-        *,
-        source: str | Path | None = None,
-        element: str | None = None,
-        advice: str | None = None,
+        self, reason: str, *, source: str | Path | None = None, element: str | None = None, advice: str | None = None
     ) -> None:
         self.reason = printable(reason)
         self.source = None if source is None else str(source)
@@ -102,9 +97,7 @@ class ProblemError(InputError):
     """
 
     def __init__(self, errors: Sequence[InputError]) -> None:
-        self.errors: tuple[InputError, ...] = tuple(
-            one for error in errors for one in getattr(error, "errors", (error,))
-        )
+        self.errors: tuple[InputError, ...] = tuple(one for error in errors for one in single(error))
         super().__init__("several things are wrong")
 
     def __str__(self) -> str:
@@ -123,9 +116,15 @@ class ProblemError(InputError):
         return ProblemError([error.within(source, element) for error in self.errors])
 
 
+def single(error: InputError) -> tuple[InputError, ...]:
+    """Return an error, or each of those that are together in one."""
+    each: tuple[InputError, ...] = getattr(error, "errors", (error,))
+    return each
+
+
 def refuse(errors: Sequence[InputError]) -> None:
     """Raise what is wrong, if anything is: one error as it is, several together, what was found twice once."""
-    different = list({str(error): error for error in errors}.values())
+    different = list({str(one): one for error in errors for one in single(error)}.values())
     if different:
         raise ProblemError(different) if len(different) > 1 else different[0]
 

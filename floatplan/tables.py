@@ -14,6 +14,7 @@ from typing import Literal, TypeAlias, get_args
 ORIENTATION = 1e-8  # [rad] at the end of the flight
 BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
 CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
+POINT_FEET = 4e-3  # [m] that feet may be in the ground where a jump stands on points: they turn about their frames
 AT_REST = 1e-9  # [m/s] of a frame that leaves or meets the ground at rest
 PLACE = 1e-8  # [m] takeoff frame, landing frame
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
@@ -78,16 +79,7 @@ class LimitRow:
 
 
 _LIMITS = (
-    LimitRow(
-        "velocity",
-        "velocities",
-        "rad/s",
-        "Rates",
-        "joints",
-        in_urdf=True,
-        always=True,
-        base="orientation_rate",
-    ),
+    LimitRow("velocity", "velocities", "rad/s", "Rates", "joints", in_urdf=True, always=True, base="orientation_rate"),
     LimitRow("acceleration", "accelerations", "rad/s^2", "Accelerations", "joints"),
     LimitRow("torque", "motor_torques", "N m", "Torques", "motors", in_urdf=True, always=True),
     LimitRow("orientation_rate", "orientation_rate", "rad/s", "Rates", "base"),

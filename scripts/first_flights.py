@@ -1,6 +1,7 @@
 """Prints a table of what ``floatplan init`` finds for much-used robots. Names choose some of them.
 
 Each file is written, read again and planned as it stands: the table says whether that is proved, and without warnings.
+Under it stands why some are no more than they are.
 """
 
 from __future__ import annotations
@@ -55,17 +56,16 @@ ROBOTS = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", default=list(ROBOTS))
-    print(
-        "| robot | turn, degrees | on | duration, s | takeoff / limit | landing / limit | verdict | warnings "
-        "| init, CPU s | plan, CPU s |"
-    )
-    print("|---|---:|---|---:|---:|---:|---|---:|---:|---:|")
+    print("| robot | turn, degrees | jump | torque / limit | rate / limit | flight, s | proof | warnings | CPU, s |")
+    print("|---|---:|---|---:|---:|---:|---|---:|---:|")
+    told: list[str] = []
     for name in parser.parse_args().names:
-        print(row(name), flush=True)
+        print(row(name, told), flush=True)
+    print(*told, sep="\n")
 
 
-def row(name: str) -> str:
-    """One robot's cells."""
+def row(name: str, told: list[str]) -> str:
+    """One robot's cells; why it is no more than it is, is added to what is told."""
     began = time.process_time()
     try:
         chosen = chosen_robot(ROBOTS[name])
@@ -76,20 +76,18 @@ def row(name: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.toml"
         path.write_text(problem_file_text(chosen, flight, path), encoding="utf-8")
-        began = time.process_time()
         plan = fp.plan(fp.load_problem(path), prove=True)
-        planning = time.process_time() - began
-    shares = [f"{contact.ratio:.2f}" for contact in plan.contacts if contact.ratio is not None] or ["", ""]
+    told += [f"{name}: {reason}" for reason in flight.reasons]
+    figures = {} if flight.jump is None else flight.jump.check.figures
     cells = [
         name,
         f"{math.degrees(flight.turn):.0f}",
-        plan.problem.takeoff.frame if plan.problem.ground else "afloat",
+        "afloat" if flight.jump is None else "stances checked" if flight.jump.ok else "not within limits",
+        *(f"{figures[name]:.2f}" if name in figures else "" for name in ("torque", "velocity")),
         f"{plan.duration:g}",
-        *shares,
         plan.status if plan.certificate is None else plan.certificate.verdict,
         str(len(plan.warnings)),
         f"{seconds:.1f}",
-        f"{planning:.1f}",
     ]
     return f"| {' | '.join(cells)} |"
 

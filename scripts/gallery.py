@@ -1,6 +1,7 @@
-"""Plans every problem in problems/gallery/, prints the table of docs/gallery.md, and draws docs/images/gallery.png.
+"""Plans the problems of problems/jumps/ and problems/gallery/: prints docs/gallery.md's tables, draws its pictures.
 
-Run it from anywhere. With names, only these problems; with ``--no-picture``, only the table.
+Run it from anywhere. ``jumps`` or ``flights`` does these alone; with names only some of them; with ``--no-picture`` the
+tables alone. Without ``--launch`` the column of that name is left empty: it takes minutes.
 """
 
 from __future__ import annotations
@@ -12,7 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from make_images import draw_scene, rendered, save
+from make_images import (
+    SHEET_DPI,
+    WIDTH,
+    draw_jump,
+    draw_scene,
+    jump_moments,
+    jump_postures,
+    rendered,
+    save,
+    strip_height,
+)
 from matplotlib.figure import Figure
 
 import floatplan as fp
@@ -22,8 +33,8 @@ from floatplan.view.outlines import picture_box, postures
 from floatplan.view.style import new_figure, styled
 
 ROOT = Path(__file__).resolve().parents[1]
-PROBLEMS = ROOT / "problems" / "gallery"
-PICTURE = ROOT / "docs" / "images" / "gallery.png"
+PROBLEMS, JUMPS = ROOT / "problems" / "gallery", ROOT / "problems" / "jumps"
+PICTURE, STRIPS = (ROOT / "docs" / "images" / f"{name}.png" for name in ("gallery", "jumps"))
 TITLES = {
     "double_pendulum": "double pendulum",
     "solo": "Solo, somersault",
@@ -36,6 +47,7 @@ TITLES = {
     "talos": "Talos, onto a step",
     "human": "human, somersault",
 }
+NAMES = {"b1": "B1", "go1": "Go1", "hyq": "HyQ", "anymal": "ANYmal", "high_jumper": "high jumper"}  # others' as above
 COLUMNS = (
     "robot",
     "joints planned",
@@ -44,21 +56,34 @@ COLUMNS = (
     "torque / limit",
     "takeoff / limit",
     "landing / limit",
+    "launch",
     "leak",
     "planned in, s",
 )
-WIDTH = 7.6  # inches
+JUMP_COLUMNS = (
+    "robot",
+    "turn",
+    "in all, s",
+    "in flight, s",
+    "torque / limit",
+    "rate / limit",
+    "friction",
+    "flight",
+    "stances",
+    "found in, s",
+)
 PER_ROW = 5
 SNAPSHOTS = 5
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A planned problem and the clock's seconds for it."""
+    """A planned problem, the processor's seconds for it, and what stances reach its takeoff, in a word."""
 
     name: str
     plan: fp.Plan
     seconds: float
+    launch: str = ""
 
     @property
     def torque_share(self) -> float | None:
@@ -86,36 +111,110 @@ class Entry:
             "no limit" if share is None else f"{share:.2f}",
             self.rate_share("takeoff"),
             self.rate_share("landing"),
+            self.launch,
             f"{self.plan.out_of_plane_leak:.1g}",
+            f"{self.seconds:.1f}",
+        ]
+
+
+@dataclass(frozen=True)
+class JumpEntry:
+    """A jump, proved and checked, and the processor's seconds for it."""
+
+    name: str
+    jump: fp.Jump
+    seconds: float
+
+    def row(self) -> list[str]:
+        """Cells of the table, under ``JUMP_COLUMNS``."""
+        jump, robot, figures = self.jump, self.jump.problem.robot, self.jump.check.figures
+        turn = jump.problem.final.orientation - jump.problem.initial.orientation
+        assert jump.flight is not None
+        proved = jump.flight.certificate is not None and jump.flight.certificate.proved
+        return [
+            title_of(self.name),
+            ("back" if turn * robot.plane.turn > 0 else "forwards") if turn else "none",
+            f"{jump.duration:.2f}",
+            f"{jump.flight.duration:.2f}",
+            *(f"{figures[name]:.2f}" for name in ("torque", "velocity", "friction")),
+            "proved" if proved else "not proved",
+            "checked" if jump.check.ok else "not within limits",
             f"{self.seconds:.1f}",
         ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", default=list(TITLES))
+    parser.add_argument("kind", nargs="?", choices=("all", "jumps", "flights"), default="all")
+    parser.add_argument("names", nargs="*")
     parser.add_argument("--no-picture", action="store_true")
+    parser.add_argument("--launch", action="store_true")
     arguments = parser.parse_args()
-    entries = [planned(name) for name in arguments.names]
-    print(table(entries))
-    if not arguments.no_picture:
-        with styled():
-            save(rendered(picture(entries)), PICTURE)
+    if arguments.kind in ("all", "jumps"):
+        jumps = [jumped(name) for name in arguments.names or sorted(path.stem for path in JUMPS.glob("*.toml"))]
+        print(table(JUMP_COLUMNS, [entry.row() for entry in jumps]))
+        if not arguments.no_picture:
+            with styled():
+                save(rendered(strips(jumps), SHEET_DPI), STRIPS)
+    if arguments.kind in ("all", "flights"):
+        entries = [planned(name, arguments.launch) for name in arguments.names or TITLES]
+        print(table(COLUMNS, [entry.row() for entry in entries]))
+        if not arguments.no_picture:
+            with styled():
+                save(rendered(picture(entries)), PICTURE)
 
 
-def planned(name: str) -> Entry:
-    began = time.perf_counter()
+def title_of(name: str) -> str:
+    """What a robot is called whose problem file has that name."""
+    return {**TITLES, **NAMES}.get(name, name).partition(",")[0]
+
+
+def jumped(name: str) -> JumpEntry:
+    began = time.process_time()
+    jump = fp.jump(JUMPS / f"{name}.toml")
+    if not jump.ok or jump.flight is None:
+        raise SystemExit(f"{name}: {jump.explanation}")
+    jump = jump.with_certificate(fp.certify(jump.flight))
+    return JumpEntry(name, jump, time.process_time() - began)
+
+
+def planned(name: str, launching: bool) -> Entry:
+    began = time.process_time()
     plan = fp.plan(fp.load_problem(PROBLEMS / f"{name}.toml"))
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     if not plan.ok:
         raise SystemExit(f"{name}: {plan.explanation}")
-    return Entry(name, plan, seconds)
+    return Entry(name, plan, seconds, launch_of(plan) if launching else "")
 
 
-def table(entries: Sequence[Entry]) -> str:
-    """The table in Markdown."""
-    rows = [list(COLUMNS), ["---", *["---:"] * (len(COLUMNS) - 1)], *(entry.row() for entry in entries)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+def launch_of(plan: fp.Plan) -> str:
+    """The least share of torque and rate limits with which a stance reaches its takeoff."""
+    if "takeoff" not in [contact.end for contact in plan.contacts]:
+        return "flies"
+    try:
+        found = fp.launch(plan)
+    except fp.InputError:
+        return "does not stand"
+    return f"{found.ratio:.2f}" if found.ok else "not found"
+
+
+def strips(entries: Sequence[JumpEntry]) -> Figure:
+    """Moments of jumps, a strip for each."""
+    placed = [jump_postures(entry.jump, jump_moments(entry.jump, between=1, flying=3)) for entry in entries]
+    heights = [strip_height(each) for each in placed]
+    figure = new_figure(WIDTH, sum(heights))
+    grid = figure.add_gridspec(len(entries), 1, height_ratios=heights, hspace=0.0)
+    for row, (entry, each) in enumerate(zip(entries, placed, strict=True)):
+        axes = figure.add_subplot(grid[row, 0])
+        draw_jump(axes, entry.jump, each)
+        axes.text(0.0, 1.0, title_of(entry.name), transform=axes.transAxes, va="top", fontsize=8)
+    return figure
+
+
+def table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    rows = [titles, ["---", *["---:"] * (len(titles) - 1)], *cells]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def picture(entries: Sequence[Entry]) -> Figure:

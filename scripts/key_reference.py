@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from floatplan.problem.schema import TABLES, keys_of, problem_schema
+from floatplan.keys import KIND, in_files
+from floatplan.problem.schema import TABLES, problem_schema
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
 OPENING = """# Keys of a problem file
@@ -14,7 +15,7 @@ OPENING = """# Keys of a problem file
 A problem file is TOML. Every key that floatplan knows is here, and any other is refused. Angles and rates are in
 radians unless the file says `angles = "deg"`. [Limits](limits.md) has the ranges of numbers. `floatplan schema` prints
 the same as JSON Schema 2020-12, for editors: with `floatplan schema -o floatplan.schema.json` and, as the first line of
-a problem file, `#:schema ./floatplan.schema.json`.
+a problem file, `#:schema ./floatplan.schema.json`. Numbers in parentheses are the paper's equations.
 
 This page is made by `scripts/key_reference.py`.
 """
@@ -25,11 +26,13 @@ def page() -> str:
     schema = problem_schema()
     sections = [OPENING]
     for place, (table, about) in TABLES.items():
-        described = schema["$defs"][table.__name__] if place else schema
+        described = schema["$defs"][f"{table.__name__}Table"] if place else schema
+        keys = {in_files(name): key for name, key in table.keys.items()}
+        keys = {"kind": KIND, **keys} if hasattr(table, "kind") else keys
         required = set(described.get("required", ()))
         rows = [
             f"| `{name}` | {_form(schema, form)} | {_default(form, name in required)} | {key.meaning} | {key.unit} |"
-            for name, key in keys_of(table).items()
+            for name, key in keys.items()
             for form in [described["properties"][name]]
         ]
         head = "| key | value | default | meaning | unit |\n| --- | --- | --- | --- | --- |"

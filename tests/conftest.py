@@ -1,15 +1,15 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import once
 import pytest
 from browser import Browser, started
+from once import made_once
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from threadpoolctl import threadpool_limits
 from typer.testing import CliRunner
@@ -42,6 +42,13 @@ def pytest_collection_finish() -> None:
     Public calls do so by themselves; ``test_threads.py`` looks at that, in processes of its own.
     """
     threadpool_limits(limits=1, user_api="blas")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Of all processes of the tests: where ``made_once`` puts what it made."""
+    folder = tmp_path_factory.getbasetemp()
+    once.folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
 
 @pytest.fixture(scope="session")
@@ -104,23 +111,11 @@ def any_robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 @pytest.fixture(scope="session")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Plan]:
+def planned() -> Callable[[str], Plan]:
     """The plan of a problem file, by its path in ``problems/`` without the ending; made once in all processes."""
     from floatplan import load_problem, plan
-    from floatplan.files import write_atomically
 
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-
-    @cache
     def plan_of(name: str) -> Plan:
-        path = folder / "planned" / f"{name}.pickle"
-        if path.is_file():
-            made: Plan = pickle.loads(path.read_bytes())
-        else:
-            made = plan(load_problem(ROOT / "problems" / f"{name}.toml"), budget=PATIENT)
-            write_atomically(path, pickle.dumps(made))
-        return made
+        return made_once(name, lambda: plan(load_problem(ROOT / "problems" / f"{name}.toml"), budget=PATIENT))
 
     return plan_of

@@ -10,11 +10,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from general_flight import GeneralDynamics
 from long_cases import cases
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import Dynamics
 
 if importlib.util.find_spec("casadi") is None:
     skip_or_fail("casadi is not installed: the extra bench")
@@ -146,7 +146,7 @@ def test_peers_know_the_same_momentum(any_robot: fp.Robot) -> None:
 
     rng, momentum = np.random.default_rng(0), 0.7
     q, qd = rng.uniform(-2, 2, (2, 9, len(any_robot.joints)))
-    own = Dynamics(any_robot.tree).base_rate_derivatives(q, qd, momentum)
+    own = GeneralDynamics(any_robot.tree).base_rate_derivatives(q, qd, momentum)
     peer = pinocchio_rate(any_robot).base_rate_derivatives(q, qd, momentum)
     for name in ("rate", "by_position", "by_velocity", "by_momentum"):
         expected = getattr(own, name)

@@ -121,7 +121,7 @@ def test_shapes_are_drawn(floatplan):
 
 
 def test_the_script_makes_the_table():
-    command = [sys.executable, str(ROOT / "scripts" / "gallery.py"), "double_pendulum", "--no-picture"]
+    command = [sys.executable, str(ROOT / "scripts" / "gallery.py"), "flights", "double_pendulum", "--no-picture"]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     header, rule, row = done.stdout.splitlines()
     assert header.startswith("| robot | joints planned | kg |")
@@ -148,7 +148,30 @@ def test_the_page_has_the_table_of_these_plans(monkeypatch, plans):
         for cell, end in ((5, "takeoff"), (6, "landing")):
             assert (cells[cell] == "flies") == (row[cell] == "flies") == (not has_contact(plans(name).problem, end))
             assert (cells[cell] == "no limit") == (row[cell] == "no limit")
-        assert float(cells[7]) < MEANINGLESS
+        assert float(cells[8]) < MEANINGLESS
+        stands = has_contact(plans(name).problem, "takeoff")
+        assert (cells[7] == "flies") == (not stands)
+        first = (GALLERY / f"{name}.toml").read_text().splitlines()[0]
+        assert ("without a stance" in first) == (cells[7] in ("flies", "not found", "does not stand")), first
+
+
+def test_the_page_begins_with_jumps_that_are_there(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    script = runpy.run_path(str(ROOT / "scripts" / "gallery.py"))
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    header = f"| {' | '.join(script['JUMP_COLUMNS'])} |"
+    assert page.index(header) < page.index(f"| {' | '.join(script['COLUMNS'])} |")
+    rows = page[page.index(header) :].split("\n\n")[0].splitlines()[2:]
+    titles = {script["title_of"](path.stem): path for path in (ROOT / "problems" / "jumps").glob("*.toml")}
+    assert len(rows) >= 4
+    for row in rows:
+        cells = row.strip("| ").split(" | ")
+        problem = fp.load_problem(titles[cells[0].partition(",")[0]])
+        assert problem.jump is not None
+        assert float(cells[4]) <= problem.jump.margin["torque"]
+        assert float(cells[5]) <= problem.jump.margin["velocity"]
+        assert float(cells[6]) <= problem.jump.friction
+        assert cells[7:9] == ["proved", "checked"]
 
 
 def test_problems_are_written_with_the_robot_s_address(tmp_path, plans):

@@ -56,13 +56,16 @@ def test_every_room_knows_what_every_kind_is_made_of(room, kind):
     assert example.where
 
 
-@pytest.mark.parametrize(
-    "block",
-    [ObstacleRows(Unknown(), 0.0, 1.0), SumRows(np.ones(1), {"powers": np.ones((1, 2))})],
-    ids=["obstacle", "limit"],
-)
-def test_what_the_kernel_does_not_know_goes_the_general_way(block):
-    assert compiled_constraints(flight_dynamics(fp.load_problem(EXAMPLE)), [block]) is None
+def test_a_limit_that_the_kernel_does_not_know_has_no_rows_there():
+    limits = [SumRows(np.ones(1), {name: np.ones((1, 2))}) for name in ("powers", "velocities")]
+    compiled = compiled_constraints(flight_dynamics(fp.load_problem(EXAMPLE)), [None, *limits])
+    assert compiled.known == (False, False, True)
+    assert compiled.block_first.tolist() == [0, 0, 0, 1]
+
+
+def test_the_kernel_says_which_obstacle_it_does_not_know():
+    with pytest.raises(AssertionError, match="the kernel knows no obstacles of kind 'unknown'"):
+        compiled_constraints(flight_dynamics(fp.load_problem(EXAMPLE)), [ObstacleRows(Unknown(), 0.0, 1.0)])
 
 
 def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():
@@ -77,7 +80,7 @@ def test_every_class_is_a_kind():
 
 @pytest.mark.parametrize("kind", OBSTACLE_KINDS)
 def test_plan_files_hold_every_field_of_its_own(kind):
-    own = OBSTACLE_KINDS[kind].__dataclass_fields__.keys() - Obstacle.__dataclass_fields__.keys()
+    own = OBSTACLE_KINDS[kind].keys.keys() - Obstacle.keys.keys()
     assert OBSTACLES[kind].keys() == own
 
 

@@ -8,6 +8,7 @@ import re
 import shlex
 import tomllib
 from collections.abc import Callable, Iterator
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ import jsonschema
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from once import made_once
+
+import floatplan as fp
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
@@ -57,6 +61,27 @@ def with_snippets(*languages: str) -> list[str]:
     return [page for page in PAGES if any(blocks(page, *languages))]
 
 
+@pytest.fixture
+def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A jump takes seconds: pages that ask for the same one are given what the first found."""
+    if importlib.util.find_spec("casadi") is None:
+        return
+    from floatplan.stance import planner
+
+    search = planner.jump
+
+    def jump(problem: fp.Problem, seed: int = 0, starts: int = planner.STARTS, progress: Any = None) -> fp.Jump:
+        asked = fp.save_problem(problem, tmp_path / "asked.toml").read_bytes() + repr((seed, starts)).encode()
+        found: fp.Jump = made_once(
+            f"jump {sha256(asked).hexdigest()}", lambda: search(problem, seed=seed, starts=starts)
+        )
+        return found
+
+    monkeypatch.setattr(planner, "jump", jump)
+    monkeypatch.setattr(fp, "jump", jump)
+
+
+@pytest.mark.usefixtures("jumps_once")
 @pytest.mark.parametrize("page", cases(with_snippets("python", "sh"), LONG))
 def test_snippets_run(page: str, floatplan: Command) -> None:
     for name in ("problems", "urdf"):

@@ -18,7 +18,7 @@ from needed import skip_or_fail
 import floatplan
 
 ROOT = Path(__file__).resolve().parents[1]
-HEAVY = ("numpy", "pinocchio", "proxsuite", "scipy", "matplotlib", "pydantic", "rich", "yourdfpy", "flint", "viser")
+HEAVY = ("numpy", "pinocchio", "proxsuite", "scipy", "matplotlib", "rich", "yourdfpy", "flint", "viser")
 
 
 def python(*arguments: str, cwd: Path = ROOT, **environment: str) -> str:

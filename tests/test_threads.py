@@ -29,6 +29,8 @@ problem = "{problem}"
 ANSWERS = """
 import json, sys
 import floatplan as fp
+from floatplan.inflight import authority
+authority.SHARES, authority.STEP = (0.0, 0.6), 0.1
 folder, problem = sys.argv[1:]
 plan = fp.load_plan(fp.plan(fp.load_problem(problem), prove=True).save(f"{folder}/plan.json"))
 content = json.load(open(f"{folder}/plan.json"))

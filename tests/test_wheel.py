@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -60,6 +61,26 @@ def test_its_problems_find_its_robots(unpacked: Path) -> None:
         "    print(path.stem)"
     )
     assert told(code, unpacked).split() == sorted(path.stem for path in (ROOT / "problems").glob("*.toml"))
+
+
+def test_it_plans_the_paper_s_example_without_a_compiler(unpacked: Path) -> None:
+    (unpacked / "empty").mkdir()
+    code = (
+        "import shutil, sys\n"
+        "assert not any(map(shutil.which, ('c++', 'g++', 'clang++', 'cc')))\n"
+        "from floatplan.cli import main\n"
+        "sys.argv[1:] = ['plan', 'problems/new_configuration.toml', '--json', '--quiet']\n"
+        "main()"
+    )
+    facts = json.loads(told(code, unpacked, PATH=str(unpacked / "empty"), CXX="no-compiler"))
+    assert facts["objective"]["value"] == pytest.approx(25.0411, abs=1e-4)
+    assert (unpacked / "runs" / "new_configuration" / "plan.json").is_file()
+
+
+def test_its_kernel_knows_no_folder_of_the_machine(wheel: Path) -> None:
+    kernel = zipfile.ZipFile(wheel).read("floatplan/kernel/_kernel.so")
+    for folder in (ROOT, Path.home(), wheel.parents[2]):
+        assert str(folder).encode() not in kernel
 
 
 def test_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:

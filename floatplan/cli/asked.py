@@ -16,6 +16,7 @@ from floatplan.robot.robot import Coupling, Robot, robot_as_asked
 from floatplan.tables import REST
 
 PLACE = "command line"
+NUMBERS: dict[str, Callable[[str], Any]] = {"angular_momentum": float, "degree": int}  # or words
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
@@ -82,8 +83,8 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
             word = REST[place] if inner == ["velocities"] else "free"
             tables[place][inner[0]] = word if value.strip() == word else _one_or_many(_numbers(option, value, degrees))
         else:
-            value = READ[name](value) if name in READ else value
-            tables[place][inner[0]] = {inner[1]: value} if inner[1:] else value
+            read = _numbers_or_word(value, NUMBERS[name]) if name in NUMBERS else value
+            tables[place][inner[0]] = {inner[1]: read} if inner[1:] else read
     return tables
 
 
@@ -178,16 +179,9 @@ def _number(option: str, text: str) -> float:
         raise _wrong(option, f"{text!r} is not a number") from None
 
 
-def _number_or_word(text: str) -> float | str:
+def _numbers_or_word(text: str, kind: Callable[[str], Any]) -> Any:
     try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _degree(text: str) -> Any:
-    try:
-        return _one_or_many([int(part) for part in _parts(text)])
+        return _one_or_many([kind(part) for part in _parts(text)])
     except ValueError:
         return text
 
@@ -195,9 +189,6 @@ def _degree(text: str) -> Any:
 def _one_or_many(numbers: list[Any]) -> Any:
     """One number is for all joints."""
     return numbers[0] if len(numbers) == 1 else numbers
-
-
-READ: dict[str, Callable[[str], Any]] = {"angular_momentum": _number_or_word, "degree": _degree}
 
 
 def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

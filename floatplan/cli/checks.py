@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from floatplan.cli.common import Json, PlanFile, Save, Urdf, finish, reporting_errors
+from floatplan.cli.common import Json, PlanFile, Save, Urdf, finish
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
 
 
-@reporting_errors
 def certify(
     plan_file: PlanFile,
     urdf: Urdf = None,
@@ -38,7 +37,6 @@ def certify(
     finish(facts, json_output, lambda summary: summary.certificate_summary(certificate), certificate.proved)
 
 
-@reporting_errors
 def replay(
     plan_file: PlanFile,
     urdf: Urdf = None,

@@ -29,7 +29,7 @@ from floatplan.cli.common import (
     tell,
     with_options,
 )
-from floatplan.cli.jumps import jump, launch
+from floatplan.cli.jumps import jump, launch, launches, needs_casadi
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
 from floatplan.errors import InputError
@@ -54,7 +54,6 @@ Source = Annotated[str, argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or 
 def main() -> None:
     """Run the command line."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads would wait for one another
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and searching for them takes time
     gc.set_threshold(GARBAGE_THRESHOLD)
     atexit.register(gc.freeze)  # what is left goes with the process: collecting it at the end takes 0.1 s
     app(prog_name="floatplan")
@@ -79,9 +78,6 @@ def about(
     """Plan the flight phase of robots that have left the ground."""
 
 
-@app.command()
-@reporting_errors
-@with_options
 def plan(
     source: Source,
     options: Options,
@@ -105,6 +101,9 @@ def plan(
     certify: Annotated[
         bool, typer.Option("--certify/--no-certify", help="Prove the plan, and put the certificate into its file.")
     ] = True,
+    launch: Annotated[
+        bool, typer.Option("--launch", help="Look for stances that reach the takeoff, and follow the landing.")
+    ] = False,
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
 
@@ -123,8 +122,12 @@ def plan(
     sample_times(problem.flight.duration, rate)
     if budget is not None and not budget > 0:
         raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
+    if launch:
+        needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         answer = search(problem, seed=seed, starts=starts, budget=budget, jobs=jobs, progress=bar.say, prove=certify)
+    with progress("stances", quiet):
+        stances, of_stances = launches(answer, seed) if launch and answer.ok else ([], {})
     with progress("writing", quiet):
         files = write_results(answer, directory, rate, tell=tell(quiet))
         if is_robot(source):
@@ -134,13 +137,16 @@ def plan(
 
             files += save_figures(answer, directory / FIGURES, compare=_without_obstacles(answer, seed))
         if report:
-            files.append(answer.show(directory / REPORT, browse=False))
+            from floatplan.view.report.report import write_report
+
+            files.append(write_report(answer, directory / REPORT, stances))
     if not quiet:
         from floatplan.cli.summary import plan_summary, print_summary
 
-        print_summary(plan_summary(answer, files, program()), stderr=json_output)
+        print_summary(plan_summary(answer, files, program(), stances), stderr=json_output)
     if json_output:
-        print_json({key: value for key, value in answer.record.to_dict().items() if key != "problem"})
+        record = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
+        print_json({**record, "launch": of_stances} if launch else record)
     proved = answer.certificate is not None and answer.certificate.proved
     raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
 
@@ -156,9 +162,10 @@ def _without_obstacles(answer: Plan, seed: int) -> Plan | None:
     return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
 
 
-COMMANDS = (  # in the order of the list that --help prints, after plan
-    *(problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
+COMMANDS = (  # in the order in which --help lists them
+    *(plan, problems.bounds, robots.info, checks.certify, checks.replay, robots.robots, problems.schema, show.show),
     *(show.export, study, studio, jump, launch, problems.takeoff, robots.init),
 )
 for command in COMMANDS:
-    app.command(cls=robots.InfoCommand if command is robots.info else None)(command)
+    typed = reporting_errors(with_options(command))
+    app.command(cls=robots.InfoCommand if command is robots.info else None)(typed)

@@ -116,7 +116,7 @@ Degrees = Annotated[
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of the tables that its parameters are annotated with."""
+    """Give a command the options of the tables that parameters of its are annotated with."""
     hints = get_type_hints(command, include_extras=True)
     noted = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
     tables: dict[str, dict[str, KeyOption]] = {name: note for name, note in noted.items() if isinstance(note, dict)}

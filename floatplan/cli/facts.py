@@ -10,9 +10,9 @@ from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.contact_rates import End, has_contact
 from floatplan.motion.planar.reachable import Reachable, reachable
-from floatplan.problem.checks import position_limits
 from floatplan.problem.parts import Limits
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import position_limits
 from floatplan.robot.leak import explain_leak, out_of_plane_leak
 from floatplan.robot.robot import Robot
 

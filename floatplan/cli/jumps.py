@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,17 +20,20 @@ from floatplan.cli.common import (
     finish,
     print_json,
     program,
-    reporting_errors,
     tell,
 )
 from floatplan.cli.progress import progress
-from floatplan.errors import naming
+from floatplan.errors import InputError, naming
+
+if TYPE_CHECKING:
+    from floatplan.plans.plan import Plan
+    from floatplan.plans.presentation import Row
+    from floatplan.stance.launch import Launch
 
 Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
 Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
 
 
-@reporting_errors
 def jump(
     problem_file: ProblemFile,
     output: Output = None,
@@ -70,7 +73,6 @@ def jump(
     raise typer.Exit(DONE if found.ok and proved else FAILED)
 
 
-@reporting_errors
 def launch(
     plan_file: PlanFile,
     urdf: Urdf = None,
@@ -96,7 +98,43 @@ def launch(
         request = JumpRequest(friction, request.margin, request.fixed, request.takeoff, request.landing)
     with progress("launch"), naming(plan_file):
         found = search(plan, request, end="landing" if landing else "takeoff", seed=seed, starts=starts)
-    ratio = found.ratio if math.isfinite(found.ratio) else None
-    facts: dict[str, Any] = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
-    facts |= {"friction": request.friction, "sentences": list(found.sentences), "figures": found.figures}
+    facts = {"friction": request.friction, **_facts(found), "figures": found.figures}
     finish(facts, json_output, lambda summary: summary.launch_summary(found, request.friction), found.ok)
+
+
+def needs_casadi(option: str) -> None:
+    """Refuse an option where CasADi is not installed."""
+    from floatplan.stance.model import casadi
+
+    try:
+        casadi()
+    except InputError as error:
+        raise InputError(error.reason, element=option, advice=error.advice) from None
+
+
+def launches(plan: Plan, seed: int) -> tuple[list[Row], dict[str, Any]]:
+    """Rows for a person, and facts, of the stances that reach a plan's takeoff and follow its landing."""
+    from floatplan.plans.presentation import Row
+    from floatplan.stance.launch import launch as search
+
+    rows: list[Row] = []
+    facts: dict[str, Any] = {}
+    stands = [contact.end for contact in plan.contacts]
+    for end in ("takeoff", "landing"):
+        if end not in stands:
+            rows.append(Row(f"{end} stance", "none was looked for: no frame stands on the ground", "open"))
+            continue
+        try:
+            found = search(plan, end=end, seed=seed)
+        except InputError as error:
+            rows.append(Row(f"{end} stance", f"none was looked for: {error}", "open"))
+            continue
+        facts[end] = _facts(found)
+        rows.append(Row(f"{end} stance", found.sentences[0], "good" if found.ok else "open"))
+    return rows, facts
+
+
+def _facts(found: Launch) -> dict[str, Any]:
+    ratio = found.ratio if math.isfinite(found.ratio) else None
+    told = {"ok": found.ok, "ratio": ratio, "joint": found.joint, "limit": found.limit}
+    return {**told, "sentences": list(found.sentences)}

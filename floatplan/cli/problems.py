@@ -9,10 +9,9 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.common import Json, ProblemFile, finish, print_path, reporting_errors
+from floatplan.cli.common import Json, ProblemFile, finish, print_path
 
 
-@reporting_errors
 def bounds(
     problem_file: ProblemFile,
     picture: Annotated[
@@ -32,13 +31,12 @@ def bounds(
     sets = reachable_sets(problem)
     facts = momentum_facts(problem, sets)
     if picture is not None:
-        from floatplan.view.figures.robot_pictures import check_picture, save_reachable
+        from floatplan.view.figures.robot_pictures import reachable_picture, save_picture
 
-        save_reachable(sets, check_picture(picture, "--picture"))
+        save_picture(picture, "--picture", reachable_picture, sets)
     finish(facts, json_output, lambda summary: summary.momentum_summary(problem, facts))
 
 
-@reporting_errors
 def takeoff(
     problem_file: ProblemFile,
     json_output: Json = False,
@@ -69,7 +67,6 @@ class File(StrEnum):
     STUDY = "study"
 
 
-@reporting_errors
 def schema(
     file: Annotated[File, typer.Argument(help="Which file.")] = File.PROBLEM,
     output: Annotated[

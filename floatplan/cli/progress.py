@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock, Timer
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -33,7 +33,7 @@ class ProgressBar:
 
     def __init__(self, what: str, shown: bool, told: bool) -> None:
         self._what, self._told = what, told
-        self._text, self._done, self._total = what, 0, 0
+        self._looks: dict[str, Any] = {"description": what, "completed": 0, "total": None}
         self._lock = Lock()
         self._bar: Progress | None = None
         self._task: TaskID | None = None
@@ -46,13 +46,11 @@ class ProgressBar:
         """Say in a few words how the work goes."""
         if self._told:
             typer.echo(f"{self._what}: {words}", err=True)
-        self._text = f"{self._what}: {words}"
-        self._update()
+        self._update(description=f"{self._what}: {words}")
 
     def reach(self, done: int, total: int) -> None:
         """Say how much of the work is done."""
-        self._done, self._total = done, total
-        self._update()
+        self._update(completed=done, total=total or None)
 
     def end(self) -> None:
         """Take the bar away."""
@@ -73,14 +71,14 @@ class ProgressBar:
                 return
             columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
             self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._task = self._bar.add_task(self._text, total=self._total or None, completed=self._done)
+            self._task = self._bar.add_task(**self._looks)
             self._bar.start()
 
-    def _update(self) -> None:
+    def _update(self, **looks: Any) -> None:
         with self._lock:
+            self._looks |= looks
             if self._bar is not None and self._task is not None:
-                total = self._total or None
-                self._bar.update(self._task, description=self._text, total=total, completed=self._done)
+                self._bar.update(self._task, **looks)
 
 
 @contextmanager

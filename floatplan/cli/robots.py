@@ -20,9 +20,7 @@ from floatplan.cli.common import (
     finish,
     own_urdfs,
     print_json,
-    reporting_errors,
     tell,
-    with_options,
 )
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, install_advice
@@ -31,7 +29,6 @@ LISTED = "-"  # stands for no file
 ROBOTS = (".urdf", ".xml", ".toml")
 
 
-@reporting_errors
 def robots(json_output: Json = False) -> None:
     """List the robots at hand: what to type, and the joints that turn in the plane."""
     from floatplan.robot.urdf.example_robots import PREFIX, example_urdfs
@@ -93,8 +90,6 @@ class InfoCommand(TyperCommand):
         return super().parse_args(ctx, words)
 
 
-@reporting_errors
-@with_options
 def info(
     source: Annotated[str, argument("ROBOT.urdf|FILE.toml", "A robot, a problem, or a file with [robot] alone.")],
     choices: RobotOptions,
@@ -113,14 +108,13 @@ def info(
     robot = named_robot(source, choices, degrees)
     facts = robot_facts(robot)
     if shapes is not None and shapes != LISTED:
-        from floatplan.view.figures.robot_pictures import check_picture, save_shapes
+        from floatplan.view.figures.robot_pictures import save_picture, shapes_picture
 
-        save_shapes(robot, check_picture(Path(shapes)))
+        save_picture(Path(shapes), "--shapes", shapes_picture, robot)
     listed = {"frames": frames, "shapes": shapes == LISTED}
     finish(facts, json_output, lambda summary: summary.facts_summary(facts, **listed))
 
 
-@reporting_errors
 def init(
     robot: RobotSource,
     output: Annotated[
@@ -130,11 +124,11 @@ def init(
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Write a problem file for a robot: a flip from feet at rest to feet at rest, else the largest turn found.
+    """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
 
-    The file plans as it stands: floatplan plan FILE.toml proves its flight, without warnings. It says what was found:
-    plane, joints with their ranges, couplings, feet, and the limits of the URDF. Of takeoff and landing the joint rates
-    at that instant are checked; whether the legs have the stroke, the force and the balance for it is not.
+    The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight,
+    without warnings. It says what was found: plane, joints with their ranges, couplings, feet, and the limits of the
+    URDF. Where no jump is found, or CasADi is not installed, it is a turn afloat, and the file says why.
     """
     from floatplan.files import write_atomically
     from floatplan.initial.flight import first_flight
@@ -150,8 +144,11 @@ def init(
         )
 
     chosen = chosen_robot(robot)
-    text = problem_file_text(chosen, first_flight(chosen, seed=seed, progress=tell(quiet)), path)
+    flight = first_flight(chosen, seed=seed, progress=tell(quiet))
+    text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:
         typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
-        typer.echo(f"next: floatplan plan {path}", err=True)
+        for reason in flight.reasons:
+            typer.echo(reason, err=True)
+        typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path, reporting_errors
+from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path
 from floatplan.cli.progress import progress
 
 Output = Annotated[
@@ -16,7 +16,6 @@ Output = Annotated[
 ]
 
 
-@reporting_errors
 def show(
     plan_file: PlanFile,
     scene: Annotated[
@@ -65,7 +64,6 @@ def show(
                 webbrowser.open(path.resolve().as_uri())
 
 
-@reporting_errors
 def export(
     plan_file: PlanFile,
     form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those above.")],

@@ -20,7 +20,6 @@ from floatplan.cli.common import (
     argument,
     print_json,
     print_path,
-    reporting_errors,
     tell,
 )
 from floatplan.cli.progress import ProgressBar, progress
@@ -34,7 +33,6 @@ PORT = 8080  # of the studio
 EVERY = 2.0  # [s] words about the progress
 
 
-@reporting_errors
 def study(
     study_file: Annotated[str, argument("STUDY.toml", "A study file.")],
     restart: Annotated[bool, typer.Option("--restart", help="Discard what the folder has, and begin again.")] = False,
@@ -110,7 +108,6 @@ def _teller(bar: ProgressBar) -> Callable[[Progress], None]:
     return say
 
 
-@reporting_errors
 def studio(
     source: Annotated[str, argument("PROBLEM.toml|ROBOT", "A problem file, or a robot.")],
     output: Annotated[

@@ -41,8 +41,13 @@ CHECKED = "Stances are checked 2000 times a second, not proved; the figures are 
 COLOURS: Mapping[Tone, str] = {"good": "green", "open": "yellow", "bad": "red"}
 
 
-def plan_summary(plan: Plan, files: Sequence[Path], program: str = "floatplan") -> RenderableType:
-    """Return at most 25 lines about a plan and the files that were written of it; ``program`` is what users type."""
+def plan_summary(
+    plan: Plan, files: Sequence[Path], program: str = "floatplan", stances: Sequence[Row] = ()
+) -> RenderableType:
+    """Return at most 25 lines about a plan and the files that were written of it.
+
+    ``program`` is what users type; ``stances`` is what is said of those before and after the flight, if anything.
+    """
     problem, (word, tone), (status, *results) = plan.problem, plan_verdict(plan), result_rows(plan)
     obstacles = [_counted(len(problem.obstacles), "obstacle")] if problem.obstacles else []
     asked = [
@@ -69,7 +74,7 @@ def plan_summary(plan: Plan, files: Sequence[Path], program: str = "floatplan") 
         explained = f"{explained[: LONGEST_EXPLANATION - 4]} ..."
     return Group(
         Text(f"{problem.name}: {word} ({status.text})", f"bold {COLOURS[tone]}"),
-        _named([*rows, *results, *proof_rows(plan), *written]),
+        _named([*rows, *results, *stances, *proof_rows(plan), *written]),
         _table(titles, cells[:MOST_JOINTS_SHOWN], whole=True),
         *_more(len(cells) - MOST_JOINTS_SHOWN),
         *([Text(explained, "" if plan.ok else "yellow")] if explained else []),

@@ -54,7 +54,7 @@ RATE_NOISE = 0.02  # [rad/s] of measured rates
 WANDER = 0.002  # [-] of the errors, per root of a second, by which the state may change
 ORIENTATION_WANDER = 0.0005  # [rad] the same of the orientation
 SURPRISING = 6.0  # [-] deviations of a momentum from what is expected
-SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
+MOST_SURPRISES = 5  # [-] of them to the same side, one after the other, tell of a kick
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update

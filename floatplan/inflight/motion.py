@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -85,7 +84,8 @@ class Rewriting:
         self.form = Form(size - CONDITIONS)
         functions = basis(self.form)
         derivatives = (functions.chebyshev, *(chebyshev.chebder(functions.chebyshev, m, scl=2) for m in (1, 2)))
-        self._table = read_only(np.stack([_padded(part, size) for part in derivatives]))
+        rest = [((0, size - len(part)), (0, 0)) for part in derivatives]  # zeros: of no higher degree
+        self._table = read_only(np.stack([np.pad(*each) for each in zip(derivatives, rest, strict=True)]))
         self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
         self.of_values = np.linalg.inv(functions.values(self.points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
@@ -95,19 +95,8 @@ class Rewriting:
         coefficients = self.of_values @ (polynomials @ p)
         boundary = np.stack([ends[:, : len(part)] @ part for part in (p, rate, curvature)])
         self.landing = read_only(boundary[:, 1])
-        self._set_boundary(coefficients, boundary[:, 0], self.landing, plan.duration)
+        scale = plan.duration ** np.arange(3.0)[:, None]  # from derivatives by time to those by u
+        coefficients[:3], coefficients[3:CONDITIONS] = boundary[:, 0] * scale, self.landing * scale
         self.first = RemainingMotion(
             np.array(plan.centre), np.array(plan.amplitude), 0.0, plan.duration, read_only(coefficients), self._table
         )
-
-    @staticmethod
-    def _set_boundary(coefficients: Array, begin: Array, end: Array, duration: float) -> None:
-        """Put p, p', p'' (3, n) by time at both ends into the coefficients of the basis, by u."""
-        scale = duration ** np.arange(3.0)[:, None]
-        coefficients[:3] = begin * scale
-        coefficients[3:CONDITIONS] = end * scale
-
-
-def _padded(columns: npt.NDArray[np.floating[Any]], size: int) -> Array:
-    """The same polynomials with so many coefficients, zeros at the end."""
-    return np.concatenate((columns, np.zeros((size - len(columns), columns.shape[1]))))

@@ -7,7 +7,7 @@ margin over ``LENGTH_SCALE``, as in the planner's constraints.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,10 +21,10 @@ from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid, 
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.plans.plan import Plan
+from floatplan.problem.limits import shares_of_limits
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import LinkCapsule, PlanarTree
-from floatplan.tables import JOINT_LIMITS
 
 RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
 LEAST_INSTANTS = (
@@ -56,7 +56,7 @@ class LimitRows:
     window: tuple[float, float] = ALWAYS
 
 
-def _share(used: dict[str, Array], also: dict[str, Array]) -> LimitRows:
+def _share(used: Mapping[str, Array], also: Mapping[str, Array]) -> LimitRows:
     return LimitRows(ShareRows(used, also), SHARE_AIM, SHARE_SOFTNESS)
 
 
@@ -64,44 +64,24 @@ def _distance(block: Block, window: tuple[float, float] = ALWAYS) -> LimitRows:
     return LimitRows(block, DISTANCE_AIM, DISTANCE_SOFTNESS, window)
 
 
-def _selected(limit: Array) -> Array:
-    """Rows (r, n) that pick quantities (n,) over their limits, where these are finite."""
-    return np.diag(1 / limit)[np.isfinite(limit)]
-
-
 def limit_rows(problem: Problem) -> list[LimitRows]:
     """Return the rows of all limits of a problem but distances; joint ranges need none.
-
-    Of torques those of each motor, alone and with its rate; generalised ones where they have a limit of their own.
 
     Raises
     ------
     InputError
         Corrections in flight do not know a limit.
     """
-    robot = problem.robot
-    motors = np.isfinite(problem.motor_torque_limits)
-    implied = ((robot.motor_ratios == 0) | motors[:, None]).all(axis=0)
-    shares: list[tuple[dict[str, Array], dict[str, Array]]] = [
-        ({"motor_torques": _selected(problem.motor_torque_limits)}, {}),
-        (
-            {"motor_torques": _selected(problem.motor_stall)},
-            {"velocities": _selected(problem.motor_stall) @ (problem.motor_slope[:, None] * robot.motor_ratios)},
-        ),
-        ({"torques": _selected(np.where(implied, np.inf, problem.torque_limits))}, {}),
-    ]
-    limits = {row.quantity: problem.joint_limits[row.key] for row in JOINT_LIMITS}
-    for row in JOINT_LIMITS:
-        if row.quantity not in QUANTITIES and np.isfinite(limits[row.quantity]).any():
+    rows = []
+    for shares in shares_of_limits(problem):
+        for quantity in shares.used.keys() - QUANTITIES:
             raise InputError(
-                f"corrections in flight do not know limits of {row.quantity}",
-                element=f"limits.{row.key}",
+                f"corrections in flight do not know limits of {quantity}",
+                element=f"limits.{shares.key}",
                 advice="leave it out, or fly without corrections",
             )
-    if problem.limits.orientation_rate is not None:
-        limits["orientation_rate"] = np.array([problem.limits.orientation_rate])
-    shares += [({name: _selected(limit)}, {}) for name, limit in limits.items() if name in QUANTITIES]
-    return [_share(used, also) for used, also in shares if len(next(iter(used.values())))]
+        rows.append(_share(shares.used, shares.also))
+    return rows
 
 
 def sensible_rows(plan: Plan) -> list[LimitRows]:
@@ -116,7 +96,7 @@ def sensible_rows(plan: Plan) -> list[LimitRows]:
     largest = float(plan.peaks.joints["acceleration"].max())
     if not free.any() or not largest:
         return []
-    return [_share({"accelerations": _selected(np.where(free, SENSIBLE * largest, np.inf))}, {})]
+    return [_share({"accelerations": np.eye(len(free))[free] / (SENSIBLE * largest)}, {})]
 
 
 def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[LimitRows]:

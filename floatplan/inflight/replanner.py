@@ -24,7 +24,7 @@ from floatplan.inflight.estimate import (
 )
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.prediction import Views
-from floatplan.inflight.update import EVALUATIONS, KEPT, Corrected, Update
+from floatplan.inflight.update import EVALUATIONS_NEAR, KEPT, Corrected, Update
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
@@ -223,7 +223,7 @@ class Replanner:
         if landing - now <= LEAST_REMAINING * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         warm_start = self._warm_starts.at(now, self._estimate.angular_momentum) if first else None
-        evaluations = FIRST if first else EVALUATIONS
+        evaluations = FIRST if first else EVALUATIONS_NEAR
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
         status, reason = _judged(corrected)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,13 @@ from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.prediction import Instants, LimitRows, Views
 from floatplan.kernel.bodies import Bodies, filled_robot
 from floatplan.kernel.constraints import CompiledConstraints
-from floatplan.kernel.layout import ENUMERATIONS, Filled
+from floatplan.kernel.layout import ENUMERATIONS, Filled, constants
 from floatplan.kernel.library import kernel
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.robot.planar.tree import PlanarTree
 
-EVALUATIONS = 1  # [-] of changed motions at most
+EVALUATIONS_NEAR = 1  # [-] of changed motions at most
 EVALUATIONS_FAR = 6  # [-] the same where the landing is far from the goal
 FAR = 0.06  # [rad]
 WEIGHED = 10.0  # [-] sigmas of the landing at most, against limits: one that is farther is approached from where it is
@@ -39,28 +40,6 @@ MEMORY = 64  # [-] motions that are remembered, for measurements that come late
 GAP_NODES = 5  # [-] of the quadrature between measurements
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
 STEPS = ENUMERATIONS["Step"].__members__
-
-
-def _constants() -> dict[str, Any]:
-    """Of corrections and filter, as the kernel names them."""
-    return {
-        "gap_nodes": GAP_NODES,
-        "memory": MEMORY,
-        "most_rows": MOST_ROWS,
-        "far": FAR,
-        "weighed": WEIGHED,
-        "settled": SETTLED,
-        "shorter": SHORTER,
-        "kept": KEPT,
-        "scales": SCALES,
-        "evaluations_near": EVALUATIONS,
-        "evaluations_far": EVALUATIONS_FAR,
-        "angle_variance": filtering.ANGLE_NOISE**2,
-        "rate_variance": filtering.RATE_NOISE**2,
-        "largest_error": filtering.LARGEST_ERROR,
-        "surprising": filtering.SURPRISING,
-        "most_surprises": filtering.SURPRISES,
-    }
 
 
 @dataclass(eq=False)
@@ -128,30 +107,27 @@ class Update:
             **_of_limits(blocks, constraints.block_first),
             sigma=sigma,
             acceleration=acceleration,
-            **_constants(),
+            law=constants("Law", vars(filtering), globals()),
             **dict.fromkeys(("state", "covariance", "surprises", "wander", "deviations")),  # see begin()
             **found,
             **self._called,
             motions=np.zeros((MEMORY, 2 + 3 * columns * n)),
             room=None,
         )
-        self._attach()
-        room = np.zeros(self._kernel.flight_room(*self._structures))
-        self._filled.point_to(room=room)
+        self._filled.point_to(room=np.zeros(kernel().flight_room(*self._structures)))
 
-    def _attach(self) -> None:
-        """Find the kernel, and where numbers lie in memory."""
-        self._kernel, self._flight = kernel(), self._filled.structure
-        self._structures = self._robot.structure, self._constraints.structure, self._flight
+    @cached_property
+    def _flight(self) -> Any:
+        """What the kernel reads and writes."""
+        return self._filled.structure
+
+    @cached_property
+    def _structures(self) -> tuple[Any, Any, Any]:
+        return self._robot.structure, self._constraints.structure, self._flight
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what :meth:`_attach` finds."""
-        found = ("_kernel", "_flight", "_structures")
-        return {name: value for name, value in self.__dict__.items() if name not in found}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._attach()
+        """All but where numbers lie in memory: a copy has its own."""
+        return {name: value for name, value in vars(self).items() if name not in ("_flight", "_structures")}
 
     def begin(self, estimate: Estimate) -> None:
         """Begin another flight, of which so much is known."""
@@ -263,7 +239,8 @@ class Update:
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
-        self._kernel.flight(*self._structures, step, self._kernel.instructions)
+        found = kernel()
+        found.flight(*self._structures, step, found.instructions)
 
     def _of_instants(self, instants: Instants) -> dict[str, Array]:
         grid, free = instants.grid, np.stack(instants.free)

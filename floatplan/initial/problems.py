@@ -1,22 +1,30 @@
-"""Problems of first flights: of candidates that can begin and end, and turns afloat where no leap fits."""
+"""Problems of first flights: of jumps, and turns afloat where there is none."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.initial.candidates import DIGITS, Candidates
-from floatplan.initial.robots import ChosenRobot
-from floatplan.initial.stance import FAST
+from floatplan.initial.robots import ChosenRobot, standing_height, upright
 from floatplan.motion.planar.closed_form import tree_dynamics
-from floatplan.problem.checks import position_limits
-from floatplan.problem.parts import Flight, Landing, Limits, Motion, Posture, Takeoff
+from floatplan.plans.plan import Plan
+from floatplan.problem.jump import JumpRequest
+from floatplan.problem.parts import Flight, JointState, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import position_limits
+from floatplan.stance.jump import Jump
+from floatplan.stance.motion import Stance
 
+GRAVITY = 9.81  # [m/s^2]
+FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
+LONG, SHORT = 2.57, 1.2  # [-] durations of flights over sqrt(height / g), with a turn and without
+DIGITS = 6  # [-] of numbers of a jump in the problem file
+PLACES = 6  # [-] of heights there, m: micrometres
 MOTION = Motion(degree="auto", objective="acceleration")
 SWINGS = (1.0, 0.6, 0.3)  # [-] of half a joint's range
 WIDEST_SWING = math.radians(60)  # [rad]
@@ -28,25 +36,71 @@ DIRECTIONS = 512  # [-] of the joints, compared
 INSIDE = 0.05  # [-] of a joint's range, kept free at its ends
 
 
-def problem_of(chosen: ChosenRobot, frame: str, candidate: Candidates) -> Problem:
-    """Return the problem whose motion makes a flight of a single candidate, on a frame."""
-    begin, end = candidate.orientations.tolist()
+def jump_problem(chosen: ChosenRobot, turns: int) -> Problem:
+    """Return the problem of a jump from standing to standing, with whole turns of the base, of which 0 are a hop.
+
+    It begins on the feet on the side to which it turns; its flight, from rest to rest, is but a guess.
+    """
+    robot = chosen.robot
+    foot = chosen.feet[0 if turns * robot.plane.turn >= 0 else -1]
+    angle, unit = upright(robot, foot), math.sqrt(standing_height(robot, foot) / GRAVITY)
     return Problem(
-        chosen.robot,
-        Posture(begin, candidate.positions[0], "takeoff", "free"),
-        Posture(end, candidate.positions[1], "landing", "free"),
-        Flight(
-            float(candidate.duration),
-            angular_momentum=float(f"{candidate.angular_momentum:.{DIGITS}g}"),
-            takeoff=Takeoff(frame),
-            landing=Landing(frame),
-            horizontal_velocity=float(candidate.horizontal_velocity),
-        ),
-        MOTION,
+        robot,
+        Posture(angle, robot.resting),
+        Posture(angle + turns * math.tau, robot.resting),
+        Flight(LONG * unit if turns else SHORT * unit, angular_momentum="free", takeoff=Takeoff(foot)),
+        Motion(objective="torque"),
         limits_of(chosen),
-        name=chosen.robot.name,
-        ground=True,
+        name=robot.name,
+        jump=JumpRequest(),
     )
+
+
+def flight_of_jump(found: Jump, flight: Plan) -> Problem:
+    """Return the problem of a jump that was found: its flight between the feet at rest, in round numbers."""
+    asked, free = flight.problem, flight.problem.flight
+    sides = [[_contacts(stance) for stance in stances] for stances in (found.before, found.after)]
+    request = replace(
+        found.request,
+        takeoff=replace(found.request.takeoff, contacts=sides[0]),
+        landing=replace(found.request.landing, contacts=sides[1]),
+    )
+    rounded = replace(
+        free,
+        duration=_round(free.duration),
+        angular_momentum=_round(flight.angular_momentum),
+        horizontal_velocity=_round(free.horizontal_velocity),
+        landing=Landing(asked.landing.frame, round(asked.landing_height, PLACES)),
+    )
+    return replace(
+        found.problem,
+        start=_round_posture(asked.initial),
+        goal=_round_posture(asked.final),
+        flight=rounded,
+        motion=asked.motion,
+        jump=request,
+    )
+
+
+def _contacts(stance: Stance) -> tuple[str, ...]:
+    """Frames that stand, as problem files name them: of a sole that stands on its toe alone, that."""
+    frames = [contact.frame for contact in stance.contacts]
+    whole = [contact.frame if frames.count(contact.frame) > 1 else contact.name for contact in stance.contacts]
+    return tuple(dict.fromkeys(whole))
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _round_posture(state: JointState) -> Posture:
+    """Return a posture whose angles and their rates are round numbers in degrees."""
+
+    def rounded(values: Array) -> Array:
+        return np.array([math.radians(_round(each)) for each in np.rad2deg(values).tolist()])
+
+    orientation = float(rounded(np.array([state.orientation]))[0])
+    return Posture(orientation, rounded(state.positions), rounded(state.velocities), rounded(state.accelerations))
 
 
 def limits_of(chosen: ChosenRobot) -> Limits:

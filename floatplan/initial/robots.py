@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from floatplan.errors import InputError, naming
 from floatplan.motion.planar.ballistics import frame_from_com
-from floatplan.problem.checks import lowest_point
 from floatplan.problem.parts import JointState
+from floatplan.problem.resolution import lowest_point
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.check import check_urdf
@@ -25,6 +25,7 @@ POSTURES = ("standing", "half_sitting", "homing", "home", "default")  # how the 
 FOOT_WORDS = ("sole", "foot(?!print)", "toe", "ankle")  # the first that a link's name holds goes before others
 NOT_FEET = re.compile("imu|sensor|wheel|caster|torso|virtual", re.IGNORECASE)
 LEG_JOINTS = 2  # [-] planned, at least, of a leg that no name tells
+SMALLEST = 1e-3  # [m] that a robot stands high
 ROUNDING = 1e-6  # [m] that meshes' heights differ by
 BELOW = 0.15  # [-] of the robot's height: a limb that ends so near to its lowest point is a leg
 LIGHT = 0.01  # [-] of the robot's mass: joints that carry less, such as fingers, stay locked
@@ -115,6 +116,12 @@ def upright(robot: Robot, foot: str) -> float:
     """Orientation, rad, in which the robot stands on a foot: turned only where the foot is on the base itself."""
     on_base = robot.frames[foot].body == 0
     return float(robot.tree.turn * (np.pi / 2 - np.angle(-_place(robot, foot)))) if on_base else 0.0
+
+
+def standing_height(robot: Robot, foot: str) -> float:
+    """Height of the centre of mass over the ground on which the robot stands on a foot, m, in its resting posture."""
+    standing = replace(_resting(robot), orientation=upright(robot, foot))
+    return max(-lowest_point(robot, foot, standing), SMALLEST)
 
 
 def links_of(robot: Robot, body: int) -> list[str]:

@@ -13,17 +13,15 @@ from typing import Any
 import numpy as np
 
 from floatplan.initial.flight import FirstFlight
+from floatplan.initial.problems import DIGITS, FAST
 from floatplan.initial.robots import ChosenRobot
-from floatplan.initial.stance import FAST
-from floatplan.problem.checks import position_limits
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Posture
+from floatplan.problem.resolution import position_limits
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.example_robots import PREFIX
 
-HELD = (
-    "No stance that pushes off or lands so was looked for, with its stroke, force and balance: only that the joints'"
-    " velocity limits let the foot leave and meet the ground at rest."
-)
+USED = {"torque": "torque", "velocity": "velocity"}  # figures of the check, and of which limits they are shares
 WIDTH = 110  # [-] characters of a comment
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -32,31 +30,33 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
     """Return the problem file that goes to ``path``."""
     problem = flight.problem
     blocks = [
-        _title(chosen.robot, flight),
-        ['angles = "deg"', *(["ground = true          # every link stays above it"] if problem.ground else [])],
+        _title(chosen.robot, flight, path),
+        ['angles = "deg"'],
         _robot(chosen, path),
         _joints(chosen.robot),
         _posture("start", problem.start, chosen.robot),
         _posture("goal", problem.goal, chosen.robot),
         _flight(flight),
-        ["[motion]", 'degree = "auto"', f'objective = "{problem.motion.objective}"'],
+        ["[motion]", f"degree = {_value(problem.motion.degree)}", f"objective = {_value(problem.motion.objective)}"],
         _limits(flight),
+        *([] if problem.jump is None else _jump(problem.jump)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-def _title(robot: Robot, flight: FirstFlight) -> list[str]:
-    problem, turn = flight.problem, math.degrees(flight.turn)
-    name = problem.name
-    if not problem.ground:
+def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
+    name, turn, found = flight.problem.name, math.degrees(flight.turn), flight.jump
+    if found is None:
         what = f"{name}, afloat without gravity, turns its base by {turn:.3g} degrees with its joints."
-    elif flight.reasons:
-        what = f"{name} leaps from {problem.takeoff.frame} and turns by {turn:.3g} degrees: the largest turn found."
-    else:
-        direction = "backwards" if turn * robot.plane.turn > 0 else "forwards"
-        what = f"{name} flips {direction}, from {problem.takeoff.frame} to {problem.landing.frame}."
-    held = HELD if problem.ground else ""
-    return _comment(what) + _comment(" ".join([*flight.reasons, held]).strip())
+        return [*_comment(what), *_comment(" ".join(flight.reasons))]
+    does = "flips backwards" if turn * robot.plane.turn > 0 else "flips forwards" if turn else "jumps"
+    what = f"{name} stands, {does} and stands again: floatplan jump {path.name}"
+    used = [f"{found.check.figures[key]:.0%} of the {limit} limits" for key, limit in USED.items()]
+    checked = (
+        "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
+        f" found too, and checked 2000 times a second: they take {' and '.join(used)}."
+    )
+    return [*_comment(what), *_comment(checked), *_comment(" ".join(flight.reasons))]
 
 
 def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
@@ -101,33 +101,41 @@ def _joints(robot: Robot) -> list[str]:
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
-    angles = zip(robot.joints, np.asarray(posture.positions).tolist(), strict=True)
-    pairs = (f"{joint if BARE.fullmatch(joint) else _value(joint)} = {_degrees(angle)}" for joint, angle in angles)
-    lines = [
-        f"[{table}]",
-        f"orientation = {_degrees(posture.orientation)}",
-        f"positions = {{ {', '.join(pairs)} }}",
-    ]
-    if isinstance(posture.velocities, str):
-        verb = "leaves" if posture.velocities == "takeoff" else "meets"
-        lines.append(f'velocities = "{posture.velocities}"  # those with which the foot {verb} the ground at rest')
-        lines.append('accelerations = "free"')
+    lines = [f"[{table}]", f"orientation = {_degrees(posture.orientation)}"]
+    for key in ("positions", "velocities", "accelerations"):
+        angles = np.asarray(getattr(posture, key))
+        if key == "positions" or angles.any():
+            pairs = (
+                f"{joint if BARE.fullmatch(joint) else _value(joint)} = {_degrees(angle)}"
+                for joint, angle in zip(robot.joints, angles.tolist(), strict=True)
+            )
+            lines.append(f"{key} = {{ {', '.join(pairs)} }}")
     return lines
 
 
 def _flight(flight: FirstFlight) -> list[str]:
     problem = flight.problem
-    asked = problem.flight
-    lines = ["[flight]", f"duration = {asked.duration:g}  # s"]
-    if not problem.ground:
-        return [*lines, "angular_momentum = 0", "gravity = 0"]
-    shares = [f"{100 * (contact.ratio or 0):.0f} %" for contact in flight.plan.contacts]
+    asked, landing = problem.flight, problem.landing
+    lines = ["[flight]", f"duration = {asked.duration!r}  # s", f"angular_momentum = {_value(asked.angular_momentum)}"]
+    if flight.jump is None:
+        return [*lines, "gravity = 0"]
+    lines[-1] += "  # kg m^2/s"
+    height = f", height = {landing.height!r}" if landing.height else ""
     return [
         *lines,
-        f"angular_momentum = {_value(asked.angular_momentum)}  # kg m^2/s",
-        f"horizontal_velocity = {asked.horizontal_velocity:g}  # m/s",
-        f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}  # with {shares[0]} of the velocity limits",
-        f"landing = {{ frame = {_value(problem.landing.frame)} }}  # with {shares[1]}",
+        f"horizontal_velocity = {asked.horizontal_velocity!r}  # m/s",
+        f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}",
+        f"landing = {{ frame = {_value(landing.frame)}{height} }}",
+    ]
+
+
+def _jump(jump: JumpRequest) -> list[list[str]]:
+    margin = ", ".join(f"{name} = {share:g}" for name, share in jump.margin.items())
+    shares = "  # shares of the limits that stances may use"
+    return [
+        ["[jump]", f"friction = {jump.friction:g}", f"margin = {{ {margin} }}{shares}"],
+        ["[jump.takeoff]", f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs"],
+        ["[jump.landing]", f"contacts = {_value(jump.landing.contacts)}"],
     ]
 
 
@@ -147,9 +155,12 @@ def _limits(flight: FirstFlight) -> list[str]:
 
 
 def _degrees(angle: float) -> float | int:
-    """Whole degrees where it is that many, else all digits."""
+    """A round number of degrees where it is one, else all digits."""
     degrees = math.degrees(angle)
-    return round(degrees) if abs(degrees - round(degrees)) < 1e-9 else degrees
+    rounded = float(f"{degrees:.{DIGITS}g}")
+    if abs(degrees - rounded) > 1e-9 * max(1.0, abs(degrees)):
+        return degrees
+    return int(rounded) if rounded.is_integer() else rounded
 
 
 def _value(value: Any) -> str:

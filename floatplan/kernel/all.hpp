@@ -11,7 +11,7 @@
 #include "distances.hpp"
 #include "rows.hpp"
 #include "minima.hpp"
+#include "quadratic.hpp"
 #include "prediction.hpp"
 #include "correcting.hpp"
 #include "flight.hpp"
-#include "quadratic.hpp"

@@ -73,7 +73,7 @@ class Starts {
         }
         branched(boundary, m.branch, n, m.boundary);
         planner.set_boundary(m.boundary);
-        double spread = candidate <= settings.candidates ? 0 : settings.spreads[candidate % 6];
+        double spread = candidate <= settings.candidates ? 0 : settings.spreads_of_starts[candidate % 6];
         for (std::int64_t e = 0; e < n * robot.width; ++e) m.z[e] = spread * random.normal();
         planner.variables(m.z, m.x);
     }

@@ -12,10 +12,10 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.bodies import filled_grid, filled_robot, merged_bodies
-from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, FilledArray, Structure, address
+from floatplan.kernel.layout import ENUMERATIONS, Filled, FilledArray, Structure, address, constants
 from floatplan.kernel.library import Kernel
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
-from floatplan.motion.planar.flight import LARGEST_TAIL, SMALLEST_TAIL
+from floatplan.motion.planar import flight
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.optimization import sqp
 from floatplan.optimization.nonlinear_program import Settings
@@ -216,14 +216,10 @@ def _settings(search: Search) -> Structure:
         (nearly_resolved(fine), NEARLY_RESOLVED),
         (fine, QUADRATURE_ERROR),
     )
-    numbers = {name.lower(): value for name, value in {**vars(sqp), **globals()}.items() if name.isupper()}
-    numbers["shortening_least"], numbers["shortening_most"] = sqp.SHORTENING
-    numbers |= {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "spreads": SPREADS_OF_STARTS}
-    numbers["smallest_tail"], numbers["largest_tail"] = SMALLEST_TAIL, LARGEST_TAIL
-    numbers["stages"] = tuple(
+    stages = tuple(
         (each.feasibility, each.optimality, error, 0 if search.only_draws else each.iterations) for each, error in steps
     )
+    others: dict[str, Any] = {**vars(search), "tolerance": ORIENTATION, "levels": len(NODE_COUNTS), "stages": stages}
     if search.only_draws:
-        numbers["polishing_steps"] = 0
-    kind = STRUCTURES["Settings"]
-    return kind(**{name: numbers[name] for name, *_ in kind._fields_})
+        others["polishing_steps"] = 0
+    return constants("Settings", vars(sqp), vars(flight), globals(), **others)

@@ -109,23 +109,17 @@ def _built_up(turns: Array) -> tuple[list[int], list[list[tuple[int, float]]]]:
 
 def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
     """Return a robot whose joints have so many free polynomials."""
+    same = ("real", "imaginary", "is_real", "parent", "first", "joint", "ratio", "group")
     return Filled(
         "Robot",
         joints=len(free),
         bodies=len(bodies.real),
         width=max(free),
         free=np.array(free, dtype=np.int64),
-        real=bodies.real,
-        imaginary=bodies.imaginary,
-        is_real=bodies.is_real,
-        parent=bodies.parent,
-        first=bodies.first,
-        joint=bodies.joint,
-        ratio=bodies.ratio,
         links=len(bodies.group),
-        group=bodies.group,
         link_real=bodies.links.real,
         link_imaginary=bodies.links.imag,
+        **{name: getattr(bodies, name) for name in same},
     )
 
 

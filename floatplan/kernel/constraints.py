@@ -1,7 +1,7 @@
 """Rows of constraints of planar flights, compiled: distances, and sums of moments and rates, with their derivatives.
 
-Searches and corrections in flight share them; between nodes their least values are looked for. The same as
-:mod:`floatplan.motion.planar.closed_form` and :mod:`floatplan.motion.planar.clearance` compute, in a few calls for each
+Searches and corrections in flight share them; between nodes their least values are looked for. Their values are those
+of :mod:`floatplan.motion.planar.closed_form` and :mod:`floatplan.motion.planar.clearance`, in a few calls for each
 motion.
 """
 
@@ -18,7 +18,6 @@ from floatplan.kernel.bodies import unscaled_robot
 from floatplan.kernel.layout import ENUMERATIONS, STRUCTURES, Filled, Structure, address
 from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import BaseMotion, FlightDynamics
-from floatplan.motion.planar.closed_form import BaseRate
 from floatplan.motion.planar.flight import PlanarBaseMotion, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
@@ -71,14 +70,19 @@ class CompiledConstraints:
 
     Attributes
     ----------
+    known : tuple of bool
+        Of each block, whether the kernel knows it; others have no rows.
     block_first : (blocks + 1,) int
         Where each block's rows begin.
     differentiated : list of int
         Of each block, how many rows have derivatives that are not just the opposite of another's.
+    also : (r, terms), optional
+        The numbers of that quantity as the kernel's sums; None where there is none, or the kernel does not know it.
     """
 
-    def __init__(self, flight: PlanarFlight, blocks: Sequence[Block], also: str = "") -> None:
+    def __init__(self, flight: PlanarFlight, blocks: Sequence[Block | None], also: str = "") -> None:
         self.kernel, self.flight = kernel(), flight
+        self.known = tuple(map(_is_known, blocks))
         tree = flight.tree
         self.links, self.joints = tree.turns.shape
         self.terms = 2 + 2 * self.joints + self.links
@@ -86,13 +90,17 @@ class CompiledConstraints:
         written: list[tuple[int, int, int, float, float]] = []
         obstacles: list[list[float]] = []
         sums: list[Array] = []
-        counts = [self._write(block, written, obstacles, sums) for block in blocks]
+        counts = [
+            self._write(block, written, obstacles, sums) if block and known else 0
+            for block, known in zip(blocks, self.known, strict=True)
+        ]
         self.rows = len(written)
         self.block_first = np.cumsum([0, *counts])
         columns = np.array(written).reshape(-1, 5).T
         kind, first, second = columns[:3].astype(np.int64)
         of_sums = np.array(sums).reshape(-1, self.terms)
         accelerations, moments = np.split(of_sums, [2 + self.joints, 2 + 2 * self.joints], axis=1)[1:]
+        self.also = self.sums(each_of(flight, also)) if also in QUANTITIES else None
         self.needs_moments = "torque" in also or bool(moments.any())
         self.needs_accelerations = self.needs_moments or also == "accelerations" or bool(accelerations.any())
         self.needs_places = bool((kind > SHARE).any())
@@ -172,12 +180,6 @@ class CompiledConstraints:
                 rows[:, begin : begin + weights.shape[1]] += weights
         return rows
 
-    @property
-    def widths(self) -> dict[str, int]:
-        """How many numbers each quantity has."""
-        n, motors = self.joints, self.flight.tree.motor_turns.shape[1]
-        return {"velocities": n, "accelerations": n, "torques": n, "motor_torques": motors, "orientation_rate": 1}
-
 
 def can_write(obstacle: Obstacle) -> bool:
     """Whether the kernel knows all pieces of an obstacle."""
@@ -190,7 +192,7 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
         return (CIRCLE,), [*obstacle.center, 0.0, 0.0, *obstacle.velocity, obstacle.radius]
     if isinstance(obstacle, Bar):
         return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
-    assert isinstance(obstacle, HalfPlane), "see can_write()"
+    assert isinstance(obstacle, HalfPlane), f"the kernel knows no obstacles of kind {obstacle.kind!r}"
     normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
     return (HALF_PLANE_START, HALF_PLANE_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
 
@@ -206,16 +208,31 @@ def _opposite(kind: IntArray, first: IntArray, sums: Array) -> IntArray:
     return found
 
 
-def compiled_constraints(flight: FlightDynamics, blocks: Sequence[Block], also: str = "") -> CompiledConstraints | None:
-    """Return rows of a flight's constraints; None in space, or where the kernel does not know what they measure."""
-    known = all(map(_is_known, blocks)) and also in ("", *QUANTITIES)
-    return CompiledConstraints(flight, blocks, also) if known and isinstance(flight, PlanarFlight) else None
+def compiled_constraints(
+    flight: FlightDynamics, blocks: Sequence[Block | None], also: str = ""
+) -> CompiledConstraints | None:
+    """Return rows of a flight's constraints; None in space."""
+    return CompiledConstraints(flight, blocks, also) if isinstance(flight, PlanarFlight) else None
 
 
-def _is_known(block: Block) -> bool:
-    if isinstance(block, ObstacleRows):
-        return can_write(block.obstacle)
-    return not isinstance(block, SumRows) or block.weights.keys() <= set(QUANTITIES)
+def _is_known(block: Block | None) -> bool:
+    return block is not None and (not isinstance(block, SumRows) or block.weights.keys() <= set(QUANTITIES))
+
+
+def each_of(flight: PlanarFlight, quantity: str) -> SumRows:
+    """Return the numbers of a quantity, each on its own."""
+    joints, motors = (int(turns.shape[1]) for turns in (flight.tree.turns, flight.tree.motor_turns))
+    width = {"motor_torques": motors, "orientation_rate": 1}.get(quantity, joints)
+    return SumRows(np.zeros(width), {quantity: np.eye(width)})
+
+
+def quantity_rows(flight: FlightDynamics, quantity: str, s: Array) -> RowTargets | None:
+    """Return where the numbers of a quantity go, instant by instant; None in space."""
+    if not isinstance(flight, PlanarFlight):
+        return None
+    constraints = CompiledConstraints(flight, [each_of(flight, quantity)])
+    count = len(s) * constraints.rows
+    return RowTargets(constraints, s, np.arange(count).reshape(len(s), -1), count)
 
 
 class RowTargets:
@@ -234,34 +251,30 @@ class RowTargets:
         self._template.motion.per_second = 1 / constraints.flight.duration
         self._template.point_to(times=self._kept[0], target=target)
         self._room = self._placed(self._template, 0)
-        self.stride = self._template.motion.stride
-        structure, begin = self._template, -(-address(room := np.empty(self._room)) // 64) * 64
-        self._placed(structure, address(room))
-        kept = ("rate", "inverse", "by_speed", "by_position", "moment")
-        self.begins = {name: (getattr(structure.motion, name) - begin) // 8 for name in kept}
 
     def _placed(self, structure: Structure, memory: int) -> int:
         constraints = self.constraints
         return constraints.kernel.motion_room(*constraints.references, structure, memory)
 
     def fresh(self) -> tuple[Structure, Array]:
-        """Return a structure for a motion, and the memory that it points to, where arrays begin as ``begins`` says."""
-        room = np.empty(self._room)
-        structure, begin = type(self._template).from_buffer_copy(self._template), address(room)
-        self._placed(structure, begin)
-        return structure, room[-begin % 64 // 8 :]
+        """Return a structure for a motion, and the memory that it points to."""
+        room, structure = np.empty(self._room), type(self._template).from_buffer_copy(self._template)
+        self._placed(structure, address(room))
+        return structure, room
 
 
 @dataclass(frozen=True, eq=False)
 class ByX:
     """How the joints and h depend on x: ``basis`` (3, K, size) of p and its derivatives by s.
 
-    ``columns`` (n+1,) says where each joint's x begin, and then those of h, which is moved by ``axes`` (H,).
+    ``columns`` (n+1,) says where each joint's x begin, and then those of h, which is moved by ``axes`` (H,); they move
+    p too by ``of_axes`` (3, K, n, H), where the conditions (13) change with h.
     """
 
     basis: Array
     columns: IntArray
     axes: Array
+    of_axes: Array | None = None
 
 
 class MotionRows:
@@ -270,22 +283,15 @@ class MotionRows:
     def __init__(self, instants: RowTargets, flown: BaseMotion) -> None:
         assert isinstance(flown, PlanarBaseMotion), "compiled constraints are in a plane"
         self._instants, self._flown, self._constraints = instants, flown, instants.constraints
-        joints, n = flown.joints, instants.constraints.joints
+        joints = flown.joints
         self._structure, self._memory = instants.fresh()
+        motion = self._structure.motion
+        self._rate, self._moment = np.empty(motion.stride), np.empty((self._constraints.links, motion.stride))
+        motion.point_to(rate=self._rate, moment=self._moment)
         self._structure.momentum = flown.angular_momentum[0, 0]
         self._structure.point_to(positions=joints.positions, velocities=joints.velocities)
         self._call(RATES)
-        flown.__dict__["base_rate"] = BaseRate(
-            self._kept("rate", 1)[:, 0],
-            self._kept("by_speed", n),
-            self._kept("inverse", 1)[:, 0],
-            lambda: self._kept("by_position", n),
-        )
-
-    def _kept(self, name: str, rows: int) -> Array:
-        """What the kernel has written there (K, rows)."""
-        begin, stride = self._instants.begins[name], self._instants.stride
-        return self._memory[begin : begin + rows * stride].reshape(rows, stride)[:, : self._instants.instants].T
+        flown.__dict__["base_rate"] = self._rate[: instants.instants]
 
     def _call(self, wanted: int, given: int = 0, count: int = 0, result: int = 0) -> None:
         constraints = self._constraints
@@ -302,7 +308,7 @@ class MotionRows:
         values = np.empty(self._instants.count)
         self._call(VALUES, result=address(values))
         if constraints.needs_moments:
-            flown.__dict__["moments"] = self._kept("moment", constraints.links)
+            flown.__dict__["moments"] = self._moment[:, : self._instants.instants].T
         return values
 
     def drift(self, by_x: ByX, instants: int) -> Array:
@@ -313,6 +319,8 @@ class MotionRows:
         if self._constraints.needs_accelerations:
             structure.point_to(p_curvature=joints.p_curvature)
         structure.point_to(basis=by_x.basis, columns=by_x.columns, axes=by_x.axes)
+        if by_x.of_axes is not None:
+            structure.point_to(of_axes=by_x.of_axes)
         drift = np.empty((instants, by_x.basis.shape[2]))
         self._call(DRIFT, count=instants, result=address(drift))
         return drift

@@ -13,8 +13,8 @@ class Correcting {
         : f(flight), rest(rest), n(joints), width(f.width), size(n * width) {}
 
     void lay_out(Arena &arena) {
-        const std::int64_t most = 1 + f.most_rows * f.blocks;
-        for (double **each : {&best, &y, &step, &gradient}) arena.take(*each, size);
+        const std::int64_t most = 1 + f.law.most_rows * f.blocks;
+        for (double **each : {&best, &y, &step}) arena.take(*each, size);
         arena.take(hessian, size * size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
@@ -41,16 +41,16 @@ class Correcting {
         found.evaluated = 1;
         const bool warm = f.is_warm && warm_start(found);
         const double missed = present->miss;
-        const bool far = f.blocks && std::fabs(missed) > f.far;
-        if (far) evaluations = evaluations > f.evaluations_far ? evaluations : f.evaluations_far;
+        const bool far = f.blocks && std::fabs(missed) > f.law.far;
+        if (far) evaluations = evaluations > f.law.evaluations_far ? evaluations : f.law.evaluations_far;
         const bool landed = far && rest.has_distances && solve_as_landed(evaluations, missed, found);
-        if (far && rest.has_distances) evaluations = f.evaluations_near;
+        if (far && rest.has_distances) evaluations = f.law.evaluations_near;
         if (!landed) solve(evaluations, found);
         found.share = 1;
         if (!landed && !keeps(*present)) {
             std::memcpy(y, best, size * sizeof(double));
             found.share = 0;
-            for (double scale : {f.scales[0], f.scales[1]}) {
+            for (double scale : {f.law.scales[0], f.law.scales[1]}) {
                 for (std::int64_t k = 0; k < size; ++k) step[k] = scale * y[k];
                 change(*tried, step, found);
                 if (!keeps(*tried) || !(std::fabs(tried->miss) < std::fabs(missed))) continue;
@@ -75,7 +75,7 @@ class Correcting {
     Predicted two[2] = {}, *present = two, *tried = two + 1;
     std::int64_t n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *gradient, *hessian, *jacobian, *residual, *first, *worst;
+    double *best, *y, *step, *hessian, *jacobian, *residual, *first, *worst;
 
     void report(Corrected &found) {
         found.miss = present->miss;
@@ -89,7 +89,7 @@ class Correcting {
         for (std::int64_t k = 0; k < size; ++k) tried->coefficients[6 * n + k] += f.warm_start[k];
         rest.evaluate(*tried);
         ++found.evaluated;
-        if (!(std::fabs(tried->miss) < smaller(std::fabs(present->miss), f.far) && keeps(*tried))) return false;
+        if (!(std::fabs(tried->miss) < smaller(std::fabs(present->miss), f.law.far) && keeps(*tried))) return false;
         std::swap(present, tried);
         std::memcpy(first, present->coefficients, (6 + width) * n * sizeof(double));
         std::memcpy(worst, present->worst, f.blocks * sizeof(double));
@@ -113,7 +113,7 @@ class Correcting {
 
     bool keeps(const Predicted &a) const {
         for (std::int64_t b = 0; b < f.blocks; ++b)
-            if (!(a.worst[b] >= -f.kept || worst[b] < -f.kept)) return false;
+            if (!(a.worst[b] >= -f.law.kept || worst[b] < -f.law.kept)) return false;
         return true;
     }
 
@@ -131,7 +131,7 @@ class Correcting {
     }
 
     double tolerance(double miss) const {
-        return f.blocks ? larger(f.sigma, std::fabs(miss) / f.weighed) : f.sigma;
+        return f.blocks ? larger(f.sigma, std::fabs(miss) / f.law.weighed) : f.sigma;
     }
 
     double cost(const Predicted &a, const double *of, double sigma) const {
@@ -142,7 +142,7 @@ class Correcting {
 
     // Gauss-Newton steps from the present motion, which is left the best one, changed by `best`.
     void solve(std::int64_t evaluations, Corrected &found) {
-        const double enough = f.settled * f.settled, square = f.acceleration * rest.T * rest.T;
+        const double enough = f.law.settled * f.law.settled, square = f.acceleration * rest.T * rest.T;
         stiffness = 1 / (square * square);
         for (std::int64_t k = 0; k < size; ++k) best[k] = 0;
         double sigma = tolerance(present->miss), least = cost(*present, best, sigma);
@@ -154,11 +154,11 @@ class Correcting {
             double now = cost(*tried, y, sigma);
             if (!(now < least)) {
                 double moved = 0;
-                for (std::int64_t k = 0; k < size; ++k) step[k] *= f.shorter, moved += step[k] * step[k];
+                for (std::int64_t k = 0; k < size; ++k) step[k] *= f.law.shorter, moved += step[k] * step[k];
                 if (!std::isfinite(now) || stiffness * moved < enough) break;
                 continue;
             }
-            bool settled = now - expected <= f.settled * now + enough;
+            bool settled = now - expected <= f.law.settled * now + enough;
             std::memcpy(best, y, size * sizeof(double));
             std::swap(present, tried);
             double nearer = tolerance(present->miss);
@@ -198,16 +198,16 @@ class Correcting {
     void step_along_all() {
         for (std::int64_t a = 0; a < size; ++a) {
             for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] = a == b ? stiffness : 0;
-            gradient[a] = -stiffness * best[a];
+            step[a] = -stiffness * best[a];
         }
         for (std::int64_t r = 0; r < rows; ++r) {
             const double *row = jacobian + r * size;
             for (std::int64_t a = 0; a < size; ++a) {
-                gradient[a] -= row[a] * residual[r];
-                for (std::int64_t b = 0; b <= a; ++b) hessian[a * size + b] += row[a] * row[b];
+                step[a] -= row[a] * residual[r];
+                for (std::int64_t b = 0; b < size; ++b) hessian[a * size + b] += row[a] * row[b];
             }
         }
-        solve_symmetric();
+        eliminate(hessian, step, size);
     }
 
     // The rows of a block that are below their aim, at most so many, the worst.
@@ -216,8 +216,8 @@ class Correcting {
         double *violation = present->violation, floor = 0;
         std::int64_t near = 0;
         for (std::int64_t e = begin; e < end; ++e) near += violation[e] > 0;
-        if (near > f.most_rows) floor = at_rank(violation + begin, end - begin, near - f.most_rows);
-        std::int64_t left = f.most_rows;
+        if (near > f.law.most_rows) floor = at_rank(violation + begin, end - begin, near - f.law.most_rows);
+        std::int64_t left = f.law.most_rows;
         for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
             for (std::int64_t e = begin; e < end && left; ++e) {
                 if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
@@ -240,24 +240,5 @@ class Correcting {
             for (std::int64_t e = 0; e < count; ++e) passed += values[e] == floor;
         }
         return floor;
-    }
-
-    void solve_symmetric() {  // Cholesky
-        for (std::int64_t a = 0; a < size; ++a)
-            for (std::int64_t b = 0; b <= a; ++b) {
-                double part = hessian[a * size + b];
-                for (std::int64_t k = 0; k < b; ++k) part -= hessian[a * size + k] * hessian[b * size + k];
-                hessian[a * size + b] = a == b ? std::sqrt(part) : part / hessian[b * size + b];
-            }
-        for (std::int64_t a = 0; a < size; ++a) {
-            double part = gradient[a];
-            for (std::int64_t k = 0; k < a; ++k) part -= hessian[a * size + k] * step[k];
-            step[a] = part / hessian[a * size + a];
-        }
-        for (std::int64_t a = size; a-- > 0;) {
-            double part = step[a];
-            for (std::int64_t k = a + 1; k < size; ++k) part -= hessian[k * size + a] * step[k];
-            step[a] = part / hessian[a * size + a];
-        }
     }
 };

@@ -6,7 +6,7 @@ class FlightUpdate {
     FlightUpdate(const Robot &robot, const Constraints &constraints, Flight &flight, double *memory)
         : robot(robot), f(flight), n(robot.joints), g(robot.bodies), m(robot.links), columns(6 + f.width),
           state_size(2 + 2 * m), rest(robot, constraints, flight), correcting(flight, rest, n), arena(aligned(memory)) {
-        lay_out_motion(arena, look, robot, 0, 2 * f.gap_nodes + 2);
+        lay_out_motion(arena, look, robot, 0, 2 * f.law.gap_nodes + 2);
         for (double **each : {&row, &other, &gain}) arena.take(*each, state_size);
         arena.take(values, (columns + 1) * n);
         rest.lay_out(arena);
@@ -17,8 +17,8 @@ class FlightUpdate {
 
     // Takes in a motion from `begin` to `end`, s; the oldest is forgotten.
     void remember(double begin, double end, const double *coefficients) {
-        f.newest = (f.newest + 1) % f.memory;
-        if (f.known < f.memory) ++f.known;
+        f.newest = (f.newest + 1) % f.law.memory;
+        if (f.known < f.law.memory) ++f.known;
         double *motion = f.motions + f.newest * motion_size();
         motion[0] = begin, motion[1] = end;
         double scale = 1;
@@ -34,7 +34,7 @@ class FlightUpdate {
 
     // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
     void expect() {
-        const std::int64_t nodes = f.gap_nodes, here = nodes, measured = 2 * nodes + 1;
+        const std::int64_t nodes = f.law.gap_nodes, here = nodes, measured = 2 * nodes + 1;
         for (std::int64_t k = 0; k < nodes; ++k) {
             look_at(k, f.began + (f.measured - f.began) * f.gap[k]);
             look_at(nodes + 1 + k, f.measured + (f.now - f.measured) * f.gap[k]);
@@ -64,9 +64,7 @@ class FlightUpdate {
         const double per_row = (f.measured - f.began) / f.map[0];
         f.variance = f.covariance[0];
         for (std::int64_t e = 0; e < state_size; ++e) {
-            double part = 2 * f.covariance[e];
-            for (std::int64_t o = 0; o < state_size; ++o) part += f.covariance[e * state_size + o] * row[o] * per_row;
-            f.variance += per_row * row[e] * part;
+            f.variance += per_row * row[e] * (2 * f.covariance[e] + per_row * covaried(e, row));
         }
     }
 
@@ -74,26 +72,25 @@ class FlightUpdate {
     void learn() {
         const double dt = f.measured - f.began;
         f.state[0] += f.turn_before;
-        momentum_row(f.measured_rate, 2 * f.gap_nodes + 1, other);
+        momentum_row(f.measured_rate, 2 * f.law.gap_nodes + 1, other);
         double momentum = 0;
         for (std::int64_t e = 2; e < state_size; ++e) momentum -= other[e];
         predict(row, dt / f.map[0], dt, gain);
         for (std::int64_t e = 0; e < state_size; ++e) other[e] = e == 0;
-        correct(other, f.measured_orientation - f.aside - f.state[0], f.angle_variance * f.noise, gain);
+        const double angle_variance = f.law.angle_noise * f.law.angle_noise * f.noise;
+        correct(other, f.measured_orientation - f.aside - f.state[0], angle_variance, gain);
         double innovation = momentum, deviation = 0;
         for (std::int64_t e = 0; e < state_size; ++e) {
             innovation -= row[e] * f.state[e];
-            double part = 0;
-            for (std::int64_t o = 0; o < state_size; ++o) part += f.covariance[e * state_size + o] * row[o];
-            deviation += row[e] * part;
+            deviation += row[e] * covaried(e, row);
         }
-        const double variance = f.rate_variance * f.noise * f.map[0] * f.map[0];
+        const double variance = f.law.rate_noise * f.law.rate_noise * f.noise * f.map[0] * f.map[0];
         if (believed(innovation, std::sqrt(deviation + variance))) correct(row, innovation, variance, gain);
         for (std::int64_t e = 2; e < state_size; ++e)
-            f.state[e] = smaller(larger(f.state[e], -f.largest_error), f.largest_error);
+            f.state[e] = smaller(larger(f.state[e], -f.law.largest_error), f.law.largest_error);
         adapt();
         turn(robot, look, f.state[1]);
-        f.turn_after = turned(f.gap_nodes + 1, f.now - f.measured);
+        f.turn_after = turned(f.law.gap_nodes + 1, f.now - f.measured);
     }
 
     // C of the masses found, and of the bodies that turn alike.
@@ -167,7 +164,7 @@ class FlightUpdate {
 
     const double *motion_at(double time) const {
         for (std::int64_t back = 0; back < f.known; ++back) {
-            const double *motion = f.motions + ((f.newest + f.memory - back) % f.memory) * motion_size();
+            const double *motion = f.motions + ((f.newest + f.law.memory - back) % f.law.memory) * motion_size();
             if (back == f.known - 1 || time >= motion[0]) return motion;
         }
         return f.motions;
@@ -203,7 +200,7 @@ class FlightUpdate {
     double turned(std::int64_t from, double dt) const {
         if (dt == 0) return 0;
         double total = 0;
-        for (std::int64_t k = 0; k < f.gap_nodes; ++k) total += f.gap_weights[k] * look.rate[from + k];
+        for (std::int64_t k = 0; k < f.law.gap_nodes; ++k) total += f.gap_weights[k] * look.rate[from + k];
         return dt * total;
     }
 
@@ -228,14 +225,17 @@ class FlightUpdate {
         }
     }
 
+    // Of the covariance times a row, an entry.
+    double covaried(std::int64_t e, const double *row) const {
+        double total = 0;
+        for (std::int64_t o = 0; o < state_size; ++o) total += f.covariance[e * state_size + o] * row[o];
+        return total;
+    }
+
     void predict(const double *row, double per_row, double dt, double *change) {
         double *covariance = f.covariance, again = 0;
         for (std::int64_t e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
-        for (std::int64_t e = 0; e < state_size; ++e) {
-            change[e] = 0;
-            for (std::int64_t o = 0; o < state_size; ++o)
-                change[e] += covariance[e * state_size + o] * row[o] * per_row;
-        }
+        for (std::int64_t e = 0; e < state_size; ++e) change[e] = per_row * covaried(e, row);
         for (std::int64_t e = 0; e < state_size; ++e) {
             covariance[e] += change[e];
             again += row[e] * per_row * change[e];
@@ -247,8 +247,7 @@ class FlightUpdate {
     void correct(const double *row, double innovation, double variance, double *gain) {
         double total = variance;
         for (std::int64_t e = 0; e < state_size; ++e) {
-            gain[e] = 0;
-            for (std::int64_t o = 0; o < state_size; ++o) gain[e] += f.covariance[e * state_size + o] * row[o];
+            gain[e] = covaried(e, row);
             total += row[e] * gain[e];
         }
         for (std::int64_t e = 0; e < state_size; ++e) {
@@ -260,13 +259,13 @@ class FlightUpdate {
 
     bool believed(double innovation, double deviation) {
         std::int64_t &surprises = *f.surprises;
-        if (std::fabs(innovation) <= f.surprising * deviation) {
+        if (std::fabs(innovation) <= f.law.surprising * deviation) {
             surprises = 0;
             return true;
         }
         std::int64_t side = innovation > 0 ? 1 : -1;
         surprises = surprises * side > 0 ? surprises + side : side;
-        if (surprises * side < f.most_surprises) return false;
+        if (surprises * side < f.law.most_surprises) return false;
         for (std::int64_t e = 0; e < state_size; ++e)
             for (std::int64_t known = 0; known < 2; ++known)
                 f.covariance[known * state_size + e] = f.covariance[e * state_size + known] = 0;

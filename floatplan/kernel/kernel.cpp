@@ -175,9 +175,9 @@ EXPORT std::int64_t floatplan_plan(const Robot *robot, const Grid *grids, const 
 }
 
 // Measures a batch of plans; returns 0, or 1 where there was no memory for it.
-EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Grid *grids, const Interpolation *interpolations,
-                                    const Settings *settings, Peaks *peaks, std::int64_t instructions) {
-    return CHOSEN(measure_batch(*robot, grids, interpolations, *settings, *peaks));
+EXPORT std::int64_t floatplan_peaks(const Robot *robot, const Interpolation *interpolations, Peaks *peaks,
+                                    std::int64_t instructions) {
+    return CHOSEN(measure_batch(*robot, interpolations, *peaks));
 }
 
 // Places what is kept of a motion in memory, of which there may be none yet; returns how many numbers that takes.

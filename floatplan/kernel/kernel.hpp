@@ -58,7 +58,7 @@ struct Stage {
 struct Settings {
     Stage stages[3];  // rough, nearly resolved, fine
     double longest_step, coarsely_resolved, too_wild, hopeless, tolerance, unresolved, smallest_tail, largest_tail;
-    double armijo, penalty_factor, penalty_kept, shortest_step, shortening_least, shortening_most, largest_multiplier;
+    double armijo, penalty_factor, penalty_kept, shortest_step, shortening[2], largest_multiplier;
     double damping, slack_penalty, largest_curvature, polished;
     double hopeless_way, changed_branches, step_to_rank, agreement;
     std::int64_t slow_evaluations, slow_steps, polishing_steps, most_rounds, most_iterations;
@@ -66,7 +66,7 @@ struct Settings {
     std::int64_t level_of_starts, candidates, followed, ranked_rounds, steps_to_rank;
     std::int64_t starts, first_start, most_starts, easy_iterations, wanted_after_failure, starts_to_agree, agreeing;
     std::uint64_t seed;
-    double spreads[6];
+    double spreads_of_starts[6];
 };
 
 // One row for each problem; coefficients (joints, 6 + width), z (joints, width), boundary (joints, 6).
@@ -83,16 +83,16 @@ struct Batch {
 struct Interpolation {
     ThirtyTwos nodes;
     std::int64_t points;         // of the finer grid, some of them nodes
-    const double *curvature;     // (6 + width, nodes): second derivatives of the powers of s
+    const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
     const double *to_cosines;    // (nodes, nodes), by columns: from values at the nodes to factors of cos(j phi)
     const double *to_fine;       // (points, nodes): from values at the nodes to those on the finer grid
 };
 
-// One row for each plan; coefficients (joints, 6 + width) in powers of seconds.
+// One row for each plan; coefficients (joints, columns) in powers of seconds.
 struct Peaks {
-    std::int64_t count, levels, motors, velocities;  // velocities: whether they are measured too
+    std::int64_t count, levels, columns, motors, velocities;  // velocities: whether they are measured too
     double resolved;
-    const double *turns, *amplitude;  // (links, motors), (joints), rad
+    const double *turns, *centre, *amplitude;  // (links, motors), (joints), rad
     const double *duration, *momentum, *coefficients;
     double *peaks;  // (motors), or (motors + joints)
 };
@@ -130,6 +130,7 @@ struct Evaluation {
     const double *basis;                                   // (3, instants, size): by x, of p and its derivatives
     const std::int64_t *columns;                           // (joints + 1): where each joint's x begin; then h
     const double *axes;                                    // of h, by the rest of x
+    const double *of_axes;                                 // (3, instants, joints, axes): p by these too, or null
     const double *attitude_slopes;                         // (instants, size)
     Motion motion;
 };
@@ -169,12 +170,20 @@ struct Corrected {
     std::int64_t evaluated;
 };
 
+// Constants of corrections and of the filter.
+struct Law {
+    std::int64_t gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
+    double far, weighed, settled, shorter, kept, scales[2];
+    double angle_noise, rate_noise, largest_error, surprising;
+};
+
 // A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
 // n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p.
 struct Flight {
     Eights instants;
-    std::int64_t width, nodes, gap_nodes, memory, blocks, most_rows, motors;
-    double goal;
+    std::int64_t width, nodes, blocks, motors;
+    Law law;
+    double goal, sigma, acceleration;
     const double *centre, *amplitude;                // (n)
     const double *weights;                           // (nodes)
     const double *value, *first, *second;            // (columns, K)
@@ -189,17 +198,12 @@ struct Flight {
     const double *row_window;                        // (rows, 2), s
     const double *motor_turns;                       // (m, motors)
     const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
-    // Constants of corrections.
-    double sigma, acceleration, far, weighed, settled, shorter, kept, scales[2];
-    std::int64_t evaluations_near, evaluations_far;
     // The filter's.
     const double *mass, *inertia;                    // (m)
     const double *own_real, *own_imaginary;          // (m, m): places of the centres of mass by the links' rotations
     const double *weights_real, *weights_imaginary;  // (m, g): the same by the bodies'
     const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
     const double *wander, *deviations;               // (2 + 2 m)
-    double angle_variance, rate_variance, largest_error, surprising;
-    std::int64_t most_surprises;
     // What changes.
     double *state, *covariance;                      // (2 + 2 m), square
     std::int64_t *surprises;

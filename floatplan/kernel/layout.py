@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any, ClassVar
 
@@ -117,6 +117,13 @@ def functions(text: str, known: dict[str, type[Structure]]) -> dict[str, tuple[A
 STRUCTURES = structures(_read(HEADER))
 ENUMERATIONS = enumerations(_read(HEADER))
 FUNCTIONS = functions(_read("kernel.cpp"), STRUCTURES)
+
+
+def constants(name: str, *modules: Mapping[str, Any], **others: Any) -> Structure:
+    """Return a structure: each number is that given, or the constant of its name in the last module that has it."""
+    known = {key.lower(): value for module in modules for key, value in module.items() if key.isupper()} | others
+    kind = STRUCTURES[name]
+    return kind(**{field: known[field] for field, *_ in kind._fields_})
 
 
 class Filled:

@@ -2,47 +2,37 @@
 
 class Measured {
   public:
-    Measured(const Robot &robot, const Peaks &peaks, Memory &memory) : robot(robot), peaks(peaks), m(memory) {}
+    Measured(const Robot &robot, const Peaks &peaks) : robot(robot), peaks(peaks) {}
 
     void lay_out(Arena &arena, std::int64_t quantities, const Interpolation &finest) {
-        Motion &motion = m.motion;
+        lay_out_motion(arena, motion, robot, 0, finest.nodes);
+        arena.take(b, peaks.columns * robot.joints);
         for (double **each : {&values, &cosines}) arena.take(*each, quantities * finest.nodes);
-        arena.take(motion.acceleration, robot.joints * finest.nodes);
-        for (double **each : {&motion.relative, &motion.x, &motion.y}) arena.take(*each, robot.bodies * finest.nodes);
-        arena.take(motion.moment, robot.links * finest.nodes);
-        arena.take(motion.base_acceleration, finest.nodes);
     }
 
-    // Torques of the motors, then rates of the joints where they are wanted, at the nodes of the motion flown last.
-    void evaluate(double duration, const Interpolation &at) {
-        const std::int64_t columns = 6 + robot.width, nodes = at.nodes;
-        const Vector per_second = all(1 / duration);
-        const Motion &motion = m.motion;
-        for (std::int64_t i = 0; i < robot.joints; ++i)
-            for (std::int64_t k = 0; k < nodes; k += LANES) {
-                Vector curvature = all(0);
-                for (std::int64_t c = 2; c < columns; ++c) {
-                    double b = c < 6 ? m.boundary[6 * i + c] : m.z[i * robot.width + c - 6];
-                    curvature = multiply_add(all(b), load(at.curvature + c * nodes + k), curvature);
-                }
-                Vector rate = load(motion.p_rate + i * nodes + k), cosine = load(motion.cosine + i * nodes + k);
-                Vector swing = cosine * curvature - load(motion.sine + i * nodes + k) * rate * rate;
-                store(motion.acceleration + i * nodes + k, swing * per_second * per_second);
-                if (peaks.velocities)
-                    store(values + (peaks.motors + i) * nodes + k,
-                          all(peaks.amplitude[i]) * cosine * rate * per_second);
-            }
-        move_bodies(robot, m.motion);
-        for (std::int64_t motor = 0; motor < peaks.motors; ++motor) {
-            double *torque = values + motor * nodes;
-            for (std::int64_t k = 0; k < nodes; ++k) torque[k] = 0;
-            for (std::int64_t link = 0; link < robot.links; ++link) {
-                const double turns = peaks.turns[link * peaks.motors + motor], *moment = motion.moment + link * nodes;
-                if (turns == 0) continue;
-                for (std::int64_t k = 0; k < nodes; k += LANES)
-                    store(torque + k, add_product(turns, load(moment + k), load(torque + k)));
-            }
-        }
+    // Takes a plan.
+    void begin(std::int64_t row) {
+        const std::int64_t n = robot.joints, columns = peaks.columns;
+        momentum = peaks.momentum[row];
+        motion.per_second = 1 / peaks.duration[row];
+        double power = 1;
+        for (std::int64_t c = 0; c < columns; ++c, power *= peaks.duration[row])
+            for (std::int64_t i = 0; i < n; ++i)
+                b[c * n + i] = peaks.coefficients[(row * n + i) * columns + c] * power;
+    }
+
+    // Torques of the motors, then rates of the joints where they are wanted, at the nodes.
+    void evaluate(const Interpolation &at) {
+        const std::int64_t nodes = motion.instants = motion.stride = at.nodes;
+        combine(motion, robot.joints, b, peaks.columns, at.value, at.slope, at.curvature);
+        swing_joints(robot, motion, peaks.centre, peaks.amplitude);
+        turn(robot, motion, momentum);
+        move_bodies(robot, motion);
+        for (std::int64_t motor = 0; motor < peaks.motors; ++motor)
+            for (std::int64_t k = 0; k < nodes; k += LANES)
+                store(values + motor * nodes + k, motor_torque(robot, motion, peaks.turns + motor, peaks.motors, k));
+        if (peaks.velocities)
+            std::memcpy(values + peaks.motors * nodes, motion.speed, robot.joints * nodes * sizeof(double));
     }
 
     // Takes the Chebyshev series of a quantity's values.
@@ -109,8 +99,8 @@ class Measured {
   private:
     const Robot &robot;
     const Peaks &peaks;
-    Memory &m;
-    double *values = nullptr, *cosines = nullptr;
+    Motion motion{};
+    double momentum = 0, *b = nullptr, *values = nullptr, *cosines = nullptr;  // b (columns, joints) in powers of s
 
     static double magnitude(const double *value, const Interpolation &at, std::int64_t point) {
         Vector total = all(0);
@@ -137,32 +127,19 @@ class Measured {
     }
 };
 
-static inline std::int64_t measure_batch(const Robot &robot, const Grid *grids, const Interpolation *interpolations,
-                                         const Settings &settings, Peaks &peaks) {
-    const std::int64_t n = robot.joints, width = robot.width, columns = 6 + width;
-    const std::int64_t quantities = peaks.motors + (peaks.velocities ? n : 0);
-    const Interpolation &finest = interpolations[peaks.levels - 1];
-    Memory m;
-    Room motion, interpolation;
-    Planner planner(robot, grids, settings, m);
-    Measured measured(robot, peaks, m);
-    if (!motion.make([&](Arena &arena) { lay_out(arena, m, robot, settings, finest.nodes, n * width); }) ||
-        !interpolation.make([&](Arena &arena) { measured.lay_out(arena, quantities, finest); }))
+static inline std::int64_t measure_batch(const Robot &robot, const Interpolation *interpolations, Peaks &peaks) {
+    const std::int64_t quantities = peaks.motors + (peaks.velocities ? robot.joints : 0);
+    Room room;
+    Measured measured(robot, peaks);
+    if (!room.make([&](Arena &arena) { measured.lay_out(arena, quantities, interpolations[peaks.levels - 1]); }))
         return 1;
     for (std::int64_t row = 0; row < peaks.count; ++row) {
-        const double *b = peaks.coefficients + row * n * columns, duration = peaks.duration[row];
-        double power = 1;
-        for (std::int64_t c = 0; c < columns; ++c, power *= duration)
-            for (std::int64_t i = 0; i < n; ++i)
-                (c < 6 ? m.b[6 * i + c] : m.z[i * width + c - 6]) = b[i * columns + c] * power;
-        planner.h0 = peaks.momentum[row];
+        measured.begin(row);
         double *found = peaks.peaks + row * quantities;
         bool resolved = false;
         for (std::int64_t level = 0; level < peaks.levels && !resolved; ++level) {
             const Interpolation &at = interpolations[level];
-            planner.begin(duration, m.b, level);
-            planner.evaluate_z();
-            measured.evaluate(duration, at);
+            measured.evaluate(at);
             for (std::int64_t quantity = 0; quantity < quantities; ++quantity) measured.transform(quantity, at);
             // The torques are resolved where their largest tail is small against the largest of them; so are the rates.
             auto resolves = [&](auto size) {

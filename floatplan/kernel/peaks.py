@@ -8,13 +8,11 @@ from functools import lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.kernel.bodies import filled_robot, merged_bodies
-from floatplan.kernel.layout import STRUCTURES, Filled, FilledArray
+from floatplan.kernel.bodies import unscaled_robot
+from floatplan.kernel.layout import Filled, FilledArray
 from floatplan.kernel.library import kernel
-from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import chebyshev_nodes
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Robot
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
 RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
@@ -46,60 +44,46 @@ def many_peaks(
     count, n, size = coefficients.shape
     motors = len(like.robot.motors)
     peaks = np.empty((count, motors + n if velocities else motors))
-    robot, turns, amplitude = _measured(like.robot, tuple(map(tuple, like.position_limits.tolist())), size)
-    grids, interpolations = _grids(size, NODES)
+    low, high = like.position_limits.T
+    interpolations = _interpolations(size, NODES)
     batch = Filled(
         "Peaks",
         count=count,
-        levels=len(grids.structures),
+        levels=len(interpolations.structures),
+        columns=size,
         motors=motors,
         velocities=velocities,
         resolved=RESOLVED,
-        turns=turns,
-        amplitude=amplitude,
+        turns=like.robot.tree.motor_turns,
+        centre=(low + high) / 2,
+        amplitude=(high - low) / 2,
         duration=duration,
         momentum=angular_momentum,
         coefficients=np.nan_to_num(coefficients, nan=0.0),
         peaks=peaks,
     )
-    failed = found.peaks(
-        robot.structure,
-        grids.structures,
-        interpolations.structures,
-        STRUCTURES["Settings"](),
-        batch.structure,
-        found.instructions,
-    )
+    robot = unscaled_robot(like.robot.tree)[1].structure
+    failed = found.peaks(robot, interpolations.structures, batch.structure, found.instructions)
     if failed:
         raise MemoryError("no memory to measure plans")
     return ManyPeaks(peaks[:, :motors], peaks[:, motors:] if velocities else None)
 
 
-@lru_cache(maxsize=8)
-def _measured(robot: Robot, ranges: tuple[tuple[float, float], ...], size: int) -> tuple[Filled, Array, Array]:
-    """Return the robot, how motors turn its links, and the joints' amplitudes."""
-    low, high = np.array(ranges).T
-    amplitude = (high - low) / 2
-    bodies = merged_bodies(robot.tree, (low + high) / 2, amplitude)
-    return filled_robot(bodies, [size - CONDITIONS] * len(ranges)), robot.tree.motor_turns, amplitude
-
-
 @lru_cache(maxsize=16)
-def _grids(size: int, counts: tuple[int, ...]) -> tuple[FilledArray, FilledArray]:
-    """Powers of s and their derivatives at the nodes, without weights, since (14) is not integrated; interpolations."""
-    grids, interpolations = [], []
+def _interpolations(size: int, counts: tuple[int, ...]) -> FilledArray:
+    """Powers of s and their derivatives at the nodes, and maps from values there."""
+    found = []
     k = np.arange(size)
     for nodes in counts:
         powers = np.vander(chebyshev_nodes(nodes), size, increasing=True)
         slope, curvature = np.zeros((2, *powers.shape))
         slope[:, 1:] = powers[:, :-1] * k[1:]
         curvature[:, 2:] = powers[:, :-2] * (k[2:] * (k[2:] - 1))
-        without = {"weights": np.zeros(nodes), "tail": np.zeros((3, nodes))}
-        grids.append(Filled("Grid", nodes=nodes, value=powers.T, slope=slope.T, **without))
+        of_powers = {"value": powers.T, "slope": slope.T, "curvature": curvature.T}
         to_cosines, to_fine = _cosine_maps(nodes)
-        maps = {"curvature": curvature.T, "to_cosines": to_cosines.T, "to_fine": to_fine}
-        interpolations.append(Filled("Interpolation", nodes=nodes, points=len(to_fine), **maps))
-    return FilledArray("Grid", grids), FilledArray("Interpolation", interpolations)
+        maps = {"points": len(to_fine), "to_cosines": to_cosines.T, "to_fine": to_fine}
+        found.append(Filled("Interpolation", nodes=nodes, **of_powers, **maps))
+    return FilledArray("Interpolation", found)
 
 
 @lru_cache(maxsize=8)

@@ -74,27 +74,13 @@ class Planner {
 
     Point evaluate(const double *x) {
         free_coefficients(x);
-        Point point = evaluate_z();
-        for (std::int64_t k = 0; k < size; ++k) point.objective += x[k] * x[k];
-        point.objective /= 2;
-        return point;
-    }
-
-    // The motion of m.z, without the objective.
-    Point evaluate_z() {
         Point point;
         point.equality = T * fly() - change;
         point.number = ++evaluations;
         instants += grids[level].nodes;
+        for (std::int64_t k = 0; k < size; ++k) point.objective += x[k] * x[k];
+        point.objective /= 2;
         return point;
-    }
-
-    // Takes a grid and a boundary (joints, 6), for motions of m.z alone.
-    void begin(double duration, const double *boundary, std::int64_t wanted) {
-        T = duration;
-        std::memcpy(m.boundary, boundary, 6 * n * sizeof(double));
-        level = -1;
-        at_level(wanted);
     }
 
     // Derivatives of the equality by x, of the point evaluated last.

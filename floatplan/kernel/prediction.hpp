@@ -12,7 +12,7 @@ class RestOfFlight {
   public:
     RestOfFlight(const Robot &robot, const Constraints &constraints, const Flight &flight)
         : has_distances(constraints.needs_places), robot(robot), constraints(constraints), f(flight), n(robot.joints),
-          K(f.instants), columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, nullptr} {}
+          K(f.instants), columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, 0, 0} {}
 
     const bool has_distances;
     double T = 0, h = 0, change = 0, orientation = 0;
@@ -34,19 +34,7 @@ class RestOfFlight {
     void evaluate(Predicted &a) const {
         Motion &m = a.motion;
         m.per_second = 1 / T;
-        for (std::int64_t i = 0; i < n; ++i)
-            for (std::int64_t k = 0; k < K; k += LANES) {
-                Vector p = all(0), rate = all(0), curvature = all(0);
-                for (std::int64_t c = 0; c < columns; ++c) {
-                    const double z = a.coefficients[c * n + i];
-                    p = add_product(z, load(f.value + c * K + k), p);
-                    rate = add_product(z, load(f.first + c * K + k), rate);
-                    curvature = add_product(z, load(f.second + c * K + k), curvature);
-                }
-                store(m.sine + i * K + k, p);
-                store(m.p_rate + i * K + k, rate);
-                store(m.p_curvature + i * K + k, curvature);
-            }
+        combine(m, n, a.coefficients, columns, f.value, f.first, f.second);
         swing_joints(robot, m, f.centre, f.amplitude);
         turn(robot, m, h);
         if (constraints.needs_moments) move_bodies(robot, m);
@@ -62,14 +50,8 @@ class RestOfFlight {
         if (!constraints.needs_moments) move_bodies(robot, m);
         for (std::int64_t motor = 0; motor < f.motors; ++motor) {
             Vector most = all(0);
-            for (std::int64_t k = 0; k < K; k += LANES) {
-                Vector torque = all(0);
-                for (std::int64_t link = 0; link < robot.links; ++link) {
-                    const double turns = f.motor_turns[link * f.motors + motor];
-                    if (turns != 0) torque = add_product(turns, load(m.moment + link * K + k), torque);
-                }
-                most = larger(magnitude(torque), most);
-            }
+            for (std::int64_t k = 0; k < K; k += LANES)
+                most = larger(magnitude(motor_torque(robot, m, f.motor_turns + motor, f.motors, k)), most);
             f.torque_peak[motor] = 0;
             for (int lane = 0; lane < LANES; ++lane) f.torque_peak[motor] = larger(f.torque_peak[motor], most[lane]);
         }

@@ -5,37 +5,50 @@ struct Variables {
     std::int64_t size, instants;
     const double *basis;
     const std::int64_t *columns;
-    const double *axes;
+    const double *axes, *of_axes;
 };
+
+// What p, and as many of its derivatives as `orders` says, change by (count), times weights, added to a row; `apart` is
+// from one order to the next.
+static inline void add_orders(int orders, const double *weights, const double *by, std::int64_t apart,
+                              std::int64_t count, double *row) {
+    const double *rate = by + apart, *curvature = rate + apart, w0 = weights[0], w1 = weights[1], w2 = weights[2];
+    if (orders == 0)
+        for (std::int64_t c = 0; c < count; ++c) row[c] += w0 * by[c];
+    else if (orders == 1)
+        for (std::int64_t c = 0; c < count; ++c) row[c] += w0 * by[c] + w1 * rate[c];
+    else
+        for (std::int64_t c = 0; c < count; ++c) row[c] += w0 * by[c] + w1 * rate[c] + w2 * curvature[c];
+}
 
 // Derivatives (size) of what m.by says at instant k, added to a row: by positions, and by as many of their derivatives
 // as `orders` says; with these also by h.
 static inline void chain(const Variables &variables, const Motion &m, std::int64_t n, std::int64_t k, int orders,
                          double *row) {
-    const std::int64_t size = variables.size, *columns = variables.columns;
-    const double per_second = m.per_second, *by = m.by, *b0 = variables.basis + k * size,
-                 *b1 = b0 + variables.instants * size, *b2 = b1 + variables.instants * size;
+    const std::int64_t size = variables.size, *columns = variables.columns, first = columns[n], axes = size - first;
+    const double per_second = m.per_second, *by = m.by;
     for (std::int64_t i = 0; i < n; ++i) {
-        const std::int64_t at = i * m.stride + k, from = columns[i], to = columns[i + 1];
-        double sine = m.sine[at], cosine = m.cosine[at], w0 = by[i] * cosine;
-        if (orders == 0) {
-            for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c];
-            continue;
+        const std::int64_t at = i * m.stride + k, from = columns[i];
+        double sine = m.sine[at], cosine = m.cosine[at], weights[3] = {by[i] * cosine, 0, 0};
+        if (orders > 0) {
+            double rate = m.p_rate[at], swing = per_second * sine * rate;
+            weights[0] -= by[n + i] * swing;
+            weights[1] = by[n + i] * per_second * cosine;
+            if (orders > 1) {
+                double acceleration = by[2 * n + i] * per_second;
+                weights[0] -= acceleration * per_second * (sine * m.p_curvature[at] + cosine * rate * rate);
+                weights[1] -= 2 * acceleration * swing;
+                weights[2] = acceleration * per_second * cosine;
+            }
         }
-        double rate = m.p_rate[at], swing = per_second * sine * rate, w1 = by[n + i] * per_second * cosine;
-        w0 -= by[n + i] * swing;
-        if (orders == 1) {
-            for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c] + w1 * b1[c];
-            continue;
-        }
-        double acceleration = by[2 * n + i] * per_second;
-        w0 -= acceleration * per_second * (sine * m.p_curvature[at] + cosine * rate * rate);
-        w1 -= 2 * acceleration * swing;
-        double w2 = acceleration * per_second * cosine;
-        for (std::int64_t c = from; c < to; ++c) row[c] += w0 * b0[c] + w1 * b1[c] + w2 * b2[c];
+        add_orders(orders, weights, variables.basis + k * size + from, variables.instants * size,
+                   columns[i + 1] - from, row + from);
+        if (variables.of_axes)
+            add_orders(orders, weights, variables.of_axes + (k * n + i) * axes, variables.instants * n * axes, axes,
+                       row + first);
     }
-    if (orders == 0) return;
-    for (std::int64_t c = columns[n]; c < size; ++c) row[c] += by[3 * n] * variables.axes[c - columns[n]];
+    if (orders > 0)
+        for (std::int64_t c = 0; c < axes; ++c) row[first + c] += by[3 * n] * variables.axes[c];
 }
 
 // Derivative (size) of theta0' at instant k, added to a row; after differentiate_turn().
@@ -217,7 +230,7 @@ static inline void evaluate_rows(const Robot &robot, const Constraints &constrai
 }
 
 static inline Variables variables_of(const Evaluation &at) {
-    return {at.size, at.motion.instants, at.basis, at.columns, at.axes};
+    return {at.size, at.motion.instants, at.basis, at.columns, at.axes, at.of_axes};
 }
 
 // Derivatives (instants, size) by x of theta0', at so many of the first instants.

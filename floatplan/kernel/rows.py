@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.kernel.batch import Rows, Solver
@@ -22,8 +21,9 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import RANGES
 
-ENDS = {"start": "initial", "goal": "final"}
+ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")
+OF_STATES = ("orientation", *QUANTITIES)
 BALLISTIC = {  # what the path of the centre of mass alone depends on, and the range of its numbers
     "flight.gravity": "gravity",
     "flight.horizontal_velocity": "horizontal_velocity",
@@ -64,12 +64,10 @@ def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
     match path.split("."):
         case ["flight", "duration" | "angular_momentum" as name]:
             return "", name, None
-        case ["start" | "goal" as end, "orientation" as name]:
+        case ["start" | "goal" as end, name] if name in OF_STATES:
             return end, name, None
-        case ["start" | "goal" as end, "positions" | "velocities" | "accelerations" as name]:
-            return end, name, None
-        case ["start" | "goal" as end, "positions" | "velocities" | "accelerations" as name, joint]:
-            return (end, name, robot.joints.index(joint)) if joint in robot.joints else None
+        case ["start" | "goal" as end, name, joint] if name in QUANTITIES and joint in robot.joints:
+            return end, name, robot.joints.index(joint)
     return None
 
 
@@ -77,114 +75,79 @@ def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
 class Numbers:
     """What N plain problems of one robot, joint ranges and degrees differ in.
 
-    ``duration`` (N,) s; ``momentum`` (N,) kg m^2/s, None for the middle of (9); at both ends ``orientation`` (2, N) rad
-    and ``positions, velocities, accelerations`` (2, N, n). ``sound`` (N,) says whether all else is in its range.
+    ``values`` are ``duration`` (N,) s; ``angular_momentum`` (N,) kg m^2/s, left out for the middle of (9); at both ends
+    ``orientation`` (N, 2) rad and ``positions, velocities, accelerations`` (N, 2, n). ``sound`` (N,) says whether all
+    else is in its range.
     """
 
     like: Problem
-    duration: Array
-    momentum: Array | None
-    orientation: Array
-    positions: Array
-    velocities: Array
-    accelerations: Array
+    values: Mapping[str, Array]
     sound: BoolArray
 
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
         """Of problems as they are; all of them give h, or all take the middle."""
-        ends = [[getattr(problem, name) for problem in problems] for name in ENDS.values()]
-        flights = [problem.flight for problem in problems]
-        given = None if flights[0].angular_momentum == "midpoint" else [flight.angular_momentum for flight in flights]
-        numbers: dict[str, Any] = {
-            name: np.array([[getattr(state, name) for state in states] for states in ends])
-            for name in ("orientation", *QUANTITIES)
-        }
-        return cls(
-            problems[0],
-            np.array([flight.duration for flight in flights], dtype=np.float64),
-            None if given is None else np.array(given, dtype=np.float64),
-            **numbers,
-            sound=np.ones(len(problems), dtype=np.bool_),
-        )
+        like, states = problems[0], [state for problem in problems for state in (problem.initial, problem.final)]
+        arrays = {name: np.array([getattr(state, name) for state in states]) for name in OF_STATES}
+        values = {name: array.reshape(-1, 2, *array.shape[1:]) for name, array in arrays.items()}
+        given = ("duration",) if like.flight.angular_momentum == "midpoint" else ("duration", "angular_momentum")
+        for name in given:
+            values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
+        return cls(like, values, np.ones(len(problems), dtype=np.bool_))
 
     @classmethod
     def of_family(cls, family: Family, rows: IntArray) -> Numbers:
         """Of some rows of a plain family; numbers may be bad, see :meth:`doubtful`."""
-        base, count = family.base, len(rows)
-        states = [base.initial, base.final]
-
-        def repeated(values: npt.ArrayLike) -> Array:
-            array = np.asarray(values, dtype=np.float64)
-            return np.repeat(array[:, None], count, axis=1)
-
-        numbers: dict[str, Any] = {
-            name: repeated([getattr(state, name) for state in states]) for name in ("orientation", *QUANTITIES)
-        }
-        asked = base.flight.angular_momentum
-        numbers["duration"] = np.full(count, base.flight.duration, dtype=np.float64)
-        numbers["momentum"] = None if isinstance(asked, str) else np.full(count, asked, dtype=np.float64)
-        numbers["sound"] = np.ones(count, dtype=np.bool_)
+        base = cls.of_problems([family.base])
+        values = {name: np.repeat(array, len(rows), axis=0) for name, array in base.values.items()}
+        sound = np.ones(len(rows), dtype=np.bool_)
         for path, array in family.arrays.items():
-            place, values = _place(path, base.robot), array[rows]
+            place, varied = _place(path, base.like.robot), array[rows].astype(np.float64)
             if place is None:
-                numbers["sound"] &= _within(BALLISTIC[path], values)
+                sound &= _within(BALLISTIC[path], varied)
                 continue
             end, name, joint = place
             if not end:
-                numbers["momentum" if name == "angular_momentum" else name] = values.astype(np.float64)
+                values[name] = varied
             elif joint is None:
-                target = numbers[name][list(ENDS).index(end)]
-                target[...] = values if target.ndim == 1 else values[:, None]
+                target = values[name][:, ENDS.index(end)]
+                target[...] = varied if target.ndim == 1 else varied[:, None]
             else:
-                numbers[name][list(ENDS).index(end), :, joint] = values
-        return cls(base, **numbers)
+                values[name][:, ENDS.index(end), joint] = varied
+        return cls(base.like, values, sound)
 
     def doubtful(self) -> BoolArray:
         """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
         low, high = self.like.position_limits.T
-        margin = NEAR_EDGE * (high - low)
-        good = self.sound & _within("duration", self.duration)
-        if self.momentum is not None:
-            good &= _within("angular_momentum", self.momentum)
-        good &= _within("orientation", self.orientation).all(axis=0)
-        for name in QUANTITIES:
-            good &= _within(name, getattr(self, name)).all(axis=(0, 2))
-        inside = (self.positions > low + margin) & (self.positions < high - margin)
-        return np.asarray(~(good & inside.all(axis=(0, 2))))
+        margin, positions = NEAR_EDGE * (high - low), self.values["positions"]
+        good = [_within(name, array) for name, array in self.values.items()]
+        good += [self.sound, positions > low + margin, positions < high - margin]
+        return np.asarray(~np.all([each.all(axis=tuple(range(1, each.ndim))) for each in good], axis=0))
 
     def some(self, rows: IntArray) -> Numbers:
         """Return those of some rows."""
-        numbers: dict[str, Any] = {name: getattr(self, name)[:, rows] for name in ("orientation", *QUANTITIES)}
-        momentum = None if self.momentum is None else self.momentum[rows]
-        return Numbers(self.like, self.duration[rows], momentum, **numbers, sound=self.sound[rows])
+        return Numbers(self.like, {name: array[rows] for name, array in self.values.items()}, self.sound[rows])
 
     def rows(self) -> Rows:
         """As the solver takes them: the plain motion's boundary, arcsines on their first branch."""
         low, high = self.like.position_limits.T
+        duration, branch = self.values["duration"], np.zeros(len(low), dtype=np.int64)
+        positions, rates, accelerations = (self.values[name] for name in QUANTITIES)
         centre, amplitude = (low + high) / 2, (high - low) / 2
-        branch = np.zeros(len(centre), dtype=np.int64)
-        p, rate, curvature = boundary_arguments(
-            self.positions, self.velocities, self.accelerations, centre, amplitude, branch
-        )
-        time = self.duration[:, None]
-        parts = np.stack((p[0], time * rate[0], time**2 * curvature[0], p[1], time * rate[1], time**2 * curvature[1]))
-        return Rows(
-            self.duration,
-            self.angular_momentum(),
-            self.orientation[1] - self.orientation[0],
-            np.ascontiguousarray(parts.transpose(1, 2, 0)),
-        )
+        p, rate, curvature = boundary_arguments(positions, rates, accelerations, centre, amplitude, branch)
+        time = duration[:, None, None]
+        boundary = np.stack((p, time * rate, time**2 * curvature), axis=-1).swapaxes(1, 2)
+        change = np.diff(self.values["orientation"], axis=1)[:, 0]
+        return Rows(duration, self.angular_momentum(), change, boundary.reshape(len(duration), len(low), 6))
 
     def angular_momentum(self) -> Array:
         """The h (N,) of each, kg m^2/s."""
-        if self.momentum is not None:
-            return self.momentum
-        changes = np.concatenate(
-            ((self.orientation[1] - self.orientation[0])[:, None], self.positions[1] - self.positions[0]), axis=1
-        )
+        values = self.values
+        if "angular_momentum" in values:
+            return values["angular_momentum"]
+        changes = np.diff(np.concatenate((values["orientation"][..., None], values["positions"]), axis=2), axis=1)
         extremes = inertia_extremes(self.like.robot, self.like.position_limits)
-        return monotonic_midpoints(extremes, changes, self.duration)
+        return monotonic_midpoints(extremes, changes[:, 0], values["duration"])
 
 
 def _within(key: str, values: Array) -> BoolArray:

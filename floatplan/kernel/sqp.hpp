@@ -76,7 +76,7 @@ inline Solution Planner::minimise(double *x, Point &current, const Stage &stage,
                 break;
             }
             double lowest = -descent * length / (2 * (rise - descent * length));
-            length *= smaller(set.shortening_most, larger(set.shortening_least, lowest));
+            length *= smaller(set.shortening[1], larger(set.shortening[0], lowest));
         }
         slow_steps = used > set.slow_evaluations ? slow_steps + 1 : 0;
         if (!accepted || slow_steps == set.slow_steps) {

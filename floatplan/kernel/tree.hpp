@@ -213,6 +213,35 @@ static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t
     by[3 * n] = by_base_rate * m.inverse[k];
 }
 
+// The torque of a motor at the instants from k on that are computed at once; it turns link b by turns[b * motors].
+static inline Vector motor_torque(const Robot &robot, const Motion &m, const double *turns, std::int64_t motors,
+                                  std::int64_t k) {
+    Vector torque = all(0);
+    for (std::int64_t link = 0; link < robot.links; ++link)
+        if (turns[link * motors] != 0)
+            torque = add_product(turns[link * motors], load(m.moment + link * m.stride + k), torque);
+    return torque;
+}
+
+// p of n joints and its derivatives in m.sine, m.p_rate and m.p_curvature: sums of functions, with coefficients
+// (columns, n), from the functions' values and derivatives (columns, stride).
+static inline void combine(Motion &m, std::int64_t n, const double *coefficients, std::int64_t columns,
+                           const double *value, const double *first, const double *second) {
+    for (std::int64_t i = 0; i < n; ++i)
+        for (std::int64_t k = 0; k < m.instants; k += LANES) {
+            Vector p = all(0), rate = all(0), curvature = all(0);
+            for (std::int64_t c = 0; c < columns; ++c) {
+                const double z = coefficients[c * n + i];
+                p = add_product(z, load(value + c * m.stride + k), p);
+                rate = add_product(z, load(first + c * m.stride + k), rate);
+                curvature = add_product(z, load(second + c * m.stride + k), curvature);
+            }
+            store(m.sine + i * m.stride + k, p);
+            store(m.p_rate + i * m.stride + k, rate);
+            store(m.p_curvature + i * m.stride + k, curvature);
+        }
+}
+
 // Joints that swing as centre + amplitude sin p: m.sine holds p, m.p_rate and m.p_curvature its derivatives.
 static inline void swing_joints(const Robot &robot, Motion &m, const double *centre, const double *amplitude) {
     const Vector per_second = all(m.per_second);

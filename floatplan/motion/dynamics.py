@@ -58,19 +58,6 @@ class MomentumSet:
         return int(self.axes.shape[1])
 
 
-@dataclass(frozen=True, eq=False)
-class Distances:
-    """Distances ``values`` (K, r) between surfaces at K instants, m; negative where the surfaces overlap."""
-
-    values: Array
-    differentiate: Callable[[], Array]
-
-    @property
-    def by_body(self) -> Array:
-        """Derivatives (K, r, bodies, or 3 for each in space) by the bodies' turns, m."""
-        return self.differentiate()
-
-
 class FlightGrid(Hashable, Protocol):
     """Instants of a flight: N nodes, which the attitude is integrated on, then any others; hashed as an object."""
 
@@ -91,15 +78,11 @@ class FlightGrid(Hashable, Protocol):
 
 
 class BaseMotion(Protocol):
-    """The base's motion; everything is computed when asked for. Derivatives are of a single motion, S = 1."""
+    """The base's motion; everything is computed when asked for."""
 
     @property
     def rate(self) -> Array:
         """Angular velocity (S K, e) of the base, rad/s."""
-
-    @property
-    def rate_partials(self) -> Partials:
-        """Of the angular velocity, r = e."""
 
     @property
     def attitude(self) -> Array:
@@ -109,16 +92,8 @@ class BaseMotion(Protocol):
     def residual(self) -> Array:
         """By how much the attitude at landing misses the goal (S, e), rad."""
 
-    @property
-    def drift(self) -> Partials:
-        """Of g at the nodes, K = N, r = e: by positions, velocities and h."""
-
-    @property
-    def residual_partials(self) -> Partials:
-        """Of the residual, by the same: its change is ``duration * sum_j weights[j]`` of theirs, as g is carried on."""
-
     def transport(self, drift: Array) -> Array:
-        """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make."""
+        """Small turns zeta (K, e, c) that c drifts (N, e, c) at the nodes make; of a single motion, S = 1."""
 
     @property
     def unresolved(self) -> float:
@@ -132,32 +107,57 @@ class BaseMotion(Protocol):
         """Generalised joint torques (S K, n) N m: of a leader and its followers together."""
 
     @property
-    def torque_partials(self) -> Partials:
-        """Of the generalised torques, r = n."""
-
-    @property
     def motor_torques(self) -> Array:
         """Each motor's own torque (S K, m) N m."""
-
-    @property
-    def motor_torque_partials(self) -> Partials:
-        """Of the motors' own torques, r = m; the same object as ``torque_partials`` where there are no followers."""
 
     @property
     def longest_way(self) -> float:
         """Longest way that an end of a link's shape goes from instant to instant, m."""
 
-    def obstacle_distances(self, obstacle: Obstacle) -> Distances:
-        """Distances (S K, r) of the links to an obstacle, r as of :meth:`FlightDynamics.links_measured`."""
+    def obstacle_distances(self, obstacle: Obstacle) -> Array:
+        """Distances (S K, r) of the links to an obstacle, r as of :meth:`FlightDynamics.links_measured`.
 
-    def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Distances:
+        In m, between surfaces; negative where the surfaces overlap.
+        """
+
+    def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Array:
         """Distances (S K, r) between shapes, given by their indices: each of the first to each of the second."""
-
-    def shape_partials(self, by_body: Array) -> Partials:
-        """Of r quantities with derivatives ``by_body`` (K, r, bodies, or 3 for each in space) by the bodies' turns."""
 
     def at_goal(self) -> BaseMotion:
         """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
+
+
+class DifferentiableMotion(BaseMotion, Protocol):
+    """One with its derivatives, of a single motion, S = 1: what the general path asks, which the kernel has not.
+
+    Derivatives by shapes are by the turns of the bodies, or by 3 numbers for each of them in space.
+    """
+
+    @property
+    def rate_partials(self) -> Partials:
+        """Of the angular velocity, r = e."""
+
+    @property
+    def drift(self) -> Partials:
+        """Of g at the nodes, K = N, r = e: by positions, velocities and h."""
+
+    @property
+    def residual_partials(self) -> Partials:
+        """Of the residual, by the same: its change is ``duration * sum_j weights[j]`` of theirs, as g is carried on."""
+
+    @property
+    def torque_partials(self) -> Partials:
+        """Of the generalised torques, r = n."""
+
+    @property
+    def motor_torque_partials(self) -> Partials:
+        """Of the motors' own torques, r = m."""
+
+    def obstacle_partials(self, obstacle: Obstacle) -> Partials:
+        """Of the distances to an obstacle."""
+
+    def pair_partials(self, first: tuple[int, ...], second: tuple[int, ...]) -> Partials:
+        """Of the distances between shapes."""
 
 
 class FlightDynamics(Hashable, Protocol):

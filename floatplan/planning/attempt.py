@@ -299,7 +299,7 @@ class Attempts:
             nodes = self.model.nodes(level, variables.polynomials.form)
             return trajectory(self.model, variables, nodes, solution.x)
 
-        if motion.model is not self.model or counts[level] > motion.sampling.nodes:
+        if motion.model is not self.model or counts[level] > motion.sampling.grid.nodes:
             motion = at_level(level)
         while motion.flown.unresolved > UNRESOLVED and level < len(counts) - 1:  # the level was foretold from few nodes
             level += 1

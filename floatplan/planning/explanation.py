@@ -96,7 +96,7 @@ def _impossible_ends(prepared: Attempts) -> list[str]:
         if changes_at_ends(start.variables, block):
             continue
         values = block.values(motion)[-2:]
-        exists = applies(block, motion.sampling.s[-2:])
+        exists = applies(block, motion.sampling.grid.s[-2:])
         for end, (name, verb) in enumerate((("start", "takeoff"), ("goal", "landing"))):
             row = int(np.argmin(values[end]))
             if exists[end] and values[end, row] < -block.tolerance:

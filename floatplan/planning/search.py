@@ -43,6 +43,7 @@ SAME = 1e-6  # [-] relative difference of objectives, below which two attempts e
 STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
 AGREEING = 3  # [-] best solutions that are the same motion, where h is free: then it is taken for the best there is
 AGREEMENT = 1e-5  # [-] relative difference of their objectives
+ANNOUNCED_EVERY = 1.0  # [s] words about the progress
 STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
 
 
@@ -135,7 +136,7 @@ def search(
             outcomes.append(outcome)
             if LOG.isEnabledFor(logging.INFO):
                 LOG.info("%s", _said(prepared, outcomes))
-            if options.progress and time.monotonic() - announced > 1:
+            if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                 announced, counts = time.monotonic(), SearchResult(outcomes).counts
                 tried = f"{counts['starts']} starts tried, {counts['solved']} solved"
                 options.progress(f"{tried}, degree {max(outcome.variables.degrees)}")

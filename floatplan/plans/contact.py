@@ -17,7 +17,7 @@ from floatplan.files import plain
 from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.contact_rates import ContactRates, End, contact_rates, has_contact, shared_momentum
 from floatplan.motion.planar.reachable import reachable
-from floatplan.plans.contact_advice import FAST, Momentum, advice, told
+from floatplan.plans.contact_advice import FAST, Momentum, advice, in_words
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.problem import Problem
@@ -125,12 +125,12 @@ class Contact(Outlined):
         if found.ratio is None:
             return (
                 f"{self.frame} {verb}s the ground at rest at {self.end} with joints that turn at up to"
-                f" {self._told}, {found.joint} before all; no motor has a velocity limit."
+                f" {self._in_words}, {found.joint} before all; no motor has a velocity limit."
             )
         rates = f"{found.joint} at {self.rate:.4g} rad/s where {self.limit:.4g} rad/s are allowed"
         if self.ok:
-            return f"{self.frame} {verb}s the ground at rest at {self.end}, with {self._told}: {rates}."
-        return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {self._told}, {rates}."
+            return f"{self.frame} {verb}s the ground at rest at {self.end}, with {self._in_words}: {rates}."
+        return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {self._in_words}, {rates}."
 
     @property
     def unlimited(self) -> tuple[str, float] | None:
@@ -143,14 +143,14 @@ class Contact(Outlined):
         return (robot.motors[fastest], float(rates[fastest])) if rates[fastest] else None
 
     @property
-    def _told(self) -> str:
+    def _in_words(self) -> str:
         """Share and angular momentum in words: one says nothing without the other."""
-        return "" if self.found is None else f"{told(self.found)} at {self.found.angular_momentum:.5g} kg m^2/s"
+        return "" if self.found is None else f"{in_words(self.found)} at {self.found.angular_momentum:.5g} kg m^2/s"
 
     @property
     def brief(self) -> str:
         """The verdict in a few words."""
-        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {self._told}" if self.found else "flies"
+        return f"{self.frame} {VERBS[self.end]}s the ground at rest with {self._in_words}" if self.found else "flies"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` prints of it; None for what is not finite."""

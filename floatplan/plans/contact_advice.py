@@ -35,8 +35,8 @@ def _share(found: ContactRates) -> float:
     return found.size / (FAST if found.ratio is None else 1.0)
 
 
-def told(found: ContactRates) -> str:
-    """The same in words."""
+def in_words(found: ContactRates) -> str:
+    """Return that share, or without limits the rate, in words."""
     number = found.size
     if not math.isfinite(number):
         return "no rates at all"
@@ -168,4 +168,4 @@ def advice(problem: Problem, end: End, momentum: Momentum) -> Iterator[str]:
     for trial in tried:
         rates = trials.rates(trial)
         if _share(rates) < WORTH_TELLING * least:
-            yield f"With {', '.join(trials.changes(trial, rates))} it takes {told(rates)}."
+            yield f"With {', '.join(trials.changes(trial, rates))} it takes {in_words(rates)}."

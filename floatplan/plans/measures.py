@@ -21,7 +21,7 @@ from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
 from floatplan.robot.robot import Robot
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal["ground", "position", "velocity", "torque", "holding_torque", "takeoff", "landing", "turns"]
@@ -113,7 +113,7 @@ def largest_use(rows: Sequence[Utilisation]) -> float | None:
     return max((share for share in shares if share is not None), default=None)
 
 
-def told_limits(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
+def limits_shown(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
     """Limits whose utilisation is worth a column: those that are always told, and those that some motor has."""
     return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
 
@@ -168,7 +168,8 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
         message = f"What the flight does to the ground could not be measured: {error}."
         yield PlanWarning("ground", takeoff, None, 0.0, "m", None, message)
         return
-    if not height >= -CLEARANCE:
+    jump = plan.problem.jump is not None
+    if not height >= -(POINT_FEET if jump else CLEARANCE):
         at_takeoff = float(plan.clearances(0.0, [plan.problem.ground_plane])[0])
         if at_takeoff < -CLEARANCE:
             message = (
@@ -176,9 +177,8 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
             )
         else:
-            message = (
-                f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s;"
-                " ground = true keeps it above."
+            message = f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s" + (
+                f": feet of jumps may be {POINT_FEET:g} m." if jump else "; ground = true keeps it above."
             )
         yield PlanWarning("ground", link, height, 0.0, "m", instant, message)
 

@@ -198,11 +198,7 @@ class Plan(PlannedMotion):
         return found
 
     def animate(
-        self,
-        path: str | Path = "flight.gif",
-        *,
-        speed: float = 0.5,
-        progress: Callable[[int, int], None] | None = None,
+        self, path: str | Path = "flight.gif", *, speed: float = 0.5, progress: Callable[[int, int], None] | None = None
     ) -> Path:
         """Write a film of the flight, ``.gif`` or ``.mp4``, and return its path.
 

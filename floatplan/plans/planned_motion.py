@@ -42,7 +42,7 @@ PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rat
 def least_distances(segments: Segments, obstacle: Obstacle, instants: Array) -> Array:
     """Least distances (N,) m of shapes placed at N instants, s, to an obstacle; infinite while it does not exist."""
     low, high = obstacle.window or (-np.inf, np.inf)
-    distances = obstacle_distances(segments, obstacle, instants).values.min(axis=1)
+    distances = obstacle_distances(segments, obstacle, instants).min(axis=1)
     return np.where((instants >= low) & (instants <= high), distances, np.inf)
 
 
@@ -281,7 +281,7 @@ class PlannedMotion:
         ground = self.problem.ground_plane
         height, instant = least_by_grids(lambda times: self.clearances(times, [ground]), self.duration, ())
         segments, shapes = self.segments(np.array([instant]), hulls=True), self.problem.ground_shapes
-        distances = obstacle_distances(segments, ground, np.array([instant])).values[0]
+        distances = obstacle_distances(segments, ground, np.array([instant]))[0]
         return height, instant, shapes[int(np.argmin(distances)) % len(shapes)].link
 
     @cached_property

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from floatplan.arguments import percent, short
-from floatplan.plans.measures import Utilisation, told_limits
+from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
 from floatplan.robot.leak import WORTH_A_WARNING
@@ -80,7 +80,7 @@ def proof_rows(plan: Plan) -> list[Row]:
 
 def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list[str]]]:
     """Return titles and cells of how much of its limits each motor uses; the last cell is an instant, s."""
-    limits = told_limits(rows)
+    limits = limits_shown(rows)
     titles = ["joint", *(title for limit in limits for title in (limit.unit, "limit", "%"))]
     cells = []
     for use in rows:

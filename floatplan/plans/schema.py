@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from floatplan.arguments import FINITE, Check, flag, one_of, optional, positive, text, whole
+from floatplan.arguments import FINITE, Check, by_name, flag, many, one_of, optional, pair, positive, text, whole
 from floatplan.arguments import number as number_in
 from floatplan.errors import InputError
 from floatplan.plans.record import FORMAT, PlanRecord
@@ -30,36 +30,6 @@ def table(value: Any, element: str) -> None:
     """Check that something is a table."""
     if not isinstance(value, Mapping):
         raise InputError(f"must be a table, not {value!r}", element=element)
-
-
-@dataclass(frozen=True)
-class ListOf:
-    """A list, of a certain length where one is given."""
-
-    entry: Check
-    length: int | None = None
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse everything else."""
-        if not isinstance(value, list | tuple):
-            raise InputError(f"must be a list, not {value!r}", element=element)
-        if self.length is not None and len(value) != self.length:
-            raise InputError(f"must have {self.length} entries, not {len(value)}", element=element)
-        for index, item in enumerate(value):
-            self.entry(item, f"{element}[{index}]")
-
-
-@dataclass(frozen=True)
-class TableOf:
-    """A table of any keys, each of which holds the same."""
-
-    entry: Check
-
-    def __call__(self, value: Any, element: str) -> None:
-        """Refuse everything else."""
-        table(value, element)
-        for name, item in value.items():
-            self.entry(item, f"{element}.{name}")
 
 
 @dataclass(frozen=True)
@@ -85,7 +55,7 @@ class KeyedTable:
                 raise InputError("is missing", element=inside + name)
 
 
-POINT = ListOf(number, 2)
+POINT = pair(number)
 
 
 def direction(value: Any, element: str) -> None:
@@ -100,11 +70,11 @@ def _anything(value: Any, element: str) -> None:
 
 
 ROBOT = KeyedTable(
-    {"urdf": text, "sha256": text, "joints": ListOf(text), "plane": text},
+    {"urdf": text, "sha256": text, "joints": many(text, "names"), "plane": text},
     {
-        "coupled": TableOf(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
-        "locked": TableOf(number),
-        "meshes": TableOf(text),
+        "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
+        "locked": by_name(number),
+        "meshes": by_name(text),
     },
     NO_KEY,
 )
@@ -127,8 +97,8 @@ FILE = KeyedTable(
         "problem_file": optional(text),
     },
     {
-        "motor_torque_peak": optional(TableOf(number)),
-        **dict.fromkeys(("warnings", "utilisation"), optional(ListOf(table))),
+        "motor_torque_peak": optional(by_name(number)),
+        **dict.fromkeys(("warnings", "utilisation"), optional(many(table, "tables"))),
         "out_of_plane_leak": optional(number),
         **dict.fromkeys(("certificate", "replay"), optional(table)),
         "floatplan": text,
@@ -148,8 +118,8 @@ OBSTACLES: Mapping[str, Mapping[str, Check]] = {
 def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTable:
     """What a problem may hold whose planned joints are ``joints``, and those with a motor ``moving``."""
     n = len(joints)
-    numbers = ListOf(number, n)
-    limits = ListOf(optional(number), n)
+    numbers = many(number, "numbers", n)
+    limits = many(optional(number), "numbers", n)
     postures = {
         end: KeyedTable(
             {"orientation": number, "positions": numbers, "velocities": numbers, "accelerations": numbers},
@@ -165,7 +135,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTabl
         "horizontal_velocity": number,
         "gravity": number,
     }
-    kept: dict[str, Check] = {"position": ListOf(POINT, n), "torque": limits}
+    kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
     motor = KeyedTable({"stall": positive(), "slope": non_negative})
     may_be_kept: dict[str, Check] = {
         "motor": KeyedTable({}, dict.fromkeys(moving, motor)),
@@ -184,8 +154,8 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...]) -> KeyedTabl
         {
             "name": text,
             "ground": flag,
-            "obstacles": ListOf(_obstacle),
-            "self_clearance": ListOf(_pair),
+            "obstacles": many(_obstacle, "obstacles"),
+            "self_clearance": many(_pair, "tables"),
             "jump": table,  # around the flight, of which nothing is proved
         },
     )
@@ -195,7 +165,9 @@ def _degree(n: int) -> Check:
     integer = whole(Range(-math.inf, math.inf, ""))
 
     def check(value: Any, element: str) -> None:
-        (ListOf(integer, n) if isinstance(value, list | tuple) else one_of("auto", or_number=integer))(value, element)
+        (many(integer, "whole numbers", n) if isinstance(value, list | tuple) else one_of("auto", or_number=integer))(
+            value, element
+        )
 
     return check
 
@@ -210,7 +182,7 @@ def _obstacle(value: Any, element: str) -> None:
 
 
 def _pair(value: Any, element: str) -> None:
-    KeyedTable({"links": ListOf(text, 2)}, {"margin": non_negative})(value, element)
+    KeyedTable({"links": pair(text, "names of links")}, {"margin": non_negative})(value, element)
     if value["links"][0] == value["links"][1]:
         raise InputError("names one link twice", element=f"{element}.links")
 

@@ -12,11 +12,13 @@ import numpy.typing as npt
 from floatplan.arguments import Check, Checked, Outlined, by_name, made, numbers
 from floatplan.errors import InputError
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import motor_limits
+from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 MOST_PROBLEMS = 10_000_000  # of a family
 TABLES = ("start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance")
 BY_JOINT = ("positions", "velocities", "accelerations")
-BY_MOTOR = ("velocity", "acceleration", "torque")
+BY_MOTOR: Mapping[str, LimitRow] = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
 
 
 def _column(values: npt.ArrayLike, element: str) -> npt.NDArray[Any]:
@@ -148,11 +150,8 @@ def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
             return dict(zip(robot.joints, map(tuple, base.position_limits.tolist()), strict=True))
         return value if isinstance(value, Mapping) else tuple(map(tuple, value))
     if head == "limits" and key in BY_MOTOR and path.count(".") > 1:
-        if isinstance(value, str):
-            given = {"velocity": robot.motor_velocity_limits, "torque": robot.motor_torque_limits}.get(key)
-            limits = [] if value == "none" or given is None else given.tolist()
-            return {name: limit for name, limit in zip(robot.motors, limits, strict=False) if np.isfinite(limit)}
-        if isinstance(value, int | float):
-            return dict.fromkeys(robot.motors, value)
+        if isinstance(value, str | int | float):
+            limits = motor_limits(robot, BY_MOTOR[key], value).tolist()
+            return {name: limit for name, limit in zip(robot.motors, limits, strict=True) if np.isfinite(limit)}
         return value if isinstance(value, Mapping) else tuple(value)
     return value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,12 @@ import tomli_w
 
 from floatplan.arguments import made
 from floatplan.arguments import path as as_path
-from floatplan.arrays import Array
-from floatplan.errors import InputError, naming
+from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
-from floatplan.problem.jump import jump_table
+from floatplan.keys import read_tables, table_of
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.problem.schema import ProblemFileTable, ProblemTable, RecordedProblemTable, RobotFileTable, RobotTable
-from floatplan.problem.validation import validated
+from floatplan.problem.schema import ProblemFile, ProblemTables, RobotFile, RobotRequest
 from floatplan.robot.robot import Robot, robot_as_asked
 from floatplan.tables import REST
 
@@ -29,7 +27,7 @@ LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 DATA_PREFIX = "example-robot-data:"
 
 STATE = ("positions", "velocities", "accelerations")
-BY_JOINT = {"start": STATE, "goal": STATE, "limits": ("position",)}
+SETTLED = STATE[1:]  # of which words may be asked for
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -49,8 +47,9 @@ def load_problem(path: str | Path) -> Problem:
     text = read_text(path, LARGEST_PROBLEM, "a problem file")
     content = parsed_toml(text, path)
     with naming(path):
-        tables = validated(ProblemFileTable, content)
-        return _problem(tables, _robot(tables.robot, path), path.stem, text)
+        wrong: list[InputError] = []
+        tables = read_tables(ProblemFile, content, wrong)
+        return _problem(tables, wrong, _robot(tables.robot, path), path.stem, text)
 
 
 def given_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:
@@ -66,10 +65,10 @@ def load_robot(path: str | Path) -> Robot:
     """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
     path = Path(path)
     content = read_toml(path)
-    if not set(content) <= set(RobotFileTable.model_fields):
+    if not set(content) <= set(RobotFile.keys):
         return load_problem(path).robot
     with naming(path):
-        return _robot(validated(RobotFileTable, content).robot, path)
+        return _robot(read_tables(RobotFile, content).robot, path)
 
 
 def problem_from_dict(
@@ -92,10 +91,32 @@ def problem_from_dict(
     InputError
         As :func:`load_problem`.
     """
-    try:
-        return _problem(validated(RecordedProblemTable, content), robot, "flight", written)
-    except InputError as error:
-        raise error.within(source=source) from None
+    content = dict(content)
+    words = {end: _popped(content, end, [f"{name}_asked" for name in SETTLED]) for end in REST}
+    (own,) = _popped(content, "limits", ["motor_torque"])
+    if own is not None:  # contains the limits of the generalised torques
+        content["limits"] = {**content["limits"], "torque": own}
+    with naming(source):
+        wrong: list[InputError] = []
+        tables = read_tables(ProblemTables, content, wrong)
+        for end, asked in words.items():
+            posture = getattr(tables, end)
+            given = [getattr(posture, name) for name in SETTLED]
+            if any(asked):
+                settled = tuple(None if isinstance(values, str) else values for values in given)
+                velocities, accelerations = (word or values for word, values in zip(asked, given, strict=True))
+                posture = posture.changed(velocities=velocities, accelerations=accelerations, settled=settled)
+                tables = tables.changed(**{end: posture})
+        return _problem(tables, wrong, robot, "flight", written)
+
+
+def _popped(content: dict[str, Any], table: str, keys: Sequence[str]) -> list[Any]:
+    """Values of keys that a table has in plan files alone, None where it has not, taken out of it."""
+    held = content.get(table)
+    if not isinstance(held, Mapping):
+        return [None] * len(keys)
+    content[table] = {key: value for key, value in held.items() if key not in keys}
+    return [held.get(key) for key in keys]
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:
@@ -123,23 +144,10 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "limits": limits,
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
         "self_clearance": [asdict(pair) for pair in problem.self_clearances],
-        **({} if problem.jump is None else {"jump": jump_table(problem.jump)}),
+        **({} if problem.jump is None else {"jump": table_of(problem.jump)}),
     }
     values: dict[str, Any] = plain(content)
     return values
-
-
-def _limits_of_file(problem: Problem, limits: Array) -> Any:
-    """Limits (n,) of coordinates for a problem file: by name; a list in joint order where a joint has several motors.
-
-    A name would be that of one motor.
-    """
-    joints = problem.robot.joints
-    if len(problem.robot.motors) == len(joints):
-        return {joint: limit for joint, limit in zip(joints, limits.tolist(), strict=True) if math.isfinite(limit)}
-    if not np.isfinite(limits).any():
-        return None
-    return [limit if math.isfinite(limit) else "none" for limit in limits.tolist()]
 
 
 def _of_motors(problem: Problem) -> dict[str, Any]:
@@ -173,18 +181,15 @@ def save_problem(problem: Problem, path: str | Path) -> Path:
 
 def problem_text(problem: Problem, path: str | Path) -> str:
     """Return what :func:`save_problem` writes to ``path``; the same errors."""
-    content = {"robot": _robot_table(problem.robot, Path(path)), **problem_to_dict(problem)}
-    for table, keys in BY_JOINT.items():
-        for key in keys:
-            values = content[table].pop(f"{key}_asked", content[table][key])
-            if not isinstance(values, str):
-                by_joint = zip(problem.robot.joints, values, strict=True)
-                values = {joint: value for joint, value in by_joint if value is not None}
-            content[table][key] = values
-    limits = content["limits"]
-    for key, by_coordinate in {**problem.joint_limits, "torque": problem.torque_limits}.items():
-        limits[key] = _limits_of_file(problem, by_coordinate)
-    limits["torque"] = limits.pop("motor_torque", None) or limits["torque"]
+    content = {
+        "robot": _robot_table(problem.robot, Path(path)),
+        "name": problem.name,
+        "ground": problem.ground,
+        **{name: table_of(getattr(problem, name)) for name in ("start", "goal", "flight", "motion", "limits")},
+        "obstacles": [table_of(obstacle) for obstacle in problem.obstacles],
+        "self_clearance": [table_of(pair) for pair in problem.self_clearances],
+        "jump": problem.jump and table_of(problem.jump),
+    }
     return tomli_w.dumps(_without_gaps(content))
 
 
@@ -199,26 +204,25 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
     return parsed_toml(read_text(path, LARGEST_PROBLEM, kind), path)
 
 
-def _robot(table: RobotTable, path: Path) -> Robot:
-    source = table.urdf if table.urdf.startswith(DATA_PREFIX) else path.parent / table.urdf
-    return robot_as_asked(source, table.choices(), path, "robot.")
+def _robot(asked: RobotRequest, path: Path) -> Robot:
+    asked.check("robot")
+    source = asked.urdf if asked.urdf.startswith(DATA_PREFIX) else path.parent / asked.urdf
+    return robot_as_asked(source, asked.choices(), path, "robot.")
 
 
-def _problem(tables: ProblemTable, robot: Robot, default_name: str, written: str | None) -> Problem:
-    return Problem(
-        robot=robot,
-        start=tables.start.made(),
-        goal=tables.goal.made(),
-        flight=tables.flight.made(),
-        motion=tables.motion.made(),
-        limits=tables.limits.made(),
-        obstacles=tuple(obstacle.made() for obstacle in tables.obstacles),
-        self_clearances=tuple(pair.made() for pair in tables.self_clearance),
-        name=tables.name or default_name,
-        ground=tables.ground,
-        jump=None if tables.jump is None else tables.jump.made(),
-        written=written,
-    )
+def _problem(
+    tables: ProblemTables, wrong: Sequence[InputError], robot: Robot, default_name: str, written: str | None
+) -> Problem:
+    """The problem; or all that is wrong, in its tables and with what they ask of the robot."""
+    asked = {name: getattr(tables, name) for name in ProblemTables.keys if name in Problem.checks}
+    asked |= {"name": tables.name or default_name, "self_clearances": tables.self_clearance}
+    try:
+        problem = Problem(robot, **asked, written=written)
+    except InputError as error:
+        known = {each.element for each in wrong}
+        wrong = [*wrong, *(each for each in single(error) if each.element not in known)]
+    refuse(wrong)
+    return problem
 
 
 def _posture(state: JointState, rest: str) -> dict[str, Any]:

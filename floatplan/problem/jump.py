@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from floatplan.arguments import by_name, many, number, one_of, optional, pair, positive, text
+from floatplan.arguments import by_name, positive
 from floatplan.errors import InputError
-from floatplan.problem.keys import ANGLE, Key, Keyed, in_files
+from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.robot import Robot
+from floatplan.tables import LEAST, Range
 
 Standing: TypeAlias = Literal["standing"] | Mapping[str, float]
 Groups: TypeAlias = Sequence[tuple[str, ...]]
@@ -19,13 +20,7 @@ Durations: TypeAlias = Sequence[Sequence[float]]
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # on each side of the flight
-FIXABLE = ("duration", "angular_momentum", "start", "goal")
 FLIGHT_ALONE = "Planned is the flight alone, not the jump around it."
-
-
-def _standing(value: Any, element: str) -> Any:
-    check = one_of("standing") if isinstance(value, str) else by_name(number("positions"))
-    return check(value, element)
 
 
 def _margin(value: Any, element: str) -> dict[str, float]:
@@ -36,20 +31,22 @@ def _margin(value: Any, element: str) -> dict[str, float]:
     return MARGIN | given
 
 
-CONTACTS = Key(
-    "Of each phase, one or two in order of time, the frames that stand, with those coupled to them; of a sole heel and"
-    " toe, `FRAME.toe` its toe alone. Left out: all feet, and those on the side to which it turns",
-    check=optional(many(many(text, "frames"), "phases")),
-)
-DURATIONS = Key("Of each phase: least and largest", "s", check=optional(many(pair(number("duration")), "pairs")))
-
-
 @dataclass(frozen=True)
 class JumpSide(Keyed):
-    """What is on the ground on one side of the flight."""
+    """What is on the ground on one side of the flight.
 
-    contacts: Annotated[Groups | None, CONTACTS] = None
-    durations: Annotated[Durations | None, DURATIONS] = None
+    Parameters
+    ----------
+    contacts : sequence of sequences of str, optional
+        Of each phase, one or two in order of time, the frames that stand, with those coupled to them; of a sole heel
+        and toe, ``FRAME.toe`` its toe alone. A foot that has left does not return. Left out before takeoff: all feet,
+        and those on the side to which it turns; after landing: those of takeoff, in reverse.
+    durations : sequence of pairs, s, optional
+        Of each phase: least and largest.
+    """
+
+    contacts: Annotated[Groups | None, Key()] = None
+    durations: Annotated[Durations | None, Key(unit="s", numbers="duration")] = None
     outer: ClassVar[int] = 0  # index of the phase in which it stands still
     wrong: ClassVar[str] = "come to the ground before takeoff"  # of a frame that does not stand then
 
@@ -83,36 +80,27 @@ class JumpTakeoff(JumpSide):
 
     Parameters
     ----------
-    contacts : sequence of sequences of str, optional
-        Frames that stand in each phase, one or two in order of time. A foot that has left does not return.
-    durations : sequence of pairs, optional
-        Least and largest duration of each phase, s.
-    from_ : "standing", or mapping of joints to rad
-        Where it stands, the base level: the posture given, joints left out being where the reference posture has them,
-        or the nearest one that is static. In files it is ``from``.
+    contacts, durations : as of :class:`JumpSide`
+    from_ : "standing", or mapping of joints to rad; in files it is ``from``
+        Posture it stands in, the base level: by joint, those left out being where the reference posture has them, or
+        "standing", the nearest to that which is static.
     """
 
-    from_: Annotated[
-        Standing,
-        Key('Posture it stands in: "standing", the reference posture or near it, or by joint', ANGLE, check=_standing),
-    ] = "standing"
+    from_: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
 
 
 @dataclass(frozen=True)
 class JumpLanding(JumpSide):
-    """What stands after a jump's landing, and where it ends; as :class:`JumpTakeoff`.
+    """What stands after a jump's landing, and where it ends.
 
     Parameters
     ----------
-    contacts, durations : optional
-        Those of takeoff, in reverse: a foot that stands stays.
+    contacts, durations : as of :class:`JumpSide`
     to : "standing", or mapping of joints to rad
-        Left out, the posture it stood in before.
+        Posture it comes to, by joint, or "standing": the one that it stood in before.
     """
 
-    to: Annotated[
-        Standing, Key('Posture it comes to: "standing", the one that it stood in, or by joint', ANGLE, check=_standing)
-    ] = "standing"
+    to: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
     outer: ClassVar[int] = -1
     wrong: ClassVar[str] = "leave the ground after it has landed"
 
@@ -126,11 +114,13 @@ class JumpRequest(Keyed):
     friction : float
         Coefficient of the ground.
     margin : mapping
-        Shares of the limits that stances may use: of "torque" (torque-speed curves too) and "velocity".
+        Shares of the limits that stances may use: of ``torque``, curves of torque and speed too, and ``velocity``.
     fixed : sequence of str
-        What the flight of the problem keeps, of "duration", "angular_momentum", "start", "goal"; else it is optimised.
+        What the flight keeps of what the problem says, of duration, angular_momentum, start, goal; the rest is a guess.
     takeoff : JumpTakeoff
+        What stands before the flight.
     landing : JumpLanding
+        What stands after it.
 
     Raises
     ------
@@ -138,19 +128,11 @@ class JumpRequest(Keyed):
         A value is wrong, or a foot would leave the ground and return, or come and leave again.
     """
 
-    friction: Annotated[float, Key("Coefficient of the ground", check=positive(STEEPEST))] = 0.6
-    margin: Annotated[
-        Mapping[str, float], Key("Shares of the limits that stances may use: `torque`, `velocity`", check=_margin)
-    ] = field(default_factory=lambda: dict(MARGIN))
-    fixed: Annotated[
-        Sequence[Literal["duration", "angular_momentum", "start", "goal"]],
-        Key(
-            f"What the flight keeps of what the file says, of {', '.join(FIXABLE)}; the rest is a guess",
-            check=many(one_of(*FIXABLE), "words"),
-        ),
-    ] = ()
-    takeoff: Annotated[JumpTakeoff, Key("Before the flight")] = field(default_factory=JumpTakeoff)
-    landing: Annotated[JumpLanding, Key("After it")] = field(default_factory=JumpLanding)
+    friction: Annotated[float, Key(numbers=Range(LEAST, STEEPEST, ""))] = 0.6
+    margin: Annotated[Mapping[str, float], Key(check=_margin)] = field(default_factory=lambda: dict(MARGIN))
+    fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
+    takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
+    landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
@@ -173,15 +155,3 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
             if joint not in robot.joints:
                 advice = f"joints: {', '.join(robot.joints)}"
                 yield InputError(f"{joint!r} is not a planned joint", element=f"jump.{place}", advice=advice)
-
-
-def jump_table(jump: JumpRequest) -> dict[str, Any]:
-    """Return the table of a problem file that says the same, as plain data."""
-    return {name: _plain(getattr(jump, name)) for name in jump.keys}
-
-
-def _plain(value: Any) -> Any:
-    if not isinstance(value, Keyed):
-        return value
-    held = {in_files(name): _plain(getattr(value, name)) for name in value.keys}
-    return {name: each for name, each in held.items() if each is not None}

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Literal, Self, TypeAlias, get_type_hints
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 from floatplan.arguments import FINITE, by_joint, number, optional, pair, shortened, text, whole
 from floatplan.arrays import Array
-from floatplan.problem.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
+from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
@@ -28,35 +28,24 @@ class Posture(Keyed):
 
     Parameters
     ----------
-    orientation : float
-        Absolute angle of the base, rad; unbounded, 2 pi more is one somersault more.
-    positions, velocities, accelerations : mapping, (n,) sequence, or one number for all joints
-        rad, rad/s, rad/s^2.
-
-        Velocities may be "takeoff" at the start and "landing" at the goal: those with which the takeoff frame leaves,
-        or the landing frame meets, the ground at rest, with the least largest share of the joints' limits. They follow
-        from the angular momentum. Accelerations may be "free".
+    orientation : float, rad
+        Absolute angle of the base link, unbounded; a full turn more is one somersault more.
+    positions : mapping, (n,) sequence, or one number for all joints, rad
+        Of the joints: by name, a list in joint order, or one number for all.
+    velocities : as positions, rad/s
+        Rates of the joints, written as positions are. Or "takeoff" at the start, "landing" at the goal: those with
+        which the takeoff frame leaves, or the landing frame meets, the ground at rest, with the least largest share of
+        the joints' limits; they follow from the angular momentum.
+    accelerations : as positions, rad/s^2
+        Of the joints, written as positions are; or "free".
     settled : pair of (n,) sequences, optional
         Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
-    orientation: Annotated[
-        float, Key("Absolute angle of the base link; a full turn more is one somersault more", ANGLE)
-    ]
-    positions: Annotated[
-        JointValues, Key("Of the joints: by name, a list in joint order, or one number for all", ANGLE)
-    ]
-    velocities: Annotated[
-        JointValues | Literal["takeoff", "landing"],
-        Key(
-            "Rates of the joints, written as positions are; "
-            "'takeoff' at the start, 'landing' at the goal: the frame rests",
-            RATE,
-        ),
-    ] = 0.0
-    accelerations: Annotated[
-        JointValues | Literal["free"], Key("Of the joints, written as positions are; or 'free'", ACCELERATION)
-    ] = 0.0
+    orientation: Annotated[float, Key(unit=ANGLE)]
+    positions: Annotated[JointValues, Key(unit=ANGLE)]
+    velocities: Annotated[JointValues | Literal["takeoff", "landing"], Key(unit=RATE)] = 0.0
+    accelerations: Annotated[JointValues | Literal["free"], Key(unit=ACCELERATION)] = 0.0
     settled: Annotated[
         tuple[JointValues | None, JointValues | None] | None, optional(pair(optional(by_joint(FINITE)), "sequences"))
     ] = None
@@ -132,34 +121,28 @@ class Flight(Keyed):
 
     Parameters
     ----------
-    duration : float
-        Time from takeoff to landing, s.
-    angular_momentum : float, "midpoint" or "free"
-        About the centre of mass and the plane's normal, kg m^2/s; the midpoint of (9) is (10). Where it is free the
-        search chooses it, in (9) or outside.
-    takeoff, landing : optional
-        Left out, the base link takes off from the origin, and the takeoff frame lands: at the height it left, or
-        resting on the ground where the problem has one.
-    horizontal_velocity : float
-        Of the centre of mass, m/s.
-    gravity : float
-        m/s^2, downwards positive.
+    duration : float, s
+        From takeoff to landing.
+    angular_momentum : float, kg m^2/s, "midpoint" or "free"
+        About the centre of mass and the plane's normal; "midpoint" is (10), of what monotonic joints need, (9). Where
+        it is "free" the search chooses it, in (9) or outside.
+    takeoff : Takeoff, optional
+        The frame that leaves the ground last; the base link at the origin where left out.
+    landing : Landing, optional
+        The frame that lands first; the takeoff frame where left out: at the height it left, or resting on the ground
+        where the problem has one.
+    horizontal_velocity : float, m/s
+        Of the centre of mass.
+    gravity : float, m/s^2
+        Downwards.
     """
 
-    duration: Annotated[float, Key("From takeoff to landing", "s")]
-    angular_momentum: Annotated[
-        float | Literal["midpoint", "free"],
-        Key(
-            'About the centre of mass; "midpoint" of what monotonic joints need, or "free": found by the search',
-            "kg m^2/s",
-        ),
-    ] = "midpoint"
-    takeoff: Annotated[
-        Takeoff | None, Key("The frame that leaves the ground last; the base link at the origin where left out")
-    ] = None
-    landing: Annotated[Landing | None, Key("The frame that lands first; the takeoff frame where left out")] = None
-    horizontal_velocity: Annotated[float, Key("Of the centre of mass", "m/s")] = 0.0
-    gravity: Annotated[float, Key("Downwards", "m/s^2", check=number("gravity", advice="downwards is positive"))] = 9.81
+    duration: Annotated[float, Key(unit="s")]
+    angular_momentum: Annotated[float | Literal["midpoint", "free"], Key(unit="kg m^2/s")] = "midpoint"
+    takeoff: Annotated[Takeoff | None, Key()] = None
+    landing: Annotated[Landing | None, Key()] = None
+    horizontal_velocity: Annotated[float, Key(unit="m/s")] = 0.0
+    gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = 9.81
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,17 +152,15 @@ class Motion(Keyed):
     Parameters
     ----------
     degree : int, (n,) ints, or "auto"
-        k_i of (12), at least 5; "auto" starts at 7 and raises it where nothing else helps.
+        k_i of (12), the polynomials' degree: one for all, one for each joint, or "auto", which starts at 7 and raises
+        it where nothing else helps.
     objective : str
-        One of the table of objectives, :data:`floatplan.tables.OBJECTIVE_TABLE`; "coefficients" is (17).
+        What is least; "coefficients" is (17).
     """
 
     degree: Annotated[
         int | Sequence[int] | Literal["auto"],
-        Key(
-            'Of the polynomials: one for all, one for each joint, or "auto": raised as needed',
-            check=by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False),
-        ),
+        Key(check=by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False)),
     ] = 7
     objective: Annotated[Objective, Key(f"What is least. {MINIMISED}")] = "coefficients"
 
@@ -188,6 +169,7 @@ class Motion(Keyed):
 class Motor(Keyed):
     """Speed-dependent torque limit ``|torque| + slope |velocity| <= stall``, N m and N m s/rad."""
 
+    about: ClassVar[str] = "A motor's torque falls with its rate: at most `stall - slope |rate|`"
     stall: Annotated[float, Key("Torque at rest", "N m", "limit")]
     slope: Annotated[float, Key("Torque that is lost with the rate", "N m s/rad")]
 
@@ -198,37 +180,32 @@ class Limits(Keyed):
 
     Parameters
     ----------
-    position : "urdf", "full" or mapping joint -> (low, high)
-        Joint ranges, rad; "full" is the paper's [-pi, pi]. A joint that a mapping leaves out keeps the URDF's range,
-        and one without a range in the URDF has the full one.
-    velocity, torque : "none", "urdf", one number, mapping or (n,) sequence
-        rad/s and N m. A number is for each motor of ``robot.motors``, a mapping by their names; a leader's value holds
-        for followers that are not named, and motors left out have no limit. A sequence is by planned coordinate:
-        torques are then the generalised ones, of a leader and its followers together.
-    acceleration : "none", one number, mapping or (n,) sequence
-        rad/s^2, as ``velocity``; a URDF knows no such limit.
+    position : "urdf", "full", mapping joint -> (low, high), or (n, 2) sequence, rad
+        Joint ranges; "full" is the paper's, one turn. A joint that is left out keeps the URDF's range, and one without
+        a range there has the full one.
+    velocity : "none", "urdf", one number, mapping or (n,) sequence, rad/s
+        Largest rate: one number for each motor, by motor, or by planned joint. A leader's holds for followers that are
+        not named; motors left out have no limit.
+    torque : "none", "urdf", one number, mapping or (n,) sequence, N m
+        Largest torque: one number for each motor, by motor as the largest rates, or a list in joint order of the
+        generalised ones, of a leader and its followers together.
     motor : mapping motor -> Motor
-        A leader's holds for followers that are not named.
-    orientation_rate : float, optional
-        Largest ``|orientation_rate|``, rad/s.
+        Motors' curves, by joint; a leader's holds for followers that are not named.
+    orientation_rate : float, rad/s, optional
+        Largest rate of the base.
+    acceleration : "none", one number, mapping or (n,) sequence, rad/s^2
+        Largest acceleration, written as the largest rates are; a URDF knows none.
     """
 
     position: Annotated[
         Literal["urdf", "full"] | Mapping[str, Sequence[float]] | Sequence[Sequence[float]],
-        Key('Joint ranges: "urdf", "full" (one turn), or [low, high] by joint', ANGLE, "positions"),
+        Key(unit=ANGLE, numbers="positions"),
     ] = "urdf"
-    velocity: Annotated[
-        Literal["urdf", "none"] | JointValues, Key('Largest rate: "none", "urdf", a number, or by joint', RATE, "limit")
-    ] = "none"
-    torque: Annotated[
-        Literal["urdf", "none"] | JointValues,
-        Key('Each motor\'s largest torque: "none", "urdf", a number, or by motor', "N m", "limit"),
-    ] = "none"
-    motor: Annotated[Mapping[str, Motor], Key("Motors' curves, by joint")] = field(default_factory=dict)
-    orientation_rate: Annotated[float | None, Key("Largest rate of the base", RATE, "limit")] = None
-    acceleration: Annotated[
-        Literal["none"] | JointValues, Key('Largest acceleration: "none", a number, or by joint', ACCELERATION, "limit")
-    ] = "none"
+    velocity: Annotated[Literal["urdf", "none"] | JointValues, Key(unit=RATE, numbers="limit")] = "none"
+    torque: Annotated[Literal["urdf", "none"] | JointValues, Key(unit="N m", numbers="limit")] = "none"
+    motor: Annotated[Mapping[str, Motor], Key()] = field(default_factory=dict)
+    orientation_rate: Annotated[float | None, Key(unit=RATE, numbers="limit")] = None
+    acceleration: Annotated[Literal["none"] | JointValues, Key(unit=ACCELERATION, numbers="limit")] = "none"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,21 +214,17 @@ class Obstacle(Keyed):
 
     Parameters
     ----------
-    margin : float
-        Clearance to keep, m: the paper's epsilon.
-    velocity : (float, float)
-        m/s; at time t the obstacle stands ``velocity * t`` away from where it is given.
-    window : (float, float), optional
-        Times between which it exists, s; left out, for the whole flight.
+    margin : float, m
+        Distance to keep from it, the paper's epsilon.
+    velocity : (float, float), m/s
+        Of one that moves: horizontal, vertical; it is where it is written at takeoff.
+    window : (float, float), s, optional
+        When it exists: from, to, since takeoff; for the whole flight, where left out.
     """
 
-    kind: ClassVar[str]
-    about: ClassVar[str]
-    margin: Annotated[float, Key("Distance to keep from it", "m")] = 0.0
-    velocity: Annotated[
-        Pair, Key("Of one that moves: horizontal, vertical; it is where it is written at takeoff", "m/s")
-    ] = (0.0, 0.0)
-    window: Annotated[Pair | None, Key("When it exists: from, to, since takeoff; always, where left out", "s")] = None
+    margin: Annotated[float, Key(unit="m")] = 0.0
+    velocity: Annotated[Pair, Key(unit="m/s")] = (0.0, 0.0)
+    window: Annotated[Pair | None, Key(unit="s")] = None
 
     @classmethod
     def example(cls, place: complex, size: float) -> Self:
@@ -289,8 +262,7 @@ class Obstacle(Keyed):
     @classmethod
     def places(cls) -> tuple[str, ...]:
         """Names of the fields that are places, m."""
-        hints = get_type_hints(cls)
-        return tuple(name for name, key in cls.keys.items() if hints[name] == Pair and key.unit == "m")
+        return tuple(name for name, key in cls.keys.items() if cls.hints[name] == Pair and key.unit == "m")
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle."""
@@ -391,6 +363,7 @@ class Bar(Obstacle):
 
 
 OBSTACLE_KINDS: dict[str, type[Obstacle]] = {kind.kind: kind for kind in (Circle, HalfPlane, Bar)}
+Obstacle.kinds = OBSTACLE_KINDS
 
 
 @dataclass(frozen=True)

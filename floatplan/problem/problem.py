@@ -18,23 +18,7 @@ from floatplan.arguments import Check, Checked, flag, html_table, made, many, op
 from floatplan.arrays import Array, read_only
 from floatplan.errors import check_name, faults, refuse
 from floatplan.pool.threads import one_thread
-from floatplan.problem.checks import (
-    TOUCHING,
-    degrees_of,
-    end_errors,
-    frame_height,
-    ground_height,
-    joint_limits,
-    joint_state,
-    landing_of,
-    lowest_point,
-    motor_torque_limits,
-    motor_values,
-    position_limits,
-    surroundings_errors,
-    takeoff_of,
-    torque_limits,
-)
+from floatplan.problem import resolution
 from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.problem.parts import (
     OBSTACLE_KINDS,
@@ -127,20 +111,25 @@ class Problem(Checked):
         """Resolve and check everything; report all that is wrong, not only the first."""
         object.__setattr__(self, "file_text", written)
         errors = self.faults()
+        fields = {error.element for error in errors}
         try:
-            errors += faults(self._resolutions())
-            errors += faults((partial(refuse_leak, self.robot), partial(check_name, self.name, "name")))
-            errors += surroundings_errors(self.robot, self.obstacles, self.self_clearances, self.flight.duration)
-            errors += [] if self.jump is None else jump_errors(self.robot, self.jump)
+            found = faults(
+                (*self._resolutions(), partial(refuse_leak, self.robot), partial(check_name, self.name, "name"))
+            )
+            found += resolution.surroundings_errors(
+                self.robot, self.obstacles, self.self_clearances, self.flight.duration
+            )
+            found += [] if self.jump is None else jump_errors(self.robot, self.jump)
             if self.obstacles or self.self_clearances or self.ground:
-                errors += faults((self.robot.check_shapes,))
-        except (AttributeError, TypeError, ValueError):
+                found += faults((self.robot.check_shapes,))
+            errors += [error for error in found if error.element not in fields]
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
         if not errors:
             ranges, flight = self.position_limits, self.flight
             for element, state in (("start", self.initial), ("goal", self.final)):
-                errors += end_errors(self.robot, ranges, flight, state, element)
+                errors += resolution.end_errors(self.robot, ranges, flight, state, element)
         refuse(errors)
 
     def __repr__(self) -> str:
@@ -178,17 +167,17 @@ class Problem(Checked):
     def _resolutions(self) -> Iterator[Callable[[], None]]:
         robot, limits = self.robot, self.limits
         resolvers: dict[str, Callable[[], object]] = {
-            "initial": lambda: joint_state(robot, self.start, "start"),
-            "final": lambda: joint_state(robot, self.goal, "goal"),
-            "position_limits": lambda: position_limits(robot, limits),
-            "joint_limits": lambda: joint_limits(robot, limits),
-            "torque_limits": lambda: torque_limits(robot, limits.torque),
-            "motor_torque_limits": lambda: motor_torque_limits(robot, limits.torque),
-            "motor_stall": lambda: motor_values(robot, limits, "stall", math.inf),
-            "motor_slope": lambda: motor_values(robot, limits, "slope", 0.0),
-            "degrees": lambda: degrees_of(robot, self.motion),
-            "takeoff": lambda: takeoff_of(robot, self.flight),
-            "landing": lambda: landing_of(robot, self.flight, self.start, self.goal, self.ground),
+            "initial": lambda: resolution.joint_state(robot, self.start, "start"),
+            "final": lambda: resolution.joint_state(robot, self.goal, "goal"),
+            "position_limits": lambda: resolution.position_limits(robot, limits),
+            "joint_limits": lambda: resolution.joint_limits(robot, limits),
+            "torque_limits": lambda: resolution.torque_limits(robot, limits.torque),
+            "motor_torque_limits": lambda: resolution.motor_limits(robot, resolution.TORQUE, limits.torque),
+            "motor_stall": lambda: resolution.motor_values(robot, limits, "stall", math.inf),
+            "motor_slope": lambda: resolution.motor_values(robot, limits, "slope", 0.0),
+            "degrees": lambda: resolution.degrees_of(robot, self.motion),
+            "takeoff": lambda: resolution.takeoff_of(robot, self.flight),
+            "landing": lambda: resolution.landing_of(robot, self.flight, self.start, self.goal, self.ground),
         }
         for name, resolve in resolvers.items():
             yield lambda name=name, resolve=resolve: object.__setattr__(self, name, resolve())  # type: ignore[misc]
@@ -223,7 +212,7 @@ class Problem(Checked):
         InputError
             The collision geometry of the takeoff link is wrong.
         """
-        height = ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
+        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
         return Ground(point=(0.0, height), normal=(0.0, 1.0))
 
     @cached_property
@@ -237,11 +226,11 @@ class Problem(Checked):
             (self.takeoff_frame, self.takeoff.position[1], self.initial),
             (self.landing_frame, self.landing_height, self.final),
         )
-        rises = [(height - frame_height(robot, frame, state) - line, state) for frame, height, state in ends]
+        rises = [(height - resolution.frame_height(robot, frame, state) - line, state) for frame, height, state in ends]
         low = [
             link
             for link in robot.limb_ends
-            if min(rise + lowest_point(robot, link, state) for rise, state in rises) < TOUCHING
+            if min(rise + resolution.lowest_point(robot, link, state) for rise, state in rises) < resolution.TOUCHING
         ]
         return robot.hulls((self.takeoff.frame, self.landing.frame), low)
 

@@ -345,17 +345,8 @@ class _Loop:
             states.append(runge_kutta_step(held, states[-1], 0.0, min(PERIOD, replanner.landing - now)))
             if not np.isfinite(states[-1][0]).all():
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
-        return self._ended(np.array([state[0] for state in states]), peak, corrections, statuses, seconds)
-
-    def _ended(
-        self,
-        positions: Array,
-        peak: Array,
-        corrections: list[tuple[float, float, float]],
-        statuses: Counter[str],
-        seconds: list[float],
-    ) -> _Flight:
-        times = np.append(PERIOD * np.arange(len(positions) - 1), self.replanner.landing)
+        positions = np.array([state[0] for state in states])
+        times = np.append(PERIOD * np.arange(len(measured)), replanner.landing)
         planned = (positions[:, BASE:] - self.resting) @ self.to_planned.T
         shown = np.append(np.arange(0, len(times) - 1, TRACE_STEP), len(times) - 1)
         goal, orientation, landing = self.plan.problem.final, positions[:, BASE - 1], positions[-1]

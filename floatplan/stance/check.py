@@ -14,13 +14,13 @@ from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
+from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
 RESIDUAL = 1e-3  # [-] of the weight, and of the weight times the standing height
 DRIFT = 1e-3  # [m]
 SPEED = 0.02  # [m/s] of a foot that stands
 GROUND = -1e-6  # [m] of what never stands
-FEET = -4e-3  # [m] of feet, which turn about their frames as if they were round
 SEAM = 1e-6  # [rad, rad/s; over the time unit rad/s^2]
 PULL = -1e-3  # [-] of the weight
 SLIP = 1e-3  # [-] of the weight, of horizontal force beyond the cone
@@ -184,9 +184,7 @@ def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[st
     if jump.problem.obstacles:
         segments = LinkShapes(tree, robot.shapes).place(com, angles)
         since = state.times - jump.takeoff_time
-        distances = [
-            obstacle_distances(segments, each, since).values.min() - each.margin for each in jump.problem.obstacles
-        ]
+        distances = [obstacle_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
         found["obstacles"] = float(min(distances))
     return found
 
@@ -245,7 +243,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),
         ("pull", PULL, "the least vertical force is {:.2g} of the weight"),
         ("ground", GROUND, "everything else is at least {:.2g} m above the ground"),
-        ("feet", FEET, "the feet's shapes are at least {:.2g} m above the ground"),
+        ("feet", -POINT_FEET, "the feet's shapes are at least {:.2g} m above the ground"),
         ("obstacles", 0.0, "obstacles are {:.2g} m away beyond their margins"),
     ]
     held: list[Words] = []

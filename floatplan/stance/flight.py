@@ -12,9 +12,9 @@ from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.stance.contacts import Contact, heights_over_com
 from floatplan.stance.program import JumpProgram, Solution
+from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
-UNDER = 4e-3  # [m] under what stands, that the flight's ground is: a foot that is a point turns there
 
 
 def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
@@ -58,7 +58,6 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         ),
         obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
         ground=False,
-        jump=None,
         written=None,
     )
 
@@ -73,7 +72,7 @@ def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: 
         places = heights_over_com(problem.robot, spots, float(solution.y[0, node]), solution.y[1:, node]).imag
         lowest = (places[1:] - np.repeat([each.radius for each in shapes], 2)).min()
         depth = max(depth, float(places[0] - anchor.depth - lowest))
-    return HalfPlane(point=(0.0, round(ground - depth - UNDER, 4)))
+    return HalfPlane(point=(0.0, round(ground - depth - POINT_FEET, 4)))
 
 
 def planned_flight(problem: Problem, seed: int) -> Plan:

@@ -180,7 +180,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     """
     robot = problem.robot
     _check_gravity(problem)
-    turns = round((problem.final.orientation - problem.initial.orientation) / TURN)
+    turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
     before = _wanted(robot, request.takeoff.from_, np.asarray(robot.resting))
     given = request.takeoff.contacts, request.landing.contacts
     usual = ((), ()) if all(given) else _default_groups(problem, turns, before)

@@ -10,29 +10,35 @@ from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arguments import LARGEST_SEED
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
 from floatplan.files import plain, read_regular, runs_folder
 from floatplan.kernel.library import description
+from floatplan.keys import read_tables
 from floatplan.plans.reading import robot_record
 from floatplan.problem.family import Family
 from floatplan.problem.file import LARGEST_PROBLEM, load_problem, read_toml
 from floatplan.problem.problem import Problem
-from floatplan.problem.validation import validated
-from floatplan.studies.schema import PlanTable, RangeTable, StudyFileTable, VariedNumber, varied_number
+from floatplan.studies.schema import (
+    Kind,
+    PlanTable,
+    RangeTable,
+    StudyTables,
+    VariedNumber,
+    varied_number,
+    with_sampling,
+)
 
 PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # of a study
 MOST_VARIED = 32  # numbers of a problem that a study varies
 LARGER_IS_BETTER = ("clearance",)  # of the columns that a map can show
 
-Kind: TypeAlias = Literal["grid", "random", "sobol"]
 Values: TypeAlias = dict[str, npt.NDArray[Any]]
 
 
@@ -138,7 +144,7 @@ class StudyFile:
             "robot": {key: value for key, value in robot.items() if key != "urdf"},
             "vary": [[axis.path, axis.values] for axis in self.samples.axes],
             "sampling": [self.samples.kind, self.samples.count, self.samples.seed],
-            "plan": self.plan.model_dump(),
+            "plan": asdict(self.plan),
         }
         return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
 
@@ -168,7 +174,7 @@ def load_study_file(path: str | Path) -> StudyFile:
     """
     path = Path(path)
     with naming(path):
-        tables = validated(StudyFileTable, read_toml(path, "a study file"))
+        tables = read_tables(StudyTables, with_sampling(read_toml(path, "a study file")))
     problem = path.parent / tables.problem
     base = load_problem(problem)
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
@@ -178,13 +184,11 @@ def load_study_file(path: str | Path) -> StudyFile:
         return StudyFile(path.stem, base, content, samples, tables.plan, folder, _map(tables, base))
 
 
-def _samples(tables: StudyFileTable, base: Problem, degrees: bool) -> Samples:
+def _samples(tables: StudyTables, base: Problem, degrees: bool) -> Samples:
     if not tables.vary:
         raise InputError("varies nothing", element="vary", advice='give a path such as "flight.duration"')
     if len(tables.vary) > MOST_VARIED:
         raise InputError(f"{len(tables.vary)} keys, more than {MOST_VARIED}", element="vary")
-    if tables.seed > LARGEST_SEED:
-        raise InputError(f"{tables.seed} is outside 0 to {LARGEST_SEED}", element="seed")
     count = _count(tables)
     errors: list[InputError] = []
     axes: list[Axis] = []
@@ -198,7 +202,7 @@ def _samples(tables: StudyFileTable, base: Problem, degrees: bool) -> Samples:
     return Samples(axes, tables.sampling, count, tables.seed)
 
 
-def _count(tables: StudyFileTable) -> int:
+def _count(tables: StudyTables) -> int:
     """Number of rows."""
     if tables.sampling == "grid":
         if tables.samples is not None:
@@ -217,13 +221,13 @@ def _count(tables: StudyFileTable) -> int:
 def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
     number, element = varied_number(path, degrees), f"vary.{path}"
     if isinstance(varied, RangeTable):
-        if varied.low > varied.high:
-            raise InputError(f"from {varied.low:g} is above to {varied.high:g}", element=element)
+        if varied.from_ > varied.to:
+            raise InputError(f"from {varied.from_:g} is above to {varied.to:g}", element=element)
         if sampling == "grid" and varied.count is None:
             raise InputError("is missing", element=f"{element}.count", advice="give the number of values of a grid")
         if sampling != "grid" and varied.count is not None:
             raise InputError(f"is for a grid, not for sampling = {sampling!r}", element=f"{element}.count")
-        values = np.linspace(varied.low, varied.high, varied.count or 2)
+        values = np.linspace(varied.from_, varied.to, varied.count or 2)
     elif sampling != "grid" or not varied:
         raise InputError("must be a table with from and to" if varied else "is an empty list", element=element)
     else:
@@ -235,7 +239,7 @@ def _axis(path: str, varied: Any, sampling: str, degrees: bool) -> Axis:
     return Axis(path, number, values)
 
 
-def _map(tables: StudyFileTable, base: Problem) -> tuple[str, str, str] | None:
+def _map(tables: StudyTables, base: Problem) -> tuple[str, str, str] | None:
     keys = list(tables.vary)
     if tables.result.map is None:
         return (keys[0], keys[1], "torque_peak") if len(keys) > 1 else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -70,7 +70,7 @@ def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
 
 def lost_row(content: bytes, index: int, values: Values, reason: str) -> PlannedChunk:
     """A row that ends the process which plans it, as a chunk."""
-    return PlannedChunk(written(_nothing(_unpacked(content), index, values, reason)), 0.0)
+    return PlannedChunk(written(_unplanned(_unpacked(content), index, values, reason)), 0.0)
 
 
 def row_seed(seed: int, index: int) -> int:
@@ -82,7 +82,7 @@ def _together(study: StudyFile, problems: Family) -> dict[str, Any] | None:
     """Plan rows in one batch and measure them in blocks; None where that fails, so that the bad row is to be found."""
     began = time.perf_counter()
     try:
-        plans = plan_many(problems, seed=study.samples.seed, **study.plan.model_dump())
+        plans = plan_many(problems, seed=study.samples.seed, **asdict(study.plan))
         found = np.flatnonzero(plans.ok)
         peaks, use = _measured(problems, plans, found)
     except Exception:
@@ -134,9 +134,9 @@ def _measured(problems: Family, plans: Plans, found: IntArray) -> tuple[Array, A
 def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
     """Plan one row by the whole search, with a seed of its own; an error of any kind is the row's alone."""
     began = time.perf_counter()
-    measured = _not_measured(study)
+    measured: dict[str, Any] = {}
     try:
-        plans = plan_many(problem, seed=row_seed(study.samples.seed, index), **study.plan.model_dump())
+        plans = plan_many(problem, seed=row_seed(study.samples.seed, index), **asdict(study.plan))
         answer = plans.answer(0)
         if plans.ok[0]:
             plan = plans[0]
@@ -149,28 +149,28 @@ def _alone(study: StudyFile, problem: Family, index: int) -> dict[str, Any]:
             }
     except Exception as error:  # a row that no code foresaw loses no other
         answer = Answer("error", message=f"{type(error).__name__}: {error}")
+    return _row(study, answer, 1e3 * (time.perf_counter() - began)) | measured
+
+
+def _row(study: StudyFile, answer: Answer, milliseconds: float) -> dict[str, Any]:
+    """What a row holds of an answer of which nothing is measured."""
     refuted = answer.verdict == "refuted" and answer.status in SOLVED  # then it was not found
     return {
         "status": "not_found" if refuted else answer.status,
+        **dict.fromkeys(("objective", "utilisation", "clearance"), np.nan),
         "angular_momentum": answer.angular_momentum,
+        "peaks": np.full(len(study.base.robot.motors), np.nan),
         "explanation": printable(answer.message or GOAL_MET, LONGEST_EXPLANATION),
         "starts": answer.starts,
-        "milliseconds": 1e3 * (time.perf_counter() - began),
+        "milliseconds": milliseconds,
         "coefficients": answer.coefficients.tolist() if answer.coefficients.size else None,
         "verdict": answer.verdict,
-        **measured,
     }
 
 
-def _not_measured(study: StudyFile) -> dict[str, Any]:
-    missing = dict.fromkeys(("objective", "utilisation", "clearance"), np.nan)
-    return {**missing, "peaks": np.full(len(study.base.robot.motors), np.nan)}
-
-
-def _nothing(study: StudyFile, index: int, values: Values, reason: str) -> Any:
+def _unplanned(study: StudyFile, index: int, values: Values, reason: str) -> Any:
     """The table of a row that was never planned."""
-    row = {"status": "error", "explanation": reason, "starts": 0, "coefficients": None, "verdict": ""}
-    row |= {"angular_momentum": np.nan, "milliseconds": np.nan, **_not_measured(study)}
+    row = _row(study, Answer("error", message=reason), np.nan)
     return _table(study, index, values, {name: [value] for name, value in row.items()})
 
 
@@ -217,7 +217,7 @@ class RowCheck:
 
     def __init__(self, study: StudyFile) -> None:
         self._samples = study.samples
-        one = _nothing(study, 0, self._samples.values(0, 1), "")
+        one = _unplanned(study, 0, self._samples.values(0, 1), "")
         self._schema = read_table(written(one)).schema
 
     def are_in(self, table: Any, first: int, stop: int) -> bool:

@@ -1,88 +1,76 @@
-"""The tables of a study file as pydantic models, and the numbers of a problem file that a study can vary."""
+"""The tables of a study file, and the numbers of a problem file that a study can vary."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic import Field, Tag, model_validator
-
+from floatplan.arguments import LARGEST_SEED
 from floatplan.errors import InputError
+from floatplan.keys import Key, Keyed, entry_of, json_schema
 from floatplan.planning.search import MOST_SOLVED
-from floatplan.problem.keys import Key, Keyed
 from floatplan.problem.parts import OBSTACLE_KINDS, Flight, Limits, Motion, Posture, SelfClearance
-from floatplan.problem.schema import DIALECT, Number, Table, Whole, any_of
 from floatplan.tables import RANGES, Range
 
 SAMPLING_KEYS = ("sampling", "samples", "seed")
+COUNTS = Range(1, LARGEST_SEED, "")
+VALUES = Range(-math.inf, math.inf, "")  # that of the number that varies is looked at later
+Kind: TypeAlias = Literal["grid", "random", "sobol"]
 
 
-class RangeTable(Table):
+@dataclass(frozen=True)
+class RangeTable(Keyed):
     """From one value to another: ``{ from = 1.0, to = 6.0, count = 200 }``."""
 
-    low: Number = Field(alias="from", description="least value, in the problem file's unit")
-    high: Number = Field(alias="to", description="largest value")
-    count: Annotated[Whole, Field(ge=1)] | None = Field(
-        default=None, description="values of a grid, both ends among them"
-    )
+    from_: Annotated[float, Key("Least value, in the problem file's unit", numbers=VALUES)]
+    to: Annotated[float, Key("Largest value", numbers=VALUES)]
+    count: Annotated[int | None, Key("Values of a grid, both ends among them", numbers=COUNTS)] = None
 
 
-Varied: TypeAlias = Annotated[
-    Annotated[RangeTable, Tag("<table>")] | Annotated[list[Number], Tag("<list>")],
-    any_of("a table with from, to, count, or a list of numbers"),
-]
-
-
-class PlanTable(Table):
+@dataclass(frozen=True)
+class PlanTable(Keyed):
     """How hard to try."""
 
-    starts: Annotated[Whole, Field(ge=1, le=MOST_SOLVED)] = Field(
-        default=1, description="solved starts to choose the best from"
-    )
-    prove: Annotated[bool, Field(strict=True)] = Field(default=False, description="prove each plan")
-    search: Annotated[bool, Field(strict=True)] = Field(
-        default=False, description="search longer, up to 10 s, for rows that are not solved soon"
-    )
+    starts: Annotated[int, Key("Solved starts to choose the best from", numbers=Range(1, MOST_SOLVED, ""))] = 1
+    prove: Annotated[bool, Key("Whether to prove each plan")] = False
+    search: Annotated[bool, Key("Whether to search longer, up to 10 s, for rows that are not solved soon")] = False
 
 
-class ResultTable(Table):
+@dataclass(frozen=True)
+class ResultTable(Keyed):
     """Where results go, and which map is drawn."""
 
-    folder: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="from the working directory; runs/<name of this file> if left out"
-    )
-    map: tuple[str, str, str] | None = Field(
-        default=None, description="keys that vary across and up, and a column as colour"
-    )
+    folder: Annotated[str | None, Key("From the working directory; runs/<name of this file> if left out")] = None
+    map: Annotated[tuple[str, str, str] | None, Key("Keys that vary across and up, and a column as colour")] = None
 
 
-class StudyFileTable(Table):
+@dataclass(frozen=True)
+class StudyTables(Keyed):
     """A problem, and the values for which it is planned; how rows are drawn may stand in ``[vary]`` too."""
 
-    problem: str = Field(description="a problem file, relative to this one")
-    vary: dict[str, Varied] = Field(description="numbers of the problem file by their paths")
-    sampling: Literal["grid", "random", "sobol"] = Field(
-        default="grid", description="all combinations, or points drawn"
-    )
-    samples: Annotated[Whole, Field(ge=1)] | None = Field(default=None, description="rows to draw")
-    seed: Annotated[Whole, Field(ge=0)] = Field(default=0, description="of the rows drawn, and of random starts")
-    plan: PlanTable = Field(default_factory=PlanTable)
-    result: ResultTable = Field(default_factory=ResultTable)
+    problem: Annotated[str, Key("A problem file, relative to this one")]
+    vary: Annotated[
+        Mapping[str, RangeTable | Sequence[float]], Key("Numbers of the problem file by their paths", numbers=VALUES)
+    ]
+    sampling: Annotated[Kind, Key("All combinations, or points drawn")] = "grid"
+    samples: Annotated[int | None, Key("Rows to draw", numbers=COUNTS)] = None
+    seed: Annotated[int, Key("Of the rows drawn, and of random starts", numbers=Range(0, LARGEST_SEED, ""))] = 0
+    plan: Annotated[PlanTable, Key("How hard to try")] = field(default_factory=PlanTable)
+    result: Annotated[ResultTable, Key("Where results go, and which map is drawn")] = field(default_factory=ResultTable)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _lift(cls, content: Any) -> Any:
-        """Take what is about sampling out of ``[vary]``: no number of a problem file is called that."""
-        vary = content.get("vary") if isinstance(content, dict) else None
-        if not isinstance(vary, dict):
-            return content
-        lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
-        return {**content, **lifted, "vary": {key: value for key, value in vary.items() if key not in lifted}}
+
+def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a study's tables with what ``[vary]`` says about sampling beside it: no number is called that."""
+    vary = content.get("vary")
+    if not isinstance(vary, Mapping):
+        return content
+    lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
+    return {**content, **lifted, "vary": {key: value for key, value in vary.items() if key not in lifted}}
 
 
 _JOINT, _INDEX, _AXIS = r"\.[^.]+", r"\.\d+", r"\.[01]"
@@ -158,29 +146,21 @@ def _below(path: str, hint: Any, key: Key, name: str) -> Iterator[tuple[str, Key
     if hint in (float, int):
         yield path, key, name, hint is int
     elif isinstance(hint, type) and issubclass(hint, Keyed):
-        hints = get_type_hints(hint)
-        for field, each in hint.keys.items():
-            yield from _below(rf"{path}\.{field}", hints[field], each, each.numbers or field)
+        for name, each in hint.keys.items():
+            yield from _below(rf"{path}\.{name}", hint.hints[name], each, str(each.numbers or name))
     elif origin in (Union, UnionType):
         for kind in inner:
             yield from _below(path, kind, key, name)
     elif origin is tuple:
         yield from _below(path + _AXIS, inner[0], key, name if name in RANGES else "place")
     elif origin in (Mapping, Sequence):
-        pair = get_origin(inner[-1]) is Sequence
-        entry = get_args(inner[-1])[0] if pair else inner[-1]
-        yield from _below(path + _JOINT + (_AXIS if pair else ""), entry, key, name)
+        yield from _below(path + _JOINT, entry_of(hint), key, name)
 
 
 def study_schema() -> dict[str, Any]:
     """Return the JSON Schema of study files, for editors."""
-    schema = StudyFileTable.model_json_schema()
+    schema = json_schema(StudyTables, "floatplan study", "A problem, and the values for which it is planned")
     properties = schema["properties"]
-    vary = properties["vary"]
-    vary["properties"] = {key: properties[key] for key in SAMPLING_KEYS}
-    vary["propertyNames"] = {"pattern": rf"^(?:{'|'.join((*SAMPLING_KEYS, *_numbers()))})$"}
-    for table in (schema, *schema["$defs"].values()):
-        table.pop("title", None)
-        for described in table["properties"].values():
-            described.pop("title", None)
-    return {"$schema": DIALECT, **schema, "title": "floatplan study"}
+    properties["vary"]["properties"] = {key: properties[key] for key in SAMPLING_KEYS}
+    properties["vary"]["propertyNames"] = {"pattern": rf"^(?:{'|'.join((*SAMPLING_KEYS, *_numbers()))})$"}
+    return schema

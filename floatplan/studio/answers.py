@@ -50,8 +50,7 @@ class ShownPlan:
     Attributes
     ----------
     plan : Plan
-        Where none was found, the nearest motion.
-    certificate : Certificate or None
+        With its certificate, where it was proved; where none was found, the nearest motion.
     settled : bool
         Whether ``floatplan plan`` would answer so; else a quick search did.
     poses : Poses
@@ -61,7 +60,6 @@ class ShownPlan:
     """
 
     plan: fp.Plan
-    certificate: fp.Certificate | None
     settled: bool
     poses: Poses
     com: ComplexArray
@@ -79,8 +77,7 @@ class ShownPlan:
         positions, _, _ = plan.joint_motion(times)
         paths = postures(plan, np.linspace(0.0, plan.duration, TRAIL))
         return cls(
-            plan=replace(plan),  # without what it caches
-            certificate=plan.certificate,
+            plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,
             poses=body_poses(plan.robot, plan.orientation(times), positions, com_path(plan, times)),
             com=paths.com,
@@ -95,12 +92,6 @@ class ShownPlan:
     def largest_use(self) -> float | None:
         """Largest share of a limit that a motor uses; None without limits."""
         return largest_use(self.utilisation)
-
-    def complete_plan(self) -> fp.Plan:
-        """The plan with its certificate, as ``floatplan plan`` writes it."""
-        if self.certificate is None:
-            return self.plan
-        return self.plan.with_record(self.plan.record.with_checks(certificate=self.certificate.to_dict()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 
 from floatplan.arguments import short
-from floatplan.plans.measures import Utilisation, told_limits
+from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.presentation import raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
@@ -85,7 +85,7 @@ def _headline(view: View) -> tuple[str, str]:
     answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
     if known is not None or answer is None:
         return known or BEFORE_THE_END["waiting"]
-    words, tone = verdict_in_words(answer.plan.ok, answer.certificate, bool(answer.warnings))
+    words, tone = verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
     return COLOURS[tone], words.capitalize()
 
 
@@ -97,12 +97,12 @@ def _words(view: View) -> list[str]:
         return [answer.plan.explanation, "Shown is the nearest motion found."]
     if view.verdict == "waiting":
         return ["Shown is the nearest motion so far."]
-    if answer.certificate is None:
+    if answer.plan.certificate is None:
         return []
     if view.verdict == "proved":
-        count = len(answer.certificate.findings)
+        count = len(answer.plan.certificate.findings)
         return [f"All {count} constraints hold at every instant, from takeoff to landing."]
-    return [f"{finding.verdict}: {finding.label}" for finding in answer.certificate.unproved[:MOST_WARNINGS]]
+    return [f"{finding.verdict}: {finding.label}" for finding in answer.plan.certificate.unproved[:MOST_WARNINGS]]
 
 
 def _paragraphs(*words: str) -> str:
@@ -126,7 +126,7 @@ def limits_card(answer: ShownPlan | None) -> str:
     """A row for each motor: what it reaches, and how much of its limits that is."""
     if answer is None:
         return ""
-    limits, motors = told_limits(answer.utilisation), answer.plan.robot.motors
+    limits, motors = limits_shown(answer.utilisation), answer.plan.robot.motors
     titles = "".join(f"<th>{limit.title.lower()}, {raised(limit.unit)}<th>" for limit in limits)
     ordered = sorted(answer.utilisation, key=lambda row: motors.index(row.joint))
     rows = "".join(_motor(row, limits) for row in ordered)

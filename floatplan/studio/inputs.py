@@ -1,14 +1,9 @@
-"""What a user does: actions, one at a time, and inputs: sliders of numbers by their paths, choices of words and ticks.
-
-Of actions that come faster than they are done the newest counts; an input does not fight with the user who holds it.
-"""
+"""Inputs: sliders of numbers by their paths, choices of words and ticks; none fights with the user who holds it."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
-import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,61 +13,13 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.studio.edits import Edit, number_at, numbers
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
 
 Result = TypeVar("Result")
-LOG = logging.getLogger(__name__)
 RELEASED = 0.7  # [s] after the user's last touch, before an input follows the session
 STEPS = 400  # [-] of a slider
 FINER = 2  # [-] decimals that are shown beyond those of a step
-
-
-class Actions:
-    """Actions by what they are about, done in a thread of their own in the order in which they were begun."""
-
-    def __init__(self, name: str) -> None:
-        self._actions: dict[str, Callable[[], object]] = {}
-        self._change = threading.Condition()
-        self._closed = False
-        self._busy = False
-        self.errors: list[BaseException] = []
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
-        self._thread.start()
-
-    def do(self, about: str, action: Callable[[], object]) -> None:
-        """Do something soon; in place of what was to be done about the same before."""
-        with self._change:
-            self._actions[about] = action
-            self._change.notify_all()
-
-    def wait(self, patience: float) -> bool:
-        """Wait until nothing is left to do; return whether that came within so many seconds."""
-        with self._change:
-            return self._change.wait_for(lambda: not self._actions and not self._busy, patience)
-
-    def close(self) -> None:
-        """Do no more."""
-        with self._change:
-            self._closed = True
-            self._change.notify_all()
-        self._thread.join()
-
-    def _work(self) -> None:
-        while True:
-            with self._change:
-                self._busy = False
-                self._change.notify_all()
-                self._change.wait_for(lambda: self._closed or self._actions)
-                if self._closed:
-                    return
-                about = next(iter(self._actions))
-                action = self._actions.pop(about)
-                self._busy = True
-            try:
-                action()
-            except Exception as error:  # the page goes on whatever happens; it is an error of the program
-                self.errors.append(error)
-                LOG.exception("%s: %s", self._thread.name, about)
 
 
 def on(register: Any, action: Callable[[Any], object]) -> None:

@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 
 import floatplan as fp
 from floatplan.errors import import_optional
-from floatplan.studio.inputs import Actions
 from floatplan.studio.panel import Controls
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
 from floatplan.studio.stage import Player, Stage
 from floatplan.view.scene.scene import silence
@@ -76,7 +76,7 @@ class Studio:
     @property
     def errors(self) -> list[BaseException]:
         """What went wrong in the program, and did not end it."""
-        return [*self.actions.errors, *self.painter.errors, *self.player.errors]
+        return [*self.session.errors, *self.actions.errors, *self.painter.errors, *self.player.errors]
 
     def close(self) -> None:
         """End the page and the planning."""

@@ -13,7 +13,8 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.answers import COLUMNS, ROWS
-from floatplan.studio.inputs import Actions, Dial, Inputs, by_user, in_turn, on
+from floatplan.studio.inputs import Dial, Inputs, by_user, in_turn, on
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Part, Saving, Session, View
 from floatplan.studio.stage import Player, Stage
 from floatplan.tables import LIMIT_TABLE, OBJECTIVE_TABLE, LimitKey
@@ -155,16 +156,16 @@ class Controls:
         self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
         self.inputs.tick("keep above the ground", lambda each: each.ground, edits.ground)
 
+    def _momentum_of(self, problem: fp.Problem, unknown: float = math.nan) -> float:
+        """The angular momentum that is asked for; that of the present motion where a word is."""
+        asked, answer = problem.flight.angular_momentum, self._session.view.answer
+        if isinstance(asked, str):
+            return unknown if answer is None else answer.plan.angular_momentum
+        return float(asked)
+
     def _momentum_edit(self, word: str) -> edits.Edit:
-        return edits.change("flight", angular_momentum=self._present_momentum(0.0) if word == A_NUMBER else word)
-
-    def _momentum_of(self, problem: fp.Problem) -> float:
-        momentum = problem.flight.angular_momentum
-        return self._present_momentum(math.nan) if isinstance(momentum, str) else float(momentum)
-
-    def _present_momentum(self, unknown: float) -> float:
-        answer = self._session.view.answer
-        return unknown if answer is None else answer.plan.angular_momentum
+        present = self._momentum_of(self._session.view.problem, 0.0)
+        return edits.change("flight", angular_momentum=present if word == A_NUMBER else word)
 
     def _map(self) -> None:
         session = self._session

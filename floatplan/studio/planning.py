@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import pickle
-import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import CancelledError, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
 from typing import Any
 
 import floatplan as fp
-from floatplan.pool import get_ready
+from floatplan.pool import processes
 from floatplan.studio.answers import Failure, Map, MapTask, PlanTask, ShownPlan
 
 QUICK = 0.3  # [s] of search, before the best motion so far is shown
@@ -27,13 +27,50 @@ MAP_BUDGET = 30.0  # [s] of planning for a map
 LAST = 10  # [-] niceness of proofs and maps: the page is drawn first
 LOST = "the planner ended unexpectedly; change something to try again"
 ROBOT = "robot"
+LOG = logging.getLogger(__name__)
 LOADED = (  # before a process begins
     *("floatplan.certificate.certificate", "floatplan.kernel.library", "floatplan.planning.many"),
     *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
 )
 
 
-class StoppedError(Exception):
+class Actions:
+    """Actions by what they are about, done in a thread of their own in the order in which they were begun."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._actions: dict[str, Callable[[], object]] = {}
+        self._lock = threading.Lock()
+        self._thread = ThreadPoolExecutor(1, name)
+        self.errors: list[BaseException] = []
+
+    def do(self, about: str, action: Callable[[], object]) -> None:
+        """Do something soon; in place of what was to be done about the same before. Nothing where it is closed."""
+        with self._lock, contextlib.suppress(RuntimeError):
+            if about not in self._actions:
+                self._thread.submit(self._work, about)
+            self._actions[about] = action
+
+    def wait(self, patience: float) -> bool:
+        """Wait until all that was begun is done; return whether that came within so many seconds."""
+        done, _ = wait([self._thread.submit(lambda: None)], patience)
+        return bool(done)
+
+    def close(self) -> None:
+        """Do no more."""
+        self._thread.shutdown(cancel_futures=True)
+
+    def _work(self, about: str) -> None:
+        with self._lock:
+            action = self._actions.pop(about)
+        try:
+            action()
+        except Exception as error:  # the page goes on whatever happens; it is an error of the program
+            self.errors.append(error)
+            LOG.exception("%s: %s", self._name, about)
+
+
+class StoppedError(RuntimeError):
     """The process was stopped, or has died, before it answered."""
 
 
@@ -46,9 +83,8 @@ class Worker:
     def __init__(self, robot: fp.Robot, niceness: int = 0) -> None:
         self._robot, self._niceness = robot, niceness
         self._lock = threading.Lock()
-        self._process: Any = None
-        self._pipe: Connection | None = None
-        self._stops = 0  # so far
+        self._running = contextlib.ExitStack()
+        self._executor: Any = None
         self._closed = False
 
     def ask(self, task: PlanTask | MapTask) -> Any:
@@ -60,27 +96,20 @@ class Worker:
             :meth:`stop` was called meanwhile, or the process has died.
         """
         try:
-            pipe = self._running()
-        except StoppedError:
-            raise
-        except Exception as error:  # whatever the system says: the page goes on and says it
-            return Failure(f"the process that plans cannot be started: {Failure.of(error).words}")
-        try:
-            pipe.send_bytes(packed(task, self._robot))
-            return unpacked(pipe.recv_bytes(), self._robot)
-        except (EOFError, OSError):
+            answer = self._started().submit(_answer, packed(task, self._robot)).result()
+        except (CancelledError, RuntimeError):  # so a pool says that it was stopped, or has lost its process
             self.stop()
             raise StoppedError from None
+        except Exception as error:  # whatever the system says: the page goes on and says it
+            self.stop()
+            return Failure(f"the process that plans cannot be started: {Failure.of(error).words}")
+        return unpacked(answer, self._robot)
 
     def stop(self) -> None:
-        """End the process, whatever it does; from any thread, and without waiting for one that only starts."""
+        """End the process, whatever it does; from any thread."""
         with self._lock:
-            self._stops += 1
-            process, self._process, self._pipe = self._process, None, None
-        if process is not None:
-            process.kill()
-            process.join()
-            process.close()
+            running, self._running, self._executor = self._running, contextlib.ExitStack(), None
+        running.close()
 
     def close(self) -> None:
         """Stop for good."""
@@ -88,49 +117,37 @@ class Worker:
         self.stop()
 
     @property
-    def process_id(self) -> int | None:
+    def process_ids(self) -> list[int]:
         """Of the process, where one runs."""
         with self._lock:
-            return None if self._process is None else self._process.pid
+            return [] if self._executor is None else [*self._executor._processes]
 
-    def _running(self) -> Connection:
+    def _started(self) -> Any:
         with self._lock:
-            if self._pipe is not None:
-                return self._pipe
-            stops = self._stops
-        process, pipe = self._started()
-        with self._lock:
-            self._process, self._pipe = process, pipe
-        if self._closed:
-            self.stop()
-        if self._stops != stops:
-            raise StoppedError
-        return pipe
-
-    def _started(self) -> tuple[Any, Connection]:
-        if self._closed:
-            raise StoppedError
-        context = get_ready("__main__", *LOADED)
-        ours, theirs = context.Pipe()
-        process = context.Process(target=serve, args=(theirs, self._robot, self._niceness), daemon=True)
-        process.start()
-        theirs.close()
-        return process, ours
+            if self._closed:
+                raise StoppedError
+            if self._executor is None:
+                pool = processes(1, ("__main__", *LOADED), _prepare, self._robot, self._niceness)
+                self._executor = self._running.enter_context(pool)
+            return self._executor
 
 
-def serve(pipe: Connection, robot: fp.Robot, niceness: int) -> None:
-    """Answer until the other end is closed, with so much less priority; Ctrl-C is for the main process."""
+_robots: list[fp.Robot] = []  # of a process that answers: the one that it is asked about
+
+
+def _prepare(robot: fp.Robot, niceness: int) -> None:
+    """Make a process ready to answer about a robot, with so much less priority."""
+    _robots[:] = [robot]
     if hasattr(os, "nice"):
         os.nice(niceness)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            task = unpacked(pipe.recv_bytes(), robot)
-            try:
-                answer = task.answer()
-            except Exception as error:  # whatever it is, the page goes on and says it
-                answer = Failure.of(error)
-            pipe.send_bytes(packed(answer, robot))
+
+
+def _answer(content: bytes) -> bytes:
+    (robot,) = _robots
+    try:
+        return packed(unpacked(content, robot).answer(), robot)
+    except Exception as error:  # whatever it is, the page goes on and says it
+        return packed(Failure.of(error), robot)
 
 
 def packed(content: object, robot: fp.Robot) -> bytes:
@@ -180,41 +197,36 @@ class Planning:
     ) -> None:
         self._on_plan, self._on_map = on_plan, on_map
         self._quick, self._thorough = Worker(robot), Worker(robot, LAST)
-        self._change = threading.Condition()
+        self._plans, self._proofs = Actions("plans"), Actions("proofs")
         self._newest: Question | None = None
         self._near: fp.Plan | None = None  # the newest plan, from which the next quick one begins
-        self._answered = 0  # number of the newest question that has a quick answer
-        self._settled = 0  # number of the newest question that the other process was given
-        self._settling = False  # whether it is at work
+        self._settling = False  # whether the second process is at work
         self._closed = False
-        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._plan_all, self._settle_all)]
-        for thread in self._threads:
-            thread.start()
 
     def ask(self, problem: fp.Problem, with_map: bool) -> int:
         """Ask for a plan; return the question's number. What older questions still wait for is dropped."""
-        with self._change:
-            number = self._newest.number + 1 if self._newest else 1
-            self._newest = Question(number, problem, with_map, time.monotonic())
-            self._change.notify_all()
+        number = self._newest.number + 1 if self._newest else 1
+        question = self._newest = Question(number, problem, with_map, time.monotonic())
+        self._plans.do("plan", lambda: self._plan(question))
         if self._settling:
             self._thorough.stop()
         return number
 
     def close(self) -> None:
         """End both processes."""
-        with self._change:
-            self._closed = True
-            self._change.notify_all()
-        self._quick.close()
-        self._thorough.close()
-        for thread in self._threads:
-            thread.join()
+        self._closed = True
+        for each in (self._quick, self._thorough, self._plans, self._proofs):
+            each.close()
 
     @property
     def process_ids(self) -> list[int]:
         """Of the processes that run."""
-        return [number for worker in (self._quick, self._thorough) if (number := worker.process_id) is not None]
+        return [*self._quick.process_ids, *self._thorough.process_ids]
+
+    @property
+    def errors(self) -> list[BaseException]:
+        """What went wrong in the program."""
+        return [*self._plans.errors, *self._proofs.errors]
 
     def _tell(self, question: Question, answer: ShownPlan | Failure) -> None:
         if isinstance(answer, ShownPlan) and answer.plan.ok:
@@ -224,35 +236,31 @@ class Planning:
     def _is_newest(self, question: Question) -> bool:
         return self._newest is question and not self._closed
 
-    def _plan_all(self) -> None:
-        while question := self._next(lambda newest: newest.number > self._answered):
-            try:
-                answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
-            except StoppedError:
-                answer = Failure(LOST)
-            if not self._closed:
-                self._tell(question, answer)
-            with self._change:
-                self._answered = question.number
-                self._change.notify_all()
+    def _plan(self, question: Question) -> None:
+        try:
+            answer = self._quick.ask(PlanTask(question.problem, QUICK, self._near))
+        except StoppedError:
+            answer = Failure(LOST)
+        if not self._closed:
+            self._tell(question, answer)
+            self._proofs.do("proof", lambda: self._settle(question))
 
-    def _settle_all(self) -> None:
-        while question := self._next(lambda newest: self._answered == newest.number > self._settled):
-            self._settled = question.number
-            if not self._stays_newest(question):
-                continue
-            self._settling = True
-            try:
-                answer = self._thorough.ask(PlanTask(question.problem))
-                if self._is_newest(question):
-                    self._tell(question, answer)
-                    if question.with_map and isinstance(answer, ShownPlan):
-                        self._draw_map(question, answer)
-            except StoppedError:
-                if self._is_newest(question):
-                    self._on_plan(question.number, Failure(LOST))
-            finally:
-                self._settling = False
+    def _settle(self, question: Question) -> None:
+        time.sleep(max(question.since + QUIET - time.monotonic(), 0.0))
+        self._settling = True  # before the look at what is newest: who asks anew looks in the other order
+        try:
+            if not self._is_newest(question):
+                return
+            answer = self._thorough.ask(PlanTask(question.problem))
+            if self._is_newest(question):
+                self._tell(question, answer)
+                if question.with_map and isinstance(answer, ShownPlan):
+                    self._draw_map(question, answer)
+        except StoppedError:
+            if self._is_newest(question):
+                self._on_plan(question.number, Failure(LOST))
+        finally:
+            self._settling = False
 
     def _draw_map(self, question: Question, present: ShownPlan) -> None:
         chart, until = Map.centred_at(present), time.monotonic() + MAP_BUDGET
@@ -264,15 +272,3 @@ class Planning:
                 return
             chart = replace(chart, points={**chart.points, **dict(zip(places, points, strict=True))})
             self._on_map(question.number, chart)
-
-    def _next(self, wanted: Callable[[Question], bool]) -> Question | None:
-        """Wait for a newest question of which something is wanted; None where there will be no more."""
-        with self._change:
-            self._change.wait_for(lambda: self._closed or (self._newest is not None and wanted(self._newest)))
-            return None if self._closed else self._newest
-
-    def _stays_newest(self, question: Question) -> bool:
-        """Wait until a question is old enough; return whether it is still the newest then."""
-        with self._change:
-            left = question.since + QUIET - time.monotonic()
-            return not self._change.wait_for(lambda: not self._is_newest(question), max(left, 0.0))

@@ -64,8 +64,8 @@ class View:
             return "failed"
         if self.answer is None or not self.is_current or not (self.answer.settled or self.answer.plan.ok):
             return "waiting"
-        if self.answer.settled and self.answer.certificate is not None:
-            return self.answer.certificate.verdict
+        if self.answer.settled and self.answer.plan.certificate is not None:
+            return self.answer.plan.certificate.verdict
         return "planned" if self.answer.plan.ok else "not found"
 
 
@@ -200,6 +200,11 @@ class Session:
         """Of the processes that plan."""
         return self._planning.process_ids
 
+    @property
+    def errors(self) -> list[BaseException]:
+        """What went wrong in the program while it planned, and did not end it."""
+        return self._planning.errors
+
     def _ask(self) -> None:
         with self._lock:
             problem = self._history.present
@@ -254,11 +259,10 @@ def _write(view: View, part: Part, path: Path) -> None:
         return
     if view.answer is None or not view.is_current or not view.answer.settled:
         raise fp.InputError("the plan is not settled yet", advice="wait a moment")
-    plan = view.answer.complete_plan()
     if part == "plan":
-        plan.save(path)
+        view.answer.plan.save(path)
     else:
-        plan.show(path, browse=False)
+        view.answer.plan.show(path, browse=False)
 
 
 def _version(path: Path) -> tuple[int, int]:

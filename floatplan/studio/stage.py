@@ -17,7 +17,8 @@ from floatplan.motion.planar.ballistics import ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.edits import end_state, moved, put_obstacle
-from floatplan.studio.inputs import Actions, on
+from floatplan.studio.inputs import on
+from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session, View
 from floatplan.view.outlines import (
     Poses,
@@ -195,8 +196,8 @@ class Stage:
         poses, state, tree = end_poses(problem, end), end_state(problem, end), self._robot.tree
         if part:
             return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
-        com = (tree.mass @ (poses.places[0] + tree.rotations(poses.angles)[0] * tree.center)) / tree.mass.sum()
-        return complex(com), float(state.orientation)
+        centers = poses.points(range(len(tree.mass)), tree.center)[0]
+        return complex(tree.mass @ centers / tree.mass.sum()), float(state.orientation)
 
     def _draw_problem(self, problem: fp.Problem) -> None:
         for end, ghost in self.ghosts.items():

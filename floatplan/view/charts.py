@@ -99,14 +99,23 @@ class ReferenceLine:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Curves on one axis; ``label`` names it in front of the unit, ``interval`` of its quantity is marked: (9)."""
+    """Curves on one axis.
+
+    Attributes
+    ----------
+    label : in front of the unit
+    interval : of its quantity that is marked: (9)
+    range : ends of the axis of distances, where what is far away is cut off; their ``margins`` are marked
+    """
 
     label: str
     curves: Sequence[Curve]
     interval: tuple[float, float] | None = None
+    range: tuple[float, float] | None = None
+    margins: Sequence[float] = ()
 
     def lines(self, peak: float) -> tuple[list[ReferenceLine], list[ReferenceLine]]:
-        """Return limits and interval, and those of them that are left out: they would flatten the curves.
+        """Return margins, limits and interval, and those of them that are left out: they would flatten the curves.
 
         The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
         """
@@ -114,7 +123,7 @@ class Panel:
         curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
-        drawn: list[ReferenceLine] = []
+        drawn = [ReferenceLine("margin", ALARM, np.array(margin)) for margin in self.margins]
         left: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
             if np.isfinite(limit.min()):
@@ -152,8 +161,11 @@ class Chart:
         return [curve for panel in reversed(self.panels) for curve in panel.curves]
 
 
-def charts(sampled: SampledPlan) -> list[Chart]:
-    """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance."""
+def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
+    """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
+
+    Curves of another plan may be drawn beside them.
+    """
     plan = sampled.plan
     joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
     ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
@@ -167,7 +179,7 @@ def charts(sampled: SampledPlan) -> list[Chart]:
         _momentum(plan),
         Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)]),
     ]
-    return [*drawn, _clearance(plan)] if plan.problem.obstacles else drawn
+    return [*drawn, _clearance(sampled, other)] if plan.problem.obstacles else drawn
 
 
 def is_crowded(plan: Plan) -> bool:
@@ -239,7 +251,9 @@ def _momentum(plan: Plan) -> Chart:
     return Chart("momentum", "Angular momentum", "kg m²/s", [panel], of_each=False)
 
 
-def _clearance(plan: Plan) -> Chart:
+def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
+    """Distances from obstacles; what is far away is cut off, the picture is of the passage."""
+    plan = sampled.plan
     kinds = [obstacle.kind for obstacle in plan.problem.obstacles]
     findings = () if plan.certificate is None else plan.certificate.findings
     proved = {
@@ -256,21 +270,10 @@ def _clearance(plan: Plan) -> Chart:
         )
         for index, kind in enumerate(kinds)
     ]
-    return Chart("clearance", "Clearance", "m", [Panel("clearance", curves)], of_each=False)
-
-
-def margins(plan: Plan) -> list[ReferenceLine]:
-    """The obstacles' margins, each once."""
-    return [
-        ReferenceLine("margin", ALARM, np.array(margin))
-        for margin in sorted({each.margin for each in plan.problem.obstacles})
-    ]
-
-
-def clearance_range(chart: Chart, *plans: SampledPlan) -> tuple[float, float]:
-    """Return the ends of a clearance axis, m: what is far away is cut off, the picture is of the passage."""
-    values = np.array([sampled.columns[curve.key] for sampled in plans for curve in chart.curves])
+    plans = [sampled] if other is None else [sampled, other]
+    values = np.array([each.columns[curve.key] for each in plans for curve in curves])
+    margins = sorted({obstacle.margin for obstacle in plan.problem.obstacles})
     largest = values.max(where=np.isfinite(values), initial=0.0)
-    rooms = [4 * obstacle.margin for obstacle in plans[0].plan.problem.obstacles]
-    top = min(1.05 * largest, max([robot_size(plans[0].plan) / 2, *rooms])) or 1.0
-    return min(1.1 * values.min(), -0.06 * top), top
+    top = min(1.05 * largest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0
+    panel = Panel("clearance", curves, range=(min(1.1 * values.min(), -0.06 * top), top), margins=margins)
+    return Chart("clearance", "Clearance", "m", [panel], of_each=False)

@@ -26,11 +26,12 @@ from floatplan.problem.file import problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.view.outlines import pairs
 from floatplan.view.report.data import rounded, scene_data
-from floatplan.view.report.report import asset, page
+from floatplan.view.report.report import page
 from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, styled
 
-STYLES = ("report.css", "map.css")
-SCRIPTS = ("theme.js", "motion.js", "stage.js", "player.js", "flight.js", "heatmap.js", "map.js")
+STYLES = ("uplot/uPlot.min.css", "report.css", "map.css")
+PLOTTED = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "player.js")
+SCRIPTS = (*PLOTTED, "flight.js", "heatmap.js", "map.js")
 COLOURS = 64  # [-] of the page's scale
 WIDTH, HEIGHT = 4.4, 3.4  # [in]
 LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
@@ -143,7 +144,7 @@ class PackedNumbers:
 
 def map_page(title: str, data: Mapping[str, Any], numbers: PackedNumbers) -> bytes:
     """Return the page, as HTML."""
-    return page("map.html", title, STYLES, [*map(asset, SCRIPTS)], plain(data), numbers.in_base64())
+    return page("map.html", title, STYLES, SCRIPTS, plain(data), numbers.in_base64())
 
 
 def flight_data(problem: Problem) -> dict[str, Any]:
@@ -164,7 +165,6 @@ def colours() -> dict[str, Any]:
     return {
         "scale": [to_hex(colour) for colour in scale],
         "logarithmic": LOGARITHMIC,
-        "many_decades": MANY_DECADES,
         "statuses": [
             {"name": name, "colour": colour, "words": words} for name, (colour, words) in STATUS_LOOKS.items()
         ],

@@ -5,18 +5,17 @@ Places in the plane are complex, horizontal + i vertical, m.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Frame, Robot
+from floatplan.robot.robot import Robot
 
 ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of a circle
 LINK_RADIUS = 0.055  # [-] radius, as drawn, of links without a thickness of their own over their median length
@@ -81,33 +80,34 @@ class Postures:
 
 def postures(plan: Plan, times: Array) -> Postures:
     """Return the robot in flight at times (K,), s."""
-    return _placed(plan, times, plan.orientation(times), plan.joint_motion(times)[0])
+    return placed_robot(
+        plan.problem, times, com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
+    )
 
 
 def posture_at(plan: Plan, state: JointState, time: float) -> Postures:
     """Return the robot in a given posture, its centre of mass where the flight has it at ``time``."""
-    return _placed(plan, np.array([time]), np.array([state.orientation]), state.positions[None])
+    times = np.array([time])
+    return placed_robot(
+        plan.problem, times, com_path(plan, times), np.array([state.orientation]), state.positions[None]
+    )
 
 
-def _placed(plan: Plan, times: Array, orientation: Array, positions: Array) -> Postures:
-    robot, problem, com = plan.robot, plan.problem, com_path(plan, times)
-    angles = robot.tree.absolute_angles(orientation, positions)
-    segments = LinkShapes(robot.tree, robot.shapes).place(com, angles)
-    rotations = robot.tree.rotations(angles)
-
-    def place(frame: Frame) -> ComplexArray:
-        weights = robot.tree.point_weights(np.array([frame.body]), np.array([frame.local]))[0]
-        return np.asarray(com + rotations @ weights)
-
+def placed_robot(problem: Problem, times: Array, com: ComplexArray, orientation: Array, positions: Array) -> Postures:
+    """Return a problem's robot at times (K,) s: centre of mass (K,) m, orientation (K,), positions (K, n) rad."""
+    robot = problem.robot
+    poses, bodies = body_poses(robot, orientation, positions, com), [shape.body for shape in robot.shapes]
+    ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]
+    takeoff, landing = poses.points(*map(list, zip(*ends, strict=True))).T
     return Postures(
         times=times,
         com=com,
-        start=segments.start,
-        end=segments.end,
+        start=poses.points(bodies, [shape.start for shape in robot.shapes]),
+        end=poses.points(bodies, [shape.end for shape in robot.shapes]),
         radius=drawn_radius(problem),
         part=drawn_part(robot),
-        takeoff=place(problem.takeoff_frame),
-        landing=place(problem.landing_frame),
+        takeoff=takeoff,
+        landing=landing,
     )
 
 
@@ -119,10 +119,16 @@ class Poses:
     ----------
     places : (K, m) complex, m; of the bodies' origins
     angles : (K, m) rad; about the plane's normal
+    rotations : (K, m) complex; of these angles in the plane
     """
 
     places: ComplexArray
     angles: Array
+    rotations: ComplexArray
+
+    def points(self, bodies: Sequence[int], local: Sequence[complex] | ComplexArray) -> ComplexArray:
+        """Places (K, P) of points of some bodies, m, from those in the bodies' own axes."""
+        return np.asarray(self.places[:, bodies] + self.rotations[:, bodies] * np.asarray(local))
 
 
 def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexArray) -> Poses:
@@ -131,7 +137,8 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
     bodies = len(tree.mass)
     origins = tree.point_weights(np.arange(bodies), np.zeros(bodies, dtype=np.complex128))
     angles = tree.absolute_angles(orientation, positions)
-    return Poses(places=com[:, None] + tree.rotations(angles) @ origins.T, angles=angles)
+    rotations = tree.rotations(angles)
+    return Poses(places=com[:, None] + rotations @ origins.T, angles=angles, rotations=rotations)
 
 
 def com_path(plan: Plan, times: Array) -> ComplexArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -11,10 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jumps import GO2, INSTALLED, backflip
 from long_cases import cases
 
 import floatplan as fp
+from floatplan.initial import flight
 from floatplan.robot.urdf.example_robots import PREFIX, robots_folder
+from floatplan.stance.setup import jump_setup
+
+needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 
 Command = Callable[..., Any]
 
@@ -29,46 +35,62 @@ def planned(floatplan: Command, path: Path) -> fp.Plan:
     return plan
 
 
-def turned(plan: fp.Plan) -> float:
-    return plan.problem.final.orientation - plan.problem.initial.orientation
+@pytest.fixture
+def afloat(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without CasADi no jump is looked for."""
+    monkeypatch.setitem(sys.modules, "casadi", None)
 
 
-def full_turn(plan: fp.Plan) -> bool:
-    return abs(turned(plan)) > math.radians(270)
+UR5, SOLO12 = "ur_description/urdf/ur5_robot.urdf", "solo_description/robots/solo12.urdf"
+BAR = {name: f"{name}_description/urdf/{name}.urdf" for name in ("go2", "a1", "go1", "b1")}
 
 
-BAR = {
-    "gymnast": "gymnast.urdf",
-    "go2": PREFIX + "go2_description/urdf/go2.urdf",
-    "a1": PREFIX + "a1_description/urdf/a1.urdf",
-    "solo12": PREFIX + "solo_description/robots/solo12.urdf",
-}
-LONG = {"go2", "a1", "solo12"}  # planned as that of the gymnast is
-UR5, G1, TALOS = (
-    "ur_description/urdf/ur5_robot.urdf",
-    "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-    "talos_data/robots/talos_reduced.urdf",
-)
-
-
-@pytest.mark.parametrize("name", cases(BAR, LONG))
-def test_from_a_robot_to_its_flight_in_three_commands(floatplan: Command, root: Path, name: str) -> None:
-    """Nothing is edited between them; the flight begins and ends at rest on a foot, within limits."""
-    source = BAR[name]
-    if source.startswith(PREFIX) and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
-    assert floatplan("init", source if source.startswith(PREFIX) else root / "urdf" / source, "-q").code == 0
-    content = tomllib.loads(Path(f"{name}.toml").read_text())
-    assert content["start"]["velocities"] == "takeoff"
-    assert content["goal"]["velocities"] == "landing"
-    assert content["limits"]["velocity"] in ("urdf", 2000)
-    plan = planned(floatplan, Path(f"{name}.toml"))
-    assert plan.problem.ground
-    assert full_turn(plan)
-    assert [contact.end for contact in plan.contacts] == ["takeoff", "landing"]
-    assert all(contact.ratio is not None and contact.ratio <= 0.95 for contact in plan.contacts)
+@needs_jumps
+def test_the_file_of_a_jump(floatplan: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is edited between three commands; the flight is that of the jump, proved, and so is the jump's."""
+    monkeypatch.setattr(flight, "jump", lambda problem, **_: backflip())
+    run = floatplan("init", GO2)
+    assert run.code == 0
+    assert "next: floatplan jump go2.toml" in run.stderr
+    text = Path("go2.toml").read_text()
+    assert text.startswith("# go2 stands, flips backwards and stands again: floatplan jump go2.toml\n")
+    assert len(text.splitlines()) < 70
+    content = tomllib.loads(text)
+    for table in ("start", "goal"):
+        assert {"positions", "velocities", "accelerations"} < set(content[table])
+    assert content["jump"]["takeoff"]["contacts"][1] == [content["flight"]["takeoff"]["frame"]]
+    plan = planned(floatplan, Path("go2.toml"))
+    assert "the flight alone" in plan.explanation
+    asked = jump_setup(plan.problem, plan.problem.jump or fp.JumpRequest())
+    assert [phase.side for phase in asked.phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
+    assert asked.standing[1, 0] - asked.standing[0, 0] == pytest.approx(-2 * math.pi)
     assert floatplan("show", "result/plan.json").code == 0
     assert Path("result/report.html").exists()
+
+
+@needs_jumps
+@pytest.mark.parametrize("name", cases(BAR, set(BAR)))
+def test_from_a_robot_to_its_jump_in_two_commands(floatplan: Command, name: str) -> None:
+    assert floatplan("init", PREFIX + BAR[name], "-q").code == 0
+    planned(floatplan, Path(f"{name}.toml"))
+    run = floatplan("jump", f"{name}.toml", "-o", "jump")
+    assert run.code == 0, run
+    assert "flight proved, stances checked" in run.stdout
+    found = fp.load_jump("jump/jump.json")
+    assert abs(found.problem.final.orientation - found.problem.initial.orientation) > math.radians(90)
+    assert [phase.kind for phase in found.phases] == ["stance", "stance", "flight", "stance", "stance"]
+
+
+@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+@pytest.mark.usefixtures("afloat")
+def test_without_casadi_it_is_afloat_and_says_so(floatplan: Command) -> None:
+    run = floatplan("init", PREFIX + SOLO12)
+    assert run.code == 0
+    assert "next: floatplan plan solo12.toml" in run.stderr
+    for said in (run.stderr, Path("solo12.toml").read_text().replace("\n# ", " ")):
+        assert "CasADi is not installed" in said
+        assert "floatplan[jump]" in said or "[jump]" in said
+    assert planned(floatplan, Path("solo12.toml")).problem.flight.gravity == 0
 
 
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
@@ -83,31 +105,31 @@ def test_where_there_is_no_flight(floatplan: Command) -> None:
 
 
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
-@pytest.mark.parametrize("urdf", cases((UR5, G1, TALOS), {G1, TALOS}))
-def test_a_robot_that_cannot_take_off_turns_its_base_afloat(floatplan: Command, urdf: str) -> None:
-    """An arm has no feet; for a G1 and a Talos with flat soles no motion is found on them."""
-    assert floatplan("init", PREFIX + urdf, "-o", "arm.toml").code == 0
-    first = Path("arm.toml").read_text().splitlines()[0]
-    assert "afloat" in first
+def test_an_arm_turns_its_base_afloat(floatplan: Command) -> None:
+    assert floatplan("init", PREFIX + UR5, "-o", "arm.toml").code == 0
+    text = Path("arm.toml").read_text()
+    assert "afloat" in text.splitlines()[0]
+    assert "No feet" in text
     plan = planned(floatplan, Path("arm.toml"))
     assert plan.angular_momentum == 0
     assert abs(plan.problem.final.orientation) > math.radians(10)
 
 
+@pytest.mark.usefixtures("afloat")
 def test_one_joint(floatplan: Command, root: Path) -> None:
     """It can neither push off nor choose where it ends: what its swing makes of the base is the goal."""
     assert floatplan("init", root / "urdf" / "acrobat.urdf").code == 0
-    text = Path("acrobat.toml").read_text()
-    assert "flip" in " ".join(text.split())
     planned(floatplan, Path("acrobat.toml"))
 
 
+@pytest.mark.usefixtures("afloat")
 def test_the_same_file_again(floatplan: Command, root: Path) -> None:
     for name in ("one.toml", "two.toml"):
         assert floatplan("init", root / "urdf" / "gymnast.urdf", "-o", name).code == 0
     assert Path("one.toml").read_bytes() == Path("two.toml").read_bytes()
 
 
+@pytest.mark.usefixtures("afloat")
 def test_files_are_kept_unless_forced(floatplan: Command, root: Path) -> None:
     acrobat = root / "urdf" / "acrobat.urdf"
     Path("acrobat.toml").write_text("mine")
@@ -126,6 +148,7 @@ def test_bad_input(floatplan: Command, root: Path, robot: str, output: str) -> N
     assert not Path(output).exists()
 
 
+@pytest.mark.usefixtures("afloat")
 def test_round_numbers(floatplan: Command, root: Path) -> None:
     assert floatplan("init", root / "urdf" / "high_jumper.urdf").code == 0
     content = tomllib.loads(Path("high_jumper.toml").read_text())

@@ -126,6 +126,31 @@ def test_without_casadi_it_says_what_to_install(
     assert list(Path.cwd().iterdir()) == []
 
 
+def test_plan_says_which_stances_reach_it(floatplan: Command, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the summary, in the report and in JSON; and where no frame stands, that none was looked for."""
+    said = {"takeoff": "A stance reaches the takeoff, with 15% to spare.", "landing": "No stance was found."}
+
+    def search(plan: fp.Plan, *, end: str, seed: int) -> Launch:
+        return Launch(end == "takeoff", 0.85, "velocity", "q1", (said[end], "more of it"), {})
+
+    monkeypatch.setattr(launching, "launch", search)
+    high_jump = root / "problems" / "high_jump.toml"
+    run = floatplan("plan", high_jump, "--launch", "--report", "--no-figures", "-o", "result")
+    assert run.code == 0
+    for sentence in said.values():
+        assert sentence in words(run.stdout)
+        assert sentence in Path("result/report.html").read_text()
+    facts = json.loads(floatplan("plan", high_jump, "--launch", "--json", "--quiet").stdout)["launch"]
+    assert (facts["takeoff"]["ok"], facts["landing"]["ok"]) == (True, False)
+    assert "launch" not in json.loads(floatplan("plan", high_jump, "--json", "--quiet").stdout)
+    flies = floatplan("plan", root / "problems" / "falling_cat.toml", "--launch", "--no-figures")
+    assert words(flies.stdout).count("none was looked for: no frame stands on the ground") == 2
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    run = floatplan("plan", high_jump, "--launch")
+    assert run.code == 2
+    assert "--launch: CasADi is not installed" in run.stderr
+
+
 WRONG = {  # in go2.toml: what is replaced, and what is said then
     "a posture that is not static": (
         'contacts = [["RL_foot", "FL_foot"]',

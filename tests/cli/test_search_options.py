@@ -13,6 +13,7 @@ import pytest
 from warm_process import WarmProcess
 
 import floatplan as fp
+from floatplan.planning import search
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PATIENCE = 60.0  # s until a process that should have ended is given up; less than the budgets here
@@ -103,10 +104,15 @@ class TestBudget:
 
 
 class TestProgress:
-    def test_is_told_on_stderr_after_a_second(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
-        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "4", "--json")
+    @pytest.fixture
+    def told_soon(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(search, "ANNOUNCED_EVERY", 0.1)
+
+    @pytest.mark.usefixtures("told_soon")
+    def test_is_told_on_stderr(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "1", "--json")
         lines = [line for line in run.stderr.splitlines() if line.startswith("planning: ")]
-        assert 1 <= len(lines) <= 4
+        assert 1 <= len(lines) <= 10
         assert "starts tried, 0 solved" in lines[0]
         assert json.loads(run.stdout)["ok"] is False
 
@@ -114,8 +120,9 @@ class TestProgress:
         run = floatplan("plan", PROBLEMS / "new_configuration.toml", "-o", "out", "--no-figures")
         assert "planning" not in run.stderr
 
+    @pytest.mark.usefixtures("told_soon")
     def test_quiet(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
-        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "2", "--quiet")
+        run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "0.5", "--quiet")
         assert (run.code, run.stdout, run.stderr) == (1, "", "")
 
 

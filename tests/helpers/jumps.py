@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from importlib.util import find_spec
 
 import numpy as np
+from once import made_once
 
 import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
@@ -32,7 +32,7 @@ def go2_problem(turns: int = -1) -> fp.Problem:
     )
 
 
-@lru_cache(maxsize=1)
 def backflip() -> Jump:
     """The Go2's backflip."""
-    return jump(go2_problem(), starts=1)
+    found: Jump = made_once("backflip", lambda: jump(go2_problem(), starts=1))
+    return found

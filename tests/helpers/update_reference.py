@@ -177,12 +177,12 @@ class Reference:
         if isinstance(block, ShareRows):
             return np.asarray(1 - np.abs(self._sum(block.used)) - np.abs(self._sum(block.also)))
         if isinstance(block, ObstacleRows):
-            pieces = [obstacle_distances(self.shapes, piece, times).values for piece in block.obstacle.pieces]
+            pieces = [obstacle_distances(self.shapes, piece, times) for piece in block.obstacle.pieces]
             distances = np.concatenate(pieces, axis=1)
         else:
             assert isinstance(block, PairRows), "the blocks that there are"
             first, second = (np.array(each) for each in (block.first, block.second))
-            distances = pair_distances(self.shapes.of(first), self.shapes.of(second)).values
+            distances = pair_distances(self.shapes.of(first), self.shapes.of(second))
         values = (distances - block.least) / block.scale
         low, high = rows.window
         values[(times < low - update.ROUNDING) | (times > high + update.ROUNDING)] = np.inf

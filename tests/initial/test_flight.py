@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from jumps import GO2, INSTALLED, backflip
 
 import floatplan as fp
 from floatplan.initial import flight
 from floatplan.initial.flight import first_flight
 from floatplan.initial.problems import turns_afloat
-from floatplan.initial.robots import chosen_robot
+from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.planning.planned import planned
 from floatplan.planning.search import SearchOptions
+from floatplan.stance.jump import Jump
+
+needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 
 
 def test_patience_changes_no_plan_that_it_waits_for(root: Path) -> None:
@@ -29,21 +35,72 @@ def test_patience_changes_no_plan_that_it_waits_for(root: Path) -> None:
     assert hasty.work < whole.work
 
 
-def test_the_flight_found_is_the_one_that_plan_finds(root: Path) -> None:
+def go2_s() -> ChosenRobot:
+    chosen = chosen_robot(GO2)
+    assert chosen.robot.joints == backflip().problem.robot.joints
+    return chosen
+
+
+@needs_jumps
+def test_of_a_jump_the_flight_stands_between_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[fp.Problem] = []
+
+    def found(problem: fp.Problem, **_: Any) -> Jump:
+        asked.append(problem)
+        return backflip()
+
+    monkeypatch.setattr(flight, "jump", found)
+    first = first_flight(go2_s())
+    (guess,) = asked
+    assert guess.jump is not None
+    assert guess.final.orientation - guess.initial.orientation == pytest.approx(-2 * np.pi)
+    assert first.reasons == ()
+    assert first.turn == pytest.approx(-2 * np.pi)
+    again = fp.plan(first.problem, prove=True)
+    np.testing.assert_array_equal(first.plan.coefficients, again.coefficients)
+    flown = backflip().flight
+    assert flown is not None
+    for end, other in ((first.problem.initial, flown.problem.initial), (first.problem.final, flown.problem.final)):
+        for name in ("orientation", "positions", "velocities", "accelerations"):
+            np.testing.assert_allclose(getattr(end, name), getattr(other, name), rtol=1e-5, atol=1e-5)
+        assert np.abs(end.velocities).max() > 1.0
+    request = first.problem.jump
+    assert request is not None
+    groups = [*(request.takeoff.contacts or ()), *(request.landing.contacts or ())]
+    stances = [phase.contacts for phase in backflip().phases if phase.kind == "stance"]
+    assert [len(group) for group in groups] == [2, 1, 1, 2]
+    assert all(set(group) < set(stood) for group, stood in zip(groups, stances, strict=True))
+
+
+@needs_jumps
+def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[fp.Problem] = []
+
+    def none(problem: fp.Problem, **_: Any) -> Jump:
+        asked.append(problem)
+        return Jump(problem, fp.JumpRequest(), explanation="The torques stand in the way.")
+
+    monkeypatch.setattr(flight, "jump", none)
+    tried: list[str] = []
+    found = first_flight(go2_s(), progress=tried.append)
+    turns = [each.final.orientation - each.initial.orientation for each in asked]
+    np.testing.assert_allclose(turns, [-2 * np.pi, 0.0])
+    assert found.jump is None
+    assert len(found.reasons) == 2
+    assert all("The torques stand in the way." in reason for reason in found.reasons)
+    assert "afloat" in tried[-1]
+
+
+def test_without_casadi_the_turn_is_afloat(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "casadi", None)
     found = first_flight(chosen_robot(root / "urdf" / "gymnast.urdf"))
+    assert found.jump is None
+    assert found.problem.flight.gravity == 0
+    (reason,) = found.reasons
+    assert "CasADi is not installed" in reason
+    assert "jump]" in reason
     again = fp.plan(found.problem, prove=True)
     np.testing.assert_array_equal(found.plan.coefficients, again.coefficients)
-    assert found.reasons == ()
-
-
-def test_without_work_left_the_turn_is_afloat(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flight, "FLIPS_WORK", 0.0)
-    monkeypatch.setattr(flight, "LEAPS_WORK", 0.0)
-    tried: list[str] = []
-    found = first_flight(chosen_robot(root / "urdf" / "gymnast.urdf"), progress=tried.append)
-    assert not found.problem.ground
-    assert all("afloat" in message for message in tried)
-    assert len(found.reasons) == 2
 
 
 def test_joints_swing_to_where_they_turn_the_base_farthest(root: Path) -> None:

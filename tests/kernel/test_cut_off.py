@@ -1,4 +1,4 @@
-"""A compiled kernel that ends too early, as after a full disk: commands say so."""
+"""A compiled kernel that ends too early, as after a full disk: it is not loaded, and commands say so."""
 
 from __future__ import annotations
 
@@ -8,34 +8,41 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
+SHARES = (0.0, 1e-4, 0.01, 0.3, 0.9, 0.9999)
+LOADING = """
+import pathlib, sys
+from floatplan.kernel import library
+whole = pathlib.Path(library.FOLDER, library.LIBRARY).read_bytes()
+for number, share in enumerate(sys.argv[1:]):
+    library.FOLDER = pathlib.Path(str(number))
+    library.FOLDER.mkdir()
+    (library.FOLDER / library.LIBRARY).write_bytes(whole[: int(float(share) * len(whole))])
+    print(library._loaded.__wrapped__()[0])
+"""
 
 
-@pytest.fixture
-def copy(tmp_path: Path) -> Path:
+def test_it_is_not_loaded(tmp_path: Path) -> None:
+    """In a process of its own, which the system would kill."""
+    command = [sys.executable, "-c", LOADING, *map(str, (*SHARES, 1.0))]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    *cut_off, whole = run.stdout.splitlines()
+    assert cut_off == ["None"] * len(SHARES)
+    assert "Kernel" in whole
+
+
+def test_commands_say_so(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path
-
-
-@pytest.mark.parametrize("share", [0.0, 1e-4, 0.01, 0.3, 0.9, 0.9999])
-def test_it_is_not_loaded(copy: Path, share: float) -> None:
-    path = copy / "floatplan" / "kernel" / "_kernel.so"
+    path = tmp_path / "floatplan" / "kernel" / "_kernel.so"
     content = path.read_bytes()
     path.unlink()
-    path.write_bytes(content[: int(share * len(content))])
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "floatplan",
-        "plan",
-        str(ROOT / "problems" / "handstand.toml"),
-        "-o",
-        str(copy),
-    ]
-    run = subprocess.run(command, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True)
+    path.write_bytes(content[: len(content) // 3])
+    command = [sys.executable, "-P", "-m", "floatplan", "plan", str(ROOT / "problems" / "handstand.toml")]
+    run = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, cwd=tmp_path
+    )
     assert run.returncode == 2, run.stderr
     assert run.stderr.startswith("error: the kernel cannot be used: ")
     assert "Traceback" not in run.stderr

@@ -56,7 +56,7 @@ def test_an_address_is_numpy_s():
     ("name", "values", "message"),
     [
         ("Grid", {"nods": 8}, "'Grid' object has no attribute 'nods'"),
-        ("Settings", {"spreads": (0.1, 0.2)}, "Settings.spreads has 2 entries of 6"),
+        ("Settings", {"spreads_of_starts": (0.1, 0.2)}, "Settings.spreads_of_starts has 2 entries of 6"),
         ("Grid", {"nodes": 41}, "Grid.nodes is 41: it must be a multiple of 8"),
         ("Interpolation", {"nodes": 72}, "Interpolation.nodes is 72: it must be a multiple of 32"),
     ],

@@ -11,6 +11,7 @@ from general_path import take_general_path
 import floatplan as fp
 from floatplan.kernel import library
 from floatplan.planning.attempt import Attempts
+from floatplan.planning.transcription.constraints import Limit
 from floatplan.planning.transcription.exchange import local_minima
 from floatplan.planning.transcription.objectives import objective
 from floatplan.planning.transcription.program import FlightProgram, watching
@@ -31,13 +32,18 @@ def kernel():
     return library.kernel()
 
 
-@pytest.fixture(params=[*PROBLEMS, "everything", "free"])
+@pytest.fixture(params=[*PROBLEMS, "everything", "free", "following"])
 def problem(request, root):
     if request.param in PROBLEMS:
         return fp.load_problem(root / "problems" / f"{request.param}.toml")
     plain = fp.load_problem(root / "problems" / "handstand.toml")
-    flight = replace(plain.flight, angular_momentum="free") if request.param == "free" else plain.flight
-    return replace(plain, limits=EVERYTHING, obstacles=AROUND, flight=flight)
+    if request.param == "everything":
+        return replace(plain, limits=EVERYTHING, obstacles=AROUND)
+    free = replace(plain, limits=EVERYTHING, obstacles=AROUND, flight=replace(plain.flight, angular_momentum="free"))
+    if request.param == "free":
+        return free
+    start = replace(free.start, velocities="takeoff", accelerations="free")
+    return replace(free, start=start)
 
 
 def program_and_point(problem, seed):
@@ -76,6 +82,25 @@ def test_rows_and_derivatives_are_those_of_the_constraints(kernel, problem, aim,
     ):
         close(one, other)
     assert np.abs(there.inequality_jacobian).max() > 0
+
+
+@pytest.mark.parametrize("aim", ["coefficients", "torque"])
+def test_rows_that_the_kernel_does_not_know_stand_beside_its_own(problem, aim, monkeypatch):
+    problem = replace(problem, motion=replace(problem.motion, objective=aim))
+    _, program, x = program_and_point(problem, 1)
+    here = program.evaluate(x)
+    derivatives = here.gradient, here.equality_jacobian, here.inequality_jacobian
+    hidden, compiled = {"motor_torques", "orientation_rate"}, Limit.compiled
+    monkeypatch.setattr(Limit, "compiled", lambda self: None if self.weights.keys() & hidden else compiled(self))
+    _, beside, _ = program_and_point(problem, 1)
+    there = beside.evaluate(x)
+    limits = [block for block in beside.constraints if isinstance(block, Limit)]
+    assert [block for block, _ in beside._others] == [block for block in limits if block.weights.keys() & hidden]
+    close(here.inequality, there.inequality)
+    for one, other in zip(
+        derivatives, (there.gradient, there.equality_jacobian, there.inequality_jacobian), strict=True
+    ):
+        close(one, other)
 
 
 @pytest.mark.parametrize("seed", range(3))

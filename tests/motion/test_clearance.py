@@ -1,4 +1,4 @@
-"""Distances between capsules and obstacles, against the nearest of very many points; their gradients."""
+"""Distances between capsules and obstacles, against the nearest of very many points."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.motion.dynamics import Distances
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances, pair_distances
 from floatplan.problem.parts import Obstacle
 from floatplan.robot import LinkCapsule
@@ -68,7 +67,7 @@ def test_distance_is_that_of_the_nearest_point(gymnast, name):
     for seed in range(3):
         case = placed(gymnast, seed)
         segments = case.shapes.place(case.com, case.angles)
-        found = obstacle_distances(segments, obstacle, TIMES).values
+        found = obstacle_distances(segments, obstacle, TIMES)
         if isinstance(obstacle, fp.HalfPlane):  # a row per end
             found = np.minimum(found[:, :3], found[:, 3:])
         nearest = depth(obstacle, points_on(segments)[:, :, :: 1 if "capsule" not in name else 10], TIMES).min(axis=-1)
@@ -83,7 +82,7 @@ def test_distance_is_that_of_the_nearest_point(gymnast, name):
 def test_distance_to_a_half_plane_has_a_row_for_each_end(gymnast):
     case = placed(gymnast, 4)
     segments = case.shapes.place(case.com, case.angles)
-    found = obstacle_distances(segments, fp.HalfPlane(point=(0, -1.0)), TIMES).values
+    found = obstacle_distances(segments, fp.HalfPlane(point=(0, -1.0)), TIMES)
     expected = np.concatenate((segments.start.imag, segments.end.imag), axis=1) + 1.0 - 0.04
     assert found == pytest.approx(expected, abs=1e-14)
 
@@ -96,7 +95,7 @@ def pair_of(case, angles):
 def test_distance_of_a_pair_is_that_of_the_nearest_points(any_robot):
     case = placed(any_robot, 5)
     first, second = pair_of(case, case.angles)
-    found = pair_distances(first, second).values
+    found = pair_distances(first, second)
     count = len(case.shapes.links)
     assert found.shape == (4, count**2)
     a, b = (points_on(segments)[:, :, ::40] for segments in (first, second))
@@ -115,7 +114,7 @@ def test_links_in_one_line_are_as_far_apart_as_their_ends(gymnast):
     com = np.random.default_rng(1).uniform(-2, 2, (2000, 2)) @ (1, 1j)
     segments = case.shapes.place(com, np.repeat(turned, 3, axis=1))
     gap = np.abs(segments.end[0, 0] - segments.start[0, 2])
-    found = pair_distances(segments.of(np.array([0])), segments.of(np.array([2]))).values
+    found = pair_distances(segments.of(np.array([0])), segments.of(np.array([2])))
     assert gap > 0.1
     assert found == pytest.approx(gap - segments.radius[0] - segments.radius[2], abs=1e-12)
 
@@ -130,7 +129,7 @@ class TestOverlap:
         return shapes.place(-1 - shapes.place(np.zeros(1, dtype=complex), angles).start[:, 0], angles)
 
     def distance(self, link, obstacle):
-        return float(obstacle_distances(link, obstacle, np.zeros(1)).values[0, 0])
+        return float(obstacle_distances(link, obstacle, np.zeros(1))[0, 0])
 
     def test_is_the_shortest_way_out_by_an_end(self, link):
         assert self.distance(link, fp.Bar(start=(0.6, -0.5), end=(0.6, 0.8), radius=0.1)) == pytest.approx(-0.4 - 0.1)
@@ -144,35 +143,3 @@ class TestOverlap:
     def test_touching_is_zero(self, link):
         assert self.distance(link, fp.Circle(center=(0.3, 0.25), radius=0.25)) == pytest.approx(0.0, abs=1e-12)
         assert self.distance(link, fp.Circle(center=(0.3, 0.0), radius=0.25)) == pytest.approx(-0.25, abs=1e-12)
-
-
-def by_differences(values, angles, step=1e-6):
-    """Derivatives (K, r, m) of values (K, r) by angles (K, m), by central differences."""
-    columns = []
-    for body in range(angles.shape[1]):
-        shift = np.zeros_like(angles)
-        shift[:, body] = step
-        columns.append((values(angles + shift) - values(angles - shift)) / (2 * step))
-    return np.stack(columns, axis=2)
-
-
-@pytest.mark.parametrize("name", OBSTACLES)
-def test_gradient_is_that_of_differences(any_robot, name):
-    case = placed(any_robot, 6)
-
-    def distances(angles) -> Distances:
-        return obstacle_distances(case.shapes.place(case.com, angles), OBSTACLES[name], TIMES)
-
-    expected = by_differences(lambda angles: distances(angles).values, case.angles)
-    assert np.abs(distances(case.angles).by_body - expected).max() < 1e-8
-
-
-def test_gradient_of_pairs_is_that_of_differences(any_robot):
-    case = placed(any_robot, 7)
-
-    def distances(angles) -> Distances:
-        return pair_distances(*pair_of(case, angles))
-
-    expected = by_differences(lambda angles: distances(angles).values, case.angles)
-    assert np.abs(expected).max() > 0.1
-    assert np.abs(distances(case.angles).by_body - expected).max() < 1e-8

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from general_flight import BaseRate, GeneralDynamics
 from generated_problems import random_chain
 from make_chain import GYMNAST, Body
 from paper_appendix import TABLE_1, ThreeLinks
 from robot_free_flyer import relative_error
 
-from floatplan.motion.planar.closed_form import BaseRate, Dynamics
+from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.motion.planar.full_model import BASE, PinocchioDynamics
 
 COUNT = 1000  # random configurations
@@ -104,14 +105,14 @@ class TestClosedFormAgainstPinocchio:
         assert relative_error(closed.torques(q, velocity, acceleration, rate), expected) < 1e-12
 
     def test_base_rate_with_derivatives_is_that_without(self, any_robot):
-        closed = Dynamics(any_robot.tree)
+        closed = GeneralDynamics(any_robot.tree)
         q, velocity, _ = draw(np.random.default_rng(7), any_robot, 10)
         rate = closed.base_rate_derivatives(q, velocity, H)
         assert relative_error(rate.rate, closed.base_rate(q, velocity, H)) < 1e-14
 
     def test_derivatives_of_the_base_rate(self, any_robot):
         q, velocity, _ = draw(np.random.default_rng(8), any_robot, 20)
-        actual = Dynamics(any_robot.tree).base_rate_derivatives(q, velocity, H)
+        actual = GeneralDynamics(any_robot.tree).base_rate_derivatives(q, velocity, H)
         for k in range(len(q)):
             expected = pinocchio_base_rate_derivatives(any_robot, q[k], velocity[k])
             assert relative_error(actual.by_position[k], expected.by_position) < 1e-11
@@ -119,7 +120,7 @@ class TestClosedFormAgainstPinocchio:
             assert relative_error(actual.by_momentum[k], expected.by_momentum) < 1e-12
 
     def test_derivatives_of_the_torques(self, any_robot):
-        closed = Dynamics(any_robot.tree)
+        closed = GeneralDynamics(any_robot.tree)
         q, velocity, acceleration = draw(np.random.default_rng(9), any_robot, 20)
         base_rate = closed.base_rate_derivatives(q, velocity, H)
         actual = any_robot.tree.turns.T @ closed.moment_derivatives(q, velocity, acceleration, base_rate)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from general_flight import GeneralDynamics
 
 import floatplan as fp
 from floatplan.motion.planar.closed_form import Dynamics, TurningBodies
@@ -13,7 +14,7 @@ def test_change_of_the_base_rate_is_its_derivative(any_robot):
     rng = np.random.default_rng(11)
     n = len(any_robot.joints)
     positions, velocities, momentum = rng.uniform(-4, 4, (50, n)), rng.uniform(-5, 5, (50, n)), rng.uniform(-5, 5, 50)
-    dynamics = Dynamics(any_robot.tree)
+    dynamics = GeneralDynamics(any_robot.tree)
     actual = dynamics.base_rate_derivatives(positions, velocities, momentum).by_position
 
     def rate(at):

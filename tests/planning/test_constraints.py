@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from general_flight import general_flight
 from robot_samples import URDF_FOLDER
 from scipy.integrate import simpson
 
@@ -28,8 +29,6 @@ from floatplan.planning.transcription.constraints import (
     applies,
     constraints,
     link_clearance,
-    magnitude_limit,
-    motor_limit,
     obstacle_clearance,
     window_ends,
 )
@@ -41,6 +40,8 @@ from floatplan.planning.transcription.objectives import (
 )
 from floatplan.planning.transcription.program import FlightProgram, watching
 from floatplan.planning.transcription.trajectory import (
+    QUANTITIES,
+    FlightModel,
     flight_model,
     sample_also,
     sample_nodes,
@@ -48,6 +49,7 @@ from floatplan.planning.transcription.trajectory import (
     trajectory,
 )
 from floatplan.planning.transcription.variables import decision_variables
+from floatplan.problem.limits import Shares
 
 CIRCLE = fp.Circle(center=(0.3, 1.2), radius=0.2, margin=0.02, velocity=(0.4, -0.2))
 GROUND = fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01)
@@ -59,18 +61,23 @@ SLOPE = read_only([2.0, 0.3])
 RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 
 OF_JOINTS = np.eye(3)[list(JOINTS)]
+
+
+def limit(key, rows, limits=LIMITS, **also) -> Limit:
+    row, names = tables.LIMIT_TABLE[key], tuple(f"{key} {number}" for number in range(len(rows)))
+    return Limit.of(Shares(key, names, limits, row.unit, {row.quantity: rows / limits[:, None]}, also))
+
+
 CONSTRAINTS = {
     "circle": obstacle_clearance(CIRCLE, "circle", LINKS),
     "half-plane": obstacle_clearance(GROUND, "ground", LINKS * 2),
     "bar": obstacle_clearance(BAR, "bar", LINKS, window=BAR.window),
     "self": link_clearance((0,), (2, 3), ("shank", "arms"), 0.05),
-    "torque": magnitude_limit("motor_torques", ("torque of q1", "torque of q3"), GROUPS, LIMITS, "N m"),
-    "velocity": magnitude_limit("velocities", ("velocity of q1", "velocity of q3"), OF_JOINTS, LIMITS, "rad/s"),
-    "acceleration": magnitude_limit("accelerations", ("of q1", "of q3"), OF_JOINTS, LIMITS, "rad/s^2"),
-    "motor": motor_limit(("q1", "q3"), OF_JOINTS, RATIOS, LIMITS, SLOPE),
-    "orientation rate": magnitude_limit(
-        "orientation_rate", ("orientation rate",), np.eye(1), read_only([4.0]), "rad/s"
-    ),
+    "torque": limit("torque", GROUPS),
+    "velocity": limit("velocity", OF_JOINTS),
+    "acceleration": limit("acceleration", OF_JOINTS),
+    "motor": limit("torque", OF_JOINTS, velocities=(SLOPE / LIMITS)[:, None] * RATIOS),
+    "orientation rate": limit("orientation_rate", np.eye(1), read_only([4.0])),
 }
 OBJECTIVES = {
     "coefficients": CoefficientNorm(8),
@@ -133,13 +140,13 @@ def problem():
 
 @pytest.fixture(scope="module")
 def flight(problem):
-    """What evaluates a motion x: (model, variables, sampling)."""
+    """What evaluates a motion x on the general path: (model, variables, sampling)."""
     branches = np.array([[0, 0, 0], [0, 1, -1]])
     variables = decision_variables(problem, problem.degrees, branches, momentum_set(problem))
     polynomials = variables.polynomials
     assert variables.momentum.free == 1
     sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.form), INSTANTS)
-    return flight_model(problem), variables, sampling
+    return FlightModel(general_flight(problem)), variables, sampling
 
 
 @pytest.fixture(scope="module", params=range(3))
@@ -196,13 +203,23 @@ class TestDerivatives:
         assert np.abs(jacobian).min() > 0
         assert_derivative(lambda at: trajectory(*flight, at).residual[0], jacobian, x, scale)
 
-    def test_of_18(self, flight, x, scale):
+    @pytest.mark.parametrize("general", [False, True])
+    def test_of_18(self, problem, flight, x, scale, general):
+        flight = flight if general else (flight_model(problem), *flight[1:])
         jacobian = trajectory(*flight, x).attitude_jacobian[:, 0]
         assert_derivative(lambda at: trajectory(*flight, at).flown.attitude, jacobian, x, scale)
 
-    def test_of_the_whole_program(self, flight, x, scale):
+    @pytest.mark.parametrize("name", ["torques", "motor_torques", "orientation_rate", "velocities", "accelerations"])
+    def test_of_quantities_by_the_kernel_and_on_the_general_path(self, problem, flight, x, name):
+        here, there = trajectory(flight_model(problem), *flight[1:], x), trajectory(*flight, x)
+        expected = QUANTITIES[name].jacobian(there)
+        assert QUANTITIES[name].jacobian(here) == pytest.approx(expected, rel=1e-10, abs=1e-10 * np.abs(expected).max())
+
+    def test_of_the_whole_program(self, problem, flight, x, scale):
         """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""
-        program = FlightProgram(*flight, CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values()))
+        program = FlightProgram(
+            flight_model(problem), *flight[1:], CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values())
+        )
         here = program.evaluate(x)
         assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, x, scale)
         assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, x, scale)
@@ -212,9 +229,15 @@ class TestDerivatives:
 class TestRatesThatFollow:
     """The same derivatives where the rates at both ends follow from a free h, and accelerations are free."""
 
-    @pytest.fixture(params=[("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free")])
+    @pytest.fixture(
+        params=[
+            (*ends, general)
+            for ends in (("coefficients", "free", 0.0), ("coefficients", 0.0, "free"), ("torque", "free", "free"))
+            for general in (False, True)
+        ]
+    )
     def following(self, request, problem):
-        objective_name, at_takeoff, at_landing = request.param
+        objective_name, at_takeoff, at_landing, general = request.param
         asked = replace(
             problem,
             start=replace(problem.start, velocities="takeoff", accelerations=at_takeoff),
@@ -226,7 +249,7 @@ class TestRatesThatFollow:
         variables = decision_variables(asked, asked.degrees, branches, momentum_set(asked))
         assert variables.following
         sampling = sample_also(sample_nodes(gauss_grid(24), variables.polynomials.form), INSTANTS)
-        model = flight_model(asked)
+        model = FlightModel(general_flight(asked)) if general else flight_model(asked)
         return (model, variables, sampling), objective(asked, model, variables, sampling)
 
     @pytest.fixture(params=range(3))
@@ -327,7 +350,7 @@ class TestConstraints:
         ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
         block = obstacle_clearance(BAR, "bar", LINKS, window=ends)
         sampling = watching(nodes, (block, CONSTRAINTS["circle"]), np.array([0.5]))
-        assert sampling.s[24:].tolist() == [ends[0], 0.5, ends[1]]
+        assert sampling.grid.s[24:].tolist() == [ends[0], 0.5, ends[1]]
 
     def test_margin_is_subtracted(self, flight, x):
         motion = trajectory(*flight, x)
@@ -430,6 +453,6 @@ class TestVariables:
         fine = sample_nodes(gauss_grid(64), variables.polynomials.form)
         z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
         change = fine.values[0][:, 6:] @ z.T
-        expected = np.sqrt(fine.weights @ (change**2).mean(axis=1))
+        expected = np.sqrt(fine.grid.weights @ (change**2).mean(axis=1))
         assert np.linalg.norm(variables.metric @ step) == pytest.approx(expected, rel=1e-10)
         assert variables.metric[-1].tolist() == [0.0] * variables.coefficients + [1.0]

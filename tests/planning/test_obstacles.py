@@ -32,7 +32,7 @@ def problem_of(name: str) -> fp.Problem:
 def closer(look: Look, index: int) -> Look:
     """Look between the neighbours of a sample, where a fast motion leaves much to see."""
     last = len(look.times) - 1
-    return Look(look.plan, np.linspace(look.times[max(index - 1, 0)], look.times[min(index + 1, last)], 501))
+    return Look(look.plan, np.linspace(look.times[max(index - 1, 0)], look.times[min(index + 1, last)], 201))
 
 
 def peak(look: Look, quantity: Callable[[Look], np.ndarray]) -> np.ndarray:

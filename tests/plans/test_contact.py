@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,8 +22,9 @@ def shown(summary):
     return console.file.getvalue()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def load(root):
+    @cache
     def loaded(name):
         if name.startswith("gallery/") and robots_folder() is None:
             pytest.skip("example-robot-data is not installed")

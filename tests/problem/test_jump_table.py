@@ -79,7 +79,10 @@ REFUSED = {
     "friction 0": ("friction = 0", "jump.friction: 0.* is not positive"),
     "a margin of what is no limit": ("margin = { speed = 0.5 }", "jump.margin: 'speed' is not a margin"),
     "a margin above 1": ("margin = { torque = 1.5 }", r"jump.margin.torque: 1.5 is outside"),
-    "a word that is not known": ('fixed = ["gravity"]', r"jump.fixed\[0\]: 'gravity' is not"),
+    "a word that is not known": (
+        'fixed = ["gravity"]',
+        r"jump.fixed\[0\]: must be 'duration', 'angular_momentum', 'start' or 'goal', not 'gravity'",
+    ),
     "unknown frame": (
         'takeoff = { contacts = [["paw"]] }',
         r"jump.takeoff.contacts\[0\]: the robot has no frame",

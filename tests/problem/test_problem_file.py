@@ -234,7 +234,12 @@ WRONG = {
         "goal",
         "1 is not a table",
     ),
-    "text for joints": (SOUND.replace("{ q1 = 18, q2 = -45 }", '"high"'), "start.positions", "a table by joint"),
+    "empty place": (
+        SOUND.replace('"foot"', '"foot", position = []'),
+        "flight.takeoff.position",
+        "[] is not two numbers",
+    ),
+    "text for joints": (SOUND.replace("{ q1 = 18, q2 = -45 }", '"high"'), "start.positions", "a mapping by joint"),
     "not a number": (SOUND.replace("q1 = 18", "q1 = nan"), "start.positions.q1", "nan is not a finite number"),
     "infinity": (SOUND.replace("1.4", "inf"), "flight.duration", "inf is not a finite number"),
     "number too long": (SOUND.replace("1.4", "1" + "0" * 400), "flight.duration", "is not a"),

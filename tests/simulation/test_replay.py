@@ -315,7 +315,7 @@ class TestInSpace:
             return np.concatenate((np.linalg.solve(exp, v), pin.aba(model, data, q, v, tau)))
 
         began = np.concatenate((np.zeros(model.nv), plan.v(0.0)))
-        ended = solve_ivp(rate, (0, plan.duration), began, method="DOP853", rtol=1e-10, atol=1e-11).y[:, -1]
+        ended = solve_ivp(rate, (0, plan.duration), began, method="DOP853", rtol=1e-8, atol=1e-9).y[:, -1]
         landed = pin.integrate(model, start, ended[: model.nv])
         wanted = pin.Quaternion(plan.q(plan.duration)[3:7]).matrix()
         turn = pin.log3(pin.Quaternion(landed[3:7]).matrix() @ wanted.T)

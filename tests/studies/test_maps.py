@@ -42,10 +42,16 @@ STAGE_IS_SEEN = """
     return box.top >= 0 && box.bottom <= innerHeight;
 """
 TAP = """
-    const [map, place] = [document.getElementById("map"), floatplan.map.placeOf(arguments[0])];
+    const [map, place] = [document.querySelector("#map .u-over"), floatplan.map.placeOf(arguments[0])];
     const [edge, [x, y, width, height]] = [map.getBoundingClientRect(), floatplan.map.box(place)];
     const at = { clientX: edge.left + x + width / 2, clientY: edge.top + y + height / 2 };
     map.dispatchEvent(new MouseEvent("click", { ...at, bubbles: true }));
+"""
+MARK = """
+    const found = ["#map .u-over", ".mark.selected"].map((one) => document.querySelector(one));
+    const [over, mark] = found.map((one) => one.getBoundingClientRect());
+    const middle = [mark.left + mark.width / 2 - over.left, over.bottom - mark.top - mark.height / 2];
+    return [mark.width / over.width, mark.height / over.height, middle[0] / over.width, middle[1] / over.height];
 """
 PRESS = """
     const event = new KeyboardEvent("keydown", { key: arguments[0], bubbles: true });
@@ -190,6 +196,11 @@ class TestPage:
     def test_keys_move_from_cell_to_cell(self, browser, study):
         browser.open(study.folder / "map.html")
         assert [browser.run(PRESS, key) for key in ("ArrowUp", "ArrowRight", "ArrowUp", "ArrowLeft")] == [0, 4, 5, 1]
+        for change in ("", "floatplan.redraw()"):
+            browser.run(change)
+            wide, high, left, low = browser.run(MARK)
+            assert (wide, high) == (pytest.approx(1 / 5, abs=0.02), pytest.approx(1 / 4, abs=0.02))
+            assert (left, low) == (pytest.approx(0.5 / 5, abs=0.02), pytest.approx(1.5 / 4, abs=0.02))
 
     def test_obstacles_are_drawn_with_a_row_s_numbers(self, browser, tmp_path):
         """As Python outlines them; one of a kind that the page cannot vary stays as it is in the base problem."""

@@ -115,7 +115,7 @@ WRONG = {
     "unknown key of a range": ('[vary]\n"flight.duration" = { from = 1, to = 2, counts = 3 }', "did you mean 'count'?"),
     "no count": ('[vary]\n"flight.duration" = { from = 1, to = 2 }', "vary.flight.duration.count: is missing"),
     "turned round": ('[vary]\n"flight.duration" = { from = 2, to = 1, count = 3 }', "from 2 is above to 1"),
-    "a count of zero": ('[vary]\n"flight.duration" = { from = 1, to = 2, count = 0 }', "greater than or equal to 1"),
+    "a count of zero": ('[vary]\n"flight.duration" = { from = 1, to = 2, count = 0 }', "count: 0 is not positive"),
     "an empty list": ('[vary]\n"flight.duration" = []', "is an empty list"),
     "samples of a grid": (f'samples = 5\n[vary]\n"flight.duration" = {RANGE}', "samples: is not for a grid"),
     "no samples": ('sampling = "random"\n[vary]\n"flight.duration" = { from = 1, to = 2 }', "samples: is missing"),

@@ -13,7 +13,7 @@ from rich.console import Console
 
 import floatplan as fp
 from floatplan.cli.summary import plan_summary
-from floatplan.plans.measures import PlanWarning, told_limits
+from floatplan.plans.measures import PlanWarning, limits_shown
 from floatplan.plans.presentation import plan_verdict
 from floatplan.studio import cards
 from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
@@ -35,19 +35,21 @@ def test_a_verdict_for_each_stage(present: ShownPlan) -> None:
     assert answered.verdict == "proved"
     assert replace(answered, number=3).verdict == "waiting"
     assert replace(answered, fault="no").verdict == "failed"
-    quick = replace(present, settled=False, certificate=None)
+    quick = replace(present, settled=False, plan=replace(present.plan))
     assert replace(view, answer=quick).verdict == "planned"
     missed = replace(quick, plan=replace(quick.plan, ok=False))
     assert replace(view, answer=missed).verdict == "waiting"
     assert replace(view, answer=replace(missed, settled=True)).verdict == "not found"
     for word in ("refuted", "undecided"):
-        judged = replace(present, certificate=replace(present.certificate, verdict=word))
+        certificate = {**present.plan.record.certificate, "verdict": word}
+        plan = present.plan.with_record(replace(present.plan.record, certificate=certificate))
+        judged = replace(present, plan=plan)
         assert replace(view, answer=judged).verdict == word
         assert word in cards.status_card(replace(view, answer=judged)).lower()
 
 
 def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) -> None:
-    certificate = present.certificate
+    certificate = present.plan.certificate
     assert certificate is not None
     warning = PlanWarning("ground", "hand", 0.1, 0.0, "m", 0.2, "hand goes into the ground")
     refuted = replace(certificate, verdict="refuted")
@@ -59,9 +61,7 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) ->
         )
         vars(plan)["warnings"] = warnings
         word, _ = plan_verdict(plan)
-        card = cards.status_card(
-            View(present.plan.problem, answer=replace(present, certificate=judged, warnings=warnings))
-        )
+        card = cards.status_card(View(present.plan.problem, answer=replace(present, plan=plan, warnings=warnings)))
         assert f"<b>{word.capitalize()}</b>" in card
         if judged.proved:
             assert word == ("flight proved, with warnings" if warned else "flight proved")
@@ -85,12 +85,12 @@ def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: ShownPlan
 def test_names_are_text(present: ShownPlan) -> None:
     row = replace(present.utilisation[0], joint=HOSTILE)
     plan = replace(present.plan, explanation=HOSTILE, ok=False)
-    view = View(present.plan.problem, answer=replace(present, plan=plan, certificate=None), refusal=HOSTILE)
+    view = View(present.plan.problem, answer=replace(present, plan=plan), refusal=HOSTILE)
     for card in (
         cards.status_card(view),
         cards.status_card(replace(view, fault=HOSTILE)),
         cards.saved_card([HOSTILE]),
-        cards._motor(row, told_limits([row])),
+        cards._motor(row, limits_shown([row])),
     ):
         assert HOSTILE not in card
         assert "<img" not in card

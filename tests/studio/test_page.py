@@ -19,8 +19,8 @@ import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.studio import edits
-from floatplan.studio.inputs import Actions
 from floatplan.studio.page import Studio, is_own_page
+from floatplan.studio.planning import Actions
 from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
 
 ROOT = Path(__file__).parents[2]

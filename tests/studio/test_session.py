@@ -57,7 +57,7 @@ def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Se
     expected = fp.plan(view.problem, prove=True)
     assert view.answer is not None
     assert np.array_equal(view.answer.plan.coefficients, expected.coefficients)
-    plan = view.answer.complete_plan()
+    plan = view.answer.plan
     assert plan.certificate is not None
     assert plan.certificate.proved
     assert first.answer is not None

@@ -17,6 +17,7 @@ import floatplan as fp
 from floatplan.robot.urdf.example_robots import robots_folder
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
+from floatplan.view.style import palette
 
 ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
@@ -195,11 +196,11 @@ def test_dark_and_light(browser: Browser, crowd: tuple[fp.Plan, Path], size: tup
         media(browser, "light")
         browser.open(page)
         assert browser.run(paper) == "rgb(255, 255, 255)"
-        pixel = "const pen = document.getElementById('backdrop').getContext('2d');"
         media(browser, "dark")
         wait_for(browser, "DARK.matches")
         assert browser.run(paper) == "rgb(21, 24, 28)"
-        assert browser.run(f"{pixel} return pen.getImageData(1, 1, 1, 1).data[0]") < 60
+        red, green, blue = stage_pixels(browser)[8, 8]
+        assert max(red, green, blue) < 60
         for shade in browser.run(shades):
             red, green, blue = (int(shade[at : at + 2], 16) / 255 for at in (1, 3, 5))
             assert 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.21, shade
@@ -281,36 +282,52 @@ def test_the_page_places_links_as_the_robot_has_them(page: Browser, handstand: f
     placed = postures(handstand, np.array([0.5]))
     script = (
         "const m = floatplan.motion, p = m.posture(0.5);"
-        "return m.data.robot.links.map(l => [m.place(p, l.start), m.place(p, l.end)])"
+        "return m.data.robot.links.map(l => [l.start, l.end].map(at => m.place(p, { body: l.body, at })))"
     )
     found = np.array(page.run(script)) @ [1, 1j]
     np.testing.assert_allclose(found, np.stack((placed.start[0], placed.end[0]), axis=1), atol=1e-6)
 
 
-def test_the_robot_is_painted(page: Browser) -> None:
-    script = """
-        floatplan.player.seek(0.5);
-        const canvas = document.getElementById('robot');
-        const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
-        const want = floatplan.stage.colours.map(c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16)).join());
-        const seen = new Set();
-        for (let k = 0; k < data.length; k += 4) seen.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
-        return want.every(colour => seen.has(colour));
-    """
-    assert page.run(script)
+def stage_pixels(browser: Browser) -> Any:
+    """Red, green and blue (height, width, 3) of the picture of the flight, as it is on the screen."""
+    from io import BytesIO
+
+    from PIL import Image
+    from selenium.webdriver.common.by import By
+
+    content = browser.driver.find_element(By.ID, "stage").screenshot_as_png
+    return np.array(Image.open(BytesIO(content)).convert("RGB"))
 
 
-def test_a_frame_paints_the_robot_once_and_no_curve(page: Browser) -> None:
-    """What is costly is done once: curves are drawn when the page opens, and a line moves over them."""
+def test_the_robot_is_painted(page: Browser, handstand: fp.Plan) -> None:
+    page.run("floatplan.player.seek(0.5)")
+    seen = {tuple(pixel) for pixel in stage_pixels(page).reshape(-1, 3).tolist()}
+    for colour in palette(len(handstand.robot.joints) + 1):
+        assert tuple(np.rint(255 * colour).astype(int).tolist()) in seen
+
+
+def test_ticks_take_out_of_the_picture_what_they_name(page: Browser) -> None:
+    for name, element in (("ghosts", ".ghosts"), ("trails", ".trail"), ("margins", ".margin"), ("goal", ".goal")):
+        hidden = f"return [...document.querySelectorAll('{element}')].map(e => getComputedStyle(e).display === 'none')"
+        for wanted in (False, True, False):
+            assert set(page.run(hidden)) == {wanted}, name
+            page.run("document.getElementById(arguments[0]).click()", name)
+        page.run("document.getElementById(arguments[0]).click()", name)
+
+
+def test_a_frame_moves_the_robot_and_paints_no_curve(page: Browser) -> None:
+    """What is costly is done once: what stays and the curves are drawn when the page opens."""
     script = """
         const prototype = CanvasRenderingContext2D.prototype, clear = prototype.clearRect;
-        const painted = [];
-        prototype.clearRect = function(...box) { painted.push(this.canvas.id); clear.apply(this, box); };
+        const painted = new Set(), watch = new MutationObserver(() => {});
+        prototype.clearRect = function(...box) { painted.add("a curve"); clear.apply(this, box); };
+        watch.observe(document.getElementById("stage"), { subtree: true, attributes: true, childList: true });
         for (let k = 0; k < 10; k++) floatplan.player.seek(k / 10 * floatplan.motion.duration);
         prototype.clearRect = clear;
-        return painted;
+        for (const { type, target } of watch.takeRecords()) painted.add(`${type} of ${target.closest("svg").id}`);
+        return [...painted];
     """
-    assert page.run(script) == ["robot"] * 10
+    assert page.run(script) == ["attributes of robot"]
 
 
 def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Browser) -> None:

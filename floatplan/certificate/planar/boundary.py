@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import flint
@@ -29,7 +29,7 @@ def boundary_findings(record: PlanRecord, states: Sequence[JointState]) -> list[
         for end, instant in zip(ENDS, (0.0, record.duration), strict=True)
         for quantity, tolerance in zip(QUANTITIES, BOUNDARY, strict=True)
     ]
-    wanted = np.array([_listed(record, record.problem[end], end, quantity) for end, quantity, _, _ in rows])
+    wanted = np.array([record.problem[end][quantity] for end, quantity, _, _ in rows], dtype=np.float64)
     values = [value for state in states for of_joints in state for value in of_joints]
     bounds = (bound.tolist() for bound in deviations(Balls.from_arb(values, wanted.shape), wanted))
     return [
@@ -56,13 +56,6 @@ def at_ends(record: PlanRecord) -> list[JointState]:
                 velocities.append(amplitude * cosine * dp)
                 accelerations.append(amplitude * (cosine * second(t) - sine * dp * dp))
     return states
-
-
-def _listed(record: PlanRecord, posture: Mapping[str, Any], end: str, quantity: str) -> Any:
-    values = np.array(posture[quantity], dtype=np.float64)
-    if values.shape != (len(record.robot.joints),) or not np.isfinite(values).all():
-        raise ValueError(f"problem.{end}.{quantity} should be one number per joint")
-    return values
 
 
 def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:

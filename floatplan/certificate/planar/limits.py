@@ -73,7 +73,7 @@ def _range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
     """Joint ranges that hold because ``|sin| <= 1``; and the joints for which that does not say so."""
     findings, left = [], []
     with flint.ctx.workprec(PRECISION):
-        for index, (low, high) in enumerate(_ranges(record)):
+        for index, (low, high) in enumerate(record.problem["limits"]["position"]):
             centre, amplitude = flint.arb(float(record.centre[index])), abs(float(record.amplitude[index]))
             beyond = flint.arb.max(centre + amplitude - high, low - (centre - amplitude))
             bound = float(beyond.upper()) + 2.0**-60
@@ -95,7 +95,7 @@ def _limited(
         models: Taylor = getattr(joints, row.quantity)
         of_row = limits.get(row.key) or [None] * len(names)
         for i, name in enumerate(names):
-            limit = _limit(of_row, i)
+            limit = _limit(of_row[i])
             if row.key == "velocity":
                 claimed["velocity_peak"].append(len(limited))
             if row.always or limit != math.inf:
@@ -105,16 +105,16 @@ def _limited(
         _motor(robot, name, "motor_torque")
     several = np.count_nonzero(robot.motor_ratios, axis=0) > 1  # motors move one joint: torques are added
     for i, name in enumerate(robot.motors):
-        limit = _limit([own.get(name)], 0)
+        limit = _limit(own.get(name))
         if i < len(names) and not several[i]:
-            limit = min(limit, _limit(limits["torque"], i))
+            limit = min(limit, _limit(limits["torque"][i]))
         claimed["motor_torque_peak"].append(len(limited))
         limited.append(LimitedQuantity("torque", (name,), joints.motor_torques[:, i : i + 1], limit))
     for i, name in enumerate(names):
         claimed["torque_peak"].append(len(limited) if several[i] else claimed["motor_torque_peak"][i])
         if several[i]:
             together = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
-            limited.append(LimitedQuantity("generalized_torque", (name,), together, _limit(limits["torque"], i)))
+            limited.append(LimitedQuantity("generalized_torque", (name,), together, _limit(limits["torque"][i])))
     for name, motor in (limits.get("motor") or {}).items():
         limited.append(_motor_curve(robot, flight, name, motor))
     if limits.get("orientation_rate") is not None:
@@ -134,7 +134,7 @@ def _motor_curve(robot: PlanarRobot, flight: FlightEnclosure, name: str, motor: 
 
 def _beyond_range(record: PlanRecord, flight: FlightEnclosure, joint: int) -> LimitedQuantity:
     """Distance of a joint from the middle of its range, where its sine polynomial alone does not keep it inside."""
-    low, high = _ranges(record)[joint]
+    low, high = record.problem["limits"]["position"][joint]
     with flint.ctx.workprec(PRECISION):
         middle = Balls.from_arb([(flint.arb(low) + high) / 2], (1,)).broadcast((len(flight.cells), 1))
         reach = float(((flint.arb(high) - low) / 2).lower())
@@ -176,17 +176,5 @@ def _recorded_peaks(name: str, recorded: Array, peaks: Sequence[Minimum]) -> Fin
     return at_most("recorded", (name,), upper_off, least_off, 0.0, RECORDED_PEAK, None)
 
 
-def _ranges(record: PlanRecord) -> list[tuple[float, float]]:
-    ranges = record.problem["limits"]["position"]
-    if len(ranges) != len(record.robot.joints):
-        raise ValueError("problem.limits.position should be one range per joint")
-    return [(float(low), float(high)) for low, high in ranges]
-
-
-def _limit(limits: Any, index: int) -> float:
-    if limits[index] is None:
-        return math.inf
-    limit = float(limits[index])
-    if not math.isfinite(limit):
-        raise ValueError(f"{limit} is no limit")
-    return limit
+def _limit(limit: float | None) -> float:
+    return math.inf if limit is None else float(limit)

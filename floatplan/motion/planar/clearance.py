@@ -1,24 +1,21 @@
-"""Distances (19)-(23) between the links' capsules and obstacles or one another, exact along the links, with gradients.
+"""Distances (19)-(23) between the links' capsules and obstacles or one another, exact along the links.
 
 Points are complex, horizontal + i vertical. A distance is between surfaces and negative where they overlap.
+Their derivatives are the kernel's, ``distances.hpp``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
-from floatplan.motion.dynamics import Distances
 from floatplan.problem.parts import Bar, Circle, Ground, HalfPlane, Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule
-
-Number = TypeVar("Number", np.float64, np.complex128)
 
 IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
 
@@ -31,18 +28,13 @@ def _facing(obstacle: Obstacle, capsules: int, hulls: int) -> range:
 class Segments:
     """The capsules of some links over K instants.
 
-    ``start, end`` (K, S) complex, m; ``start_weights, end_weights`` (S, m) of :meth:`PlanarTree.point_weights`;
-    ``radius`` (S,) m; ``rotations`` (K, m). The last ``hulls`` of them are the links' hulls, for the ground alone;
-    without any the capsules are.
+    ``start, end`` (K, S) complex, m; ``radius`` (S,) m. The last ``hulls`` of them are the links' hulls, for the ground
+    alone; without any the capsules are.
     """
 
     start: ComplexArray
     end: ComplexArray
-    start_weights: ComplexArray
-    end_weights: ComplexArray
     radius: Array
-    rotations: ComplexArray
-    turn: float
     hulls: int = 0
 
     def facing(self, obstacle: Obstacle) -> Segments:
@@ -52,30 +44,7 @@ class Segments:
 
     def of(self, capsules: IntArray | slice) -> Segments:
         """Return some of the capsules, by index."""
-        return replace(
-            self,
-            start=self.start[:, capsules],
-            end=self.end[:, capsules],
-            start_weights=self.start_weights[capsules],
-            end_weights=self.end_weights[capsules],
-            radius=self.radius[capsules],
-            hulls=0,
-        )
-
-    def ends(self) -> Segments:
-        """Return the capsules' starts, and after them their ends, each as a segment that is a point."""
-        places = np.concatenate((self.start, self.end), axis=1)
-        weights = np.concatenate((self.start_weights, self.end_weights))
-        return Segments(places, places, weights, weights, np.tile(self.radius, 2), self.rotations, self.turn)
-
-    def gradient(self, direction: ComplexArray, fraction: Array) -> Array:
-        """Derivative (K, S, m) by the bodies' angles of the points at ``fraction`` (K, S) along the segments.
-
-        Component along the unit vectors ``direction`` (K, S).
-        """
-        weights = (1 - fraction)[..., None] * self.start_weights + fraction[..., None] * self.end_weights
-        swing = (1j * self.turn) * self.rotations[:, None, :] * weights
-        return np.asarray((direction.conj()[..., None] * swing).real)
+        return Segments(self.start[:, capsules], self.end[:, capsules], self.radius[capsules])
 
 
 class LinkShapes:
@@ -110,32 +79,17 @@ class LinkShapes:
 
     def place(self, com: ComplexArray, angles: Array) -> Segments:
         """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""
-        rotations = self._tree.rotations(angles)
-        ends = rotations @ self._ends
+        ends = self._tree.rotations(angles) @ self._ends
         ends += com[:, None]
-        return Segments(
-            ends[:, : len(self._start)],
-            ends[:, len(self._start) :],
-            self._start,
-            self._end,
-            self._radius,
-            rotations,
-            self._tree.turn,
-            self.hulls,
-        )
+        return Segments(ends[:, : len(self._start)], ends[:, len(self._start) :], self._radius, self.hulls)
 
 
-def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Distances:
-    """Distances of links to an obstacle, piece after piece: as many rows per capsule as its kind says."""
+def obstacle_distances(segments: Segments, obstacle: Obstacle, times: Array) -> Array:
+    """Distances (K, r) of links to an obstacle, piece after piece: as many rows per capsule as its kind says."""
     shift: ComplexArray = np.asarray(complex(*obstacle.velocity) * times, dtype=np.complex128)
     facing = segments.facing(obstacle)
     of_pieces = [OBSTACLE_DISTANCES[piece.kind][0](facing, piece, shift) for piece in obstacle.pieces]
-    if len(of_pieces) == 1:
-        return of_pieces[0]
-    return Distances(
-        np.concatenate([piece.values for piece in of_pieces], axis=1),
-        lambda: np.concatenate([piece.by_body for piece in of_pieces], axis=1),
-    )
+    return of_pieces[0] if len(of_pieces) == 1 else np.concatenate(of_pieces, axis=1)
 
 
 def distance_rows(obstacle: Obstacle) -> int:
@@ -145,94 +99,59 @@ def distance_rows(obstacle: Obstacle) -> int:
 
 def point_distances(obstacle: Obstacle, points: ComplexArray) -> Array:
     """Distances (K,) of points (K,) to the surface of an obstacle as it is at takeoff, m; negative inside."""
-    places, nothing = points[:, None], np.zeros((1, 0), np.complex128)
-    still = Segments(places, places, nothing, nothing, np.zeros(1), nothing, 1.0)
-    return np.asarray(obstacle_distances(still, obstacle, np.zeros(len(points))).values.min(axis=1))
+    still = Segments(points[:, None], points[:, None], np.zeros(1))
+    return np.asarray(obstacle_distances(still, obstacle, np.zeros(len(points))).min(axis=1))
 
 
-def _circle_distances(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Distances:
+def _circle_distances(segments: Segments, obstacle: Circle, shift: ComplexArray) -> Array:
     center: ComplexArray = np.asarray(complex(*obstacle.center) + shift)[:, None]
-    distance, direction, fraction = _point_to_segment(center, segments.start, segments.end)
-    return Distances(distance - segments.radius - obstacle.radius, lambda: segments.gradient(direction, fraction))
+    return _point_to_segment(center, segments.start, segments.end) - segments.radius - obstacle.radius
 
 
-def _half_plane_distances(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Distances:
+def _half_plane_distances(segments: Segments, obstacle: HalfPlane, shift: ComplexArray) -> Array:
     normal = complex(*obstacle.normal) / abs(complex(*obstacle.normal))
-    origin = complex(*obstacle.point) + shift
-    ends = segments.ends()
-    shape = ends.start.shape
-    level = (np.conj(normal) * origin).real
-    distance = (np.conj(normal) * ends.start).real - level[:, None] - ends.radius
-    return Distances(distance, lambda: ends.gradient(np.full(shape, normal), np.zeros(shape)))
+    level = (np.conj(normal) * (complex(*obstacle.point) + shift)).real
+    ends = np.concatenate((segments.start, segments.end), axis=1)
+    return np.asarray((np.conj(normal) * ends).real - level[:, None] - np.tile(segments.radius, 2))
 
 
-def _bar_distances(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Distances:
+def _bar_distances(segments: Segments, obstacle: Bar, shift: ComplexArray) -> Array:
     shape = segments.start.shape
     bar_start = np.broadcast_to((complex(*obstacle.start) + shift)[:, None], shape)
     bar_end = np.broadcast_to((complex(*obstacle.end) + shift)[:, None], shape)
-    distance, direction, fraction, _ = _between(segments.start, segments.end, bar_start, bar_end)
-    return Distances(distance - segments.radius - obstacle.radius, lambda: segments.gradient(direction, fraction))
+    return _between(segments.start, segments.end, bar_start, bar_end) - segments.radius - obstacle.radius
 
 
 # Distances to a kind of obstacle, from its displacements (K,) since takeoff, m; and how many rows per capsule they are:
 # one of the nearest point along it, or two, of its ends.
-OBSTACLE_DISTANCES: dict[str, tuple[Callable[[Segments, Any, ComplexArray], Distances], int]] = {
+OBSTACLE_DISTANCES: dict[str, tuple[Callable[[Segments, Any, ComplexArray], Array], int]] = {
     "circle": (_circle_distances, 1),
     "half-plane": (_half_plane_distances, 2),
     "capsule": (_bar_distances, 1),
 }
 
 
-def pair_distances(first: Segments, second: Segments) -> Distances:
+def pair_distances(first: Segments, second: Segments) -> Array:
     """Distances between the capsules of two links, every pair a row."""
     pairs = np.indices((first.start.shape[1], second.start.shape[1]))
     own, other = first.of(pairs[0].ravel()), second.of(pairs[1].ravel())
-    distance, direction, fraction, other_fraction = _between(own.start, own.end, other.start, other.end)
-    return Distances(
-        distance - own.radius - other.radius,
-        lambda: own.gradient(direction, fraction) - other.gradient(direction, other_fraction),
-    )
+    return _between(own.start, own.end, other.start, other.end) - own.radius - other.radius
 
 
-def _point_to_segment(point: ComplexArray, start: ComplexArray, end: ComplexArray) -> tuple[Array, ComplexArray, Array]:
+def _point_to_segment(point: ComplexArray, start: ComplexArray, end: ComplexArray) -> Array:
     along = end - start
     back = along.conj()
     length2 = np.maximum((along * back).real, 1e-300)
     fraction = np.minimum(np.maximum((back * (point - start)).real / length2, 0), 1)
-    offset = start + fraction * along - point
-    distance = np.abs(offset)
-    touching = distance < 1e-12
-    if not touching.any():
-        return np.asarray(distance), np.asarray(offset / distance), np.asarray(fraction)
-    sideways = 1j * along / np.sqrt(length2)
-    direction = np.where(touching, np.where(np.abs(sideways) > 0.5, sideways, 1j), offset)
-    unit: ComplexArray = np.asarray(direction / np.where(touching, 1.0, distance), dtype=np.complex128)
-    return np.asarray(distance), unit, np.asarray(fraction)
+    return np.abs(start + fraction * along - point)
 
 
-def _between(
-    start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray
-) -> tuple[Array, ComplexArray, Array, Array]:
-    """Distance between segments, unit vector from the other towards the first, shares of the nearest points.
-
-    Apart, the least distance is at one of the four ends. Where they cross it is minus the shortest way out by an end.
-    """
-    distance, direction, other_share = _point_to_segment(np.stack((start, end)), other_start, other_end)
-    back, back_direction, share = _point_to_segment(np.stack((other_start, other_end)), start, end)
-    at_ends = np.broadcast_to(np.reshape([0.0, 1.0], (2, *(1,) * start.ndim)), share.shape)
-    distances = np.concatenate((distance, back))
-    nearest, everywhere = distances.reshape(4, -1).argmin(axis=0), np.arange(start.size)
-
-    def at_nearest(values: NDArray[Number]) -> NDArray[Number]:
-        return np.asarray(values.reshape(4, -1)[nearest, everywhere].reshape(start.shape))
-
+def _between(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> Array:
+    """Distance between segments: apart that at one of four ends, else minus the shortest way out by one."""
+    own = _point_to_segment(np.stack((start, end)), other_start, other_end)
+    other = _point_to_segment(np.stack((other_start, other_end)), start, end)
     sign = np.where(_cross(start, end, other_start, other_end), -1.0, 1.0)
-    return (
-        sign * at_nearest(distances),
-        sign * at_nearest(np.concatenate((-direction, back_direction))),
-        at_nearest(np.concatenate((at_ends, share))),
-        at_nearest(np.concatenate((other_share, at_ends))),
-    )
+    return np.asarray(sign * np.concatenate((own, other)).min(axis=0))
 
 
 def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, other_end: ComplexArray) -> BoolArray:

@@ -1,17 +1,16 @@
-"""Momentum, orientation rate and torques of a planar tree in closed form, over many instants at once, with derivatives.
+"""Momentum, orientation rate and torques of a planar tree in closed form, over many instants at once.
 
 With E_k = exp(i sigma phi_k) for the absolute angles phi of the bodies, and K_kj = conj(E_k) C_kj E_j, the momentum is
 ``h = sum_kj Re(K_kj) phi_j' + sum_k I_k phi_k'`` and the moment that turns body k
 ``F_k = sum_j Re(K_kj (phi_j'' + i sigma phi_j'^2)) + I_k phi_k''``: the Appendix of the paper, (A.1), (A.4) and (A.5),
 as corrected, for any tree. Joint torques gather F over the joint's subtree; the sum over all bodies vanishes in flight.
-Gravity, the path of the centre of mass and the orientation do not enter.
+Gravity, the path of the centre of mass and the orientation do not enter. Derivatives are the kernel's, ``tree.hpp``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -54,25 +53,6 @@ class TurningBodies:
         return np.concatenate((np.ones((len(self.turns), 1)), self.turns), axis=1)
 
 
-@dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
-class BaseRate:
-    """theta0' of (4) at N instants, and its derivatives by joint velocities and h; by joint positions when asked for.
-
-    ``rate`` (N,) rad/s; ``by_position`` (N, n) 1/s; ``by_velocity`` (N, n); ``by_momentum`` (N,) 1/(kg m^2): the
-    paper's g_0, and ``by_velocity`` its g_i, in the corrected form of (15).
-    """
-
-    rate: Array
-    by_velocity: Array
-    by_momentum: Array
-    differentiate: Callable[[], Array]
-
-    @cached_property
-    def by_position(self) -> Array:
-        """Derivatives (N, n) by joint positions, 1/s."""
-        return self.differentiate()
-
-
 class Dynamics:
     """A tree's dynamics, vectorised over instants."""
 
@@ -88,7 +68,7 @@ class Dynamics:
 
     def _weigh(self, coupling: ComplexArray, inertia: Array, distinct: TurningBodies) -> None:
         self._coupling, self._coupling_transposed, self._inertia = coupling, coupling.T.copy(), inertia
-        self._distinct, self._distinct_coupling_transposed = distinct, distinct.coupling.T.copy()
+        self._distinct = distinct
 
     @property
     def masses(self) -> tuple[ComplexArray, Array]:
@@ -102,59 +82,29 @@ class Dynamics:
         other._weigh(coupling, inertia, self._distinct.adapted(coupling, inertia))
         return other
 
-    def _momentum_map(self, positions: Array) -> tuple[Array, ComplexArray, ComplexArray]:
-        """D (N, n+1); E and the columns' sums of K (N, g), of the bodies that turn differently, at orientation 0."""
-        rotations = rotations_of(positions @ self._distinct_turns_transposed, self._turn)
-        gathered = (rotations.conj() @ self._distinct.coupling) * rotations
-        return gathered.real @ self._rates, rotations, gathered
-
     def momentum_map(self, positions: Array) -> Array:
         """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
-        return self._momentum_map(positions)[0]
+        rotations = rotations_of(positions @ self._distinct_turns_transposed, self._turn)
+        gathered = (rotations.conj() @ self._distinct.coupling) * rotations
+        return np.asarray(gathered.real @ self._rates)
 
     def base_rate(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> Array:
         """theta0' (N,) rad/s of (4), corrected (15), at positions and velocities (N, n)."""
-        return self.base_rate_derivatives(positions, velocities, angular_momentum).rate
-
-    def base_rate_derivatives(self, positions: Array, velocities: Array, angular_momentum: float | Array) -> BaseRate:
-        """theta0' and its derivatives.
-
-        With h held, ``d theta0' = -(dh/dq) / D_0``: dh/dq at the full velocity, which contains theta0'.
-        """
-        rows, rotations, gathered = self._momentum_map(positions)
+        rows = self.momentum_map(positions)
         by_momentum = 1 / rows[:, 0]
-        per_momentum = -by_momentum[:, None]
-        by_velocity = rows[:, 1:] * per_momentum
-        rate = angular_momentum * by_momentum + (by_velocity * velocities) @ self._of_joints
-
-        def by_position() -> Array:
-            rates = velocities @ self._distinct_turns_transposed + rate[:, None]
-            moving = rotations.conj() * ((rotations * rates) @ self._distinct_coupling_transposed)
-            momentum_by_position = (moving.imag - rates * gathered.imag) @ (self._turn * self._distinct.turns)
-            return np.asarray(momentum_by_position * per_momentum)
-
-        return BaseRate(rate, by_velocity, by_momentum, by_position)
+        by_velocity = rows[:, 1:] * -by_momentum[:, None]
+        return np.asarray(angular_momentum * by_momentum + (by_velocity * velocities) @ self._of_joints)
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Joint torques (N, n) N m: generalised, of a leader and its followers together."""
         return np.asarray(self.moments(positions, velocities, accelerations, base_rate) @ self._turns)
 
     def moments(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
-        """Moments F (N, m) that turn the bodies, N m."""
-        rotations = self._rotations(positions)
-        return self._moments(rotations, velocities, accelerations, base_rate)[0]
+        """Moments F (N, m) that turn the bodies, N m.
 
-    def _rotations(self, positions: Array) -> ComplexArray:
-        """E (N, m) at orientation 0, which is as good as any."""
-        return self._tree.rotations(positions @ self._turns_transposed + self._tree.offsets)
-
-    def _moments(
-        self, rotations: ComplexArray, velocities: Array, accelerations: Array, base_rate: Array
-    ) -> tuple[Array, ComplexArray, Array, Array, Array]:
-        """F (N, m); conj(E) C E (phi'' + i sigma phi'^2); phi', phi'' (N, m); and D_0 (N,).
-
-        The base's acceleration follows from the vanishing sum of the moments.
+        The base's acceleration follows from the vanishing sum of the moments. Orientation 0 is as good as any.
         """
+        rotations = self._tree.rotations(positions @ self._turns_transposed + self._tree.offsets)
         body_rates = velocities @ self._turns_transposed + base_rate[:, None]
         relative = accelerations @ self._turns_transposed
         back, turning = rotations.conj(), relative + (1j * self._turn) * (body_rates * body_rates)
@@ -163,35 +113,7 @@ class Dynamics:
         locked_inertia = (by_base.real + self._inertia) @ self._of_bodies
         base_acceleration = -((gathered.real + self._inertia * relative) @ self._of_bodies) / locked_inertia
         gathered += base_acceleration[:, None] * by_base
-        body_accelerations = relative + base_acceleration[:, None]
-        moments = gathered.real + self._inertia * body_accelerations
-        return moments, gathered, body_rates, body_accelerations, locked_inertia
-
-    def moment_derivatives(
-        self, positions: Array, velocities: Array, accelerations: Array, base_rate: BaseRate
-    ) -> Array:
-        """Derivatives (N, m, 3n+1) of the moments F by the n positions, velocities and accelerations, and by h."""
-        rotations = self._rotations(positions)
-        moments, gathered, body_rates, body_accelerations, locked_inertia = self._moments(
-            rotations, velocities, accelerations, base_rate.rate
-        )
-        kernel = rotations.conj()[:, :, None] * self._coupling * rotations[:, None, :]
-        by_acceleration = kernel.real + np.diag(self._inertia)
-        by_rate = (-2 * self._turn) * kernel.imag * body_rates[:, None, :]
-        by_angle = -self._turn * kernel.imag * body_accelerations[:, None, :]
-        by_angle -= kernel.real * body_rates[:, None, :] ** 2
-        diagonal = np.arange(len(self._inertia))
-        by_angle[:, diagonal, diagonal] += self._turn * gathered.imag
-        by_base_rate = by_rate.sum(axis=2)
-        n = positions.shape[1]
-        direct = np.empty((*moments.shape, 3 * n + 1))
-        direct[..., :n] = by_angle @ self._turns + by_base_rate[:, :, None] * base_rate.by_position[:, None, :]
-        direct[..., n : 2 * n] = by_rate @ self._turns + by_base_rate[:, :, None] * base_rate.by_velocity[:, None, :]
-        direct[..., 2 * n : 3 * n] = by_acceleration @ self._turns
-        direct[..., 3 * n] = by_base_rate * base_rate.by_momentum[:, None]
-        base_response = direct.sum(axis=1) / locked_inertia[:, None]
-        direct -= by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :]
-        return direct
+        return np.asarray(gathered.real + self._inertia * (relative + base_acceleration[:, None]))
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,7 @@
 """Flight in a plane as search and constraints see it, see :mod:`floatplan.motion.dynamics`: e = 1.
 
-The orientation is a quadrature, (14) and (18), of the rate theta0' of (4); nothing that drifts is carried on.
+The orientation is a quadrature, (14) and (18), of the rate theta0' of (4); nothing that drifts is carried on. All
+derivatives are the kernel's.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import Distances, FlightGrid, MomentumSet, Partials
+from floatplan.motion.dynamics import FlightGrid, MomentumSet
 from floatplan.motion.planar.ballistics import Ballistics, ballistics
 from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.clearance import (
@@ -23,7 +24,7 @@ from floatplan.motion.planar.clearance import (
     obstacle_distances,
     pair_distances,
 )
-from floatplan.motion.planar.closed_form import BaseRate, Dynamics, tree_dynamics
+from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import JointMotion
 from floatplan.problem.parts import Ground, Obstacle
@@ -120,35 +121,21 @@ class PlanarBaseMotion:
     angular_momentum: Array
 
     @cached_property
-    def base_rate(self) -> BaseRate:
-        """theta0' with its derivatives."""
-        h = self.angular_momentum
+    def base_rate(self) -> Array:
+        """theta0' (S K,) rad/s."""
+        h, joints = self.angular_momentum, self.joints
         each: float | Array = float(h[0, 0]) if len(h) == 1 else np.repeat(h[:, 0], len(self.grid.s))
-        return self.flight.equations.base_rate_derivatives(self.joints.positions, self.joints.velocities, each)
+        return self.flight.equations.base_rate(joints.positions, joints.velocities, each)
 
     @property
     def rate(self) -> Array:
         """theta0' (S K, 1) rad/s."""
-        return self.base_rate.rate[:, None]
-
-    @cached_property
-    def rate_partials(self) -> Partials:
-        """Of theta0'."""
-        return self._rate_partials(len(self.grid.s))
-
-    def _rate_partials(self, instants: int) -> Partials:
-        """Of theta0' at the first instants."""
-        rate = self.base_rate
-        return Partials(
-            by_position=rate.by_position[:instants, None, :],
-            by_velocity=rate.by_velocity[:instants, None, :],
-            by_momentum=rate.by_momentum[:instants, None, None],
-        )
+        return self.base_rate[:, None]
 
     @property
     def node_rates(self) -> Array:
         """theta0' (S, N) rad/s at the nodes."""
-        return self.base_rate.rate.reshape(len(self.angular_momentum), -1)[:, : self.grid.nodes]
+        return self.base_rate.reshape(len(self.angular_momentum), -1)[:, : self.grid.nodes]
 
     @cached_property
     def attitude(self) -> Array:
@@ -168,16 +155,6 @@ class PlanarBaseMotion:
         """(14): orientation at landing less the goal (S, 1), rad."""
         turned = self.flight.duration * (self.node_rates @ self.grid.weights)
         return (turned - self.flight.change)[:, None]
-
-    @property
-    def drift(self) -> Partials:
-        """Of theta0' at the nodes."""
-        return self._rate_partials(self.grid.nodes)
-
-    @property
-    def residual_partials(self) -> Partials:
-        """The drift's own: a turn in the plane stays what it is."""
-        return self.drift
 
     def transport(self, drift: Array) -> Array:
         """Integrals (K, 1, c) of drifts (N, 1, c)."""
@@ -217,36 +194,7 @@ class PlanarBaseMotion:
     def moments(self) -> Array:
         """Moments (S K, m) that turn the bodies, N m."""
         joints = self.joints
-        return self.flight.equations.moments(
-            joints.positions, joints.velocities, joints.accelerations, self.base_rate.rate
-        )
-
-    @cached_property
-    def torque_partials(self) -> Partials:
-        """Of the generalised torques."""
-        return self._gathered(self.flight.tree.turns)
-
-    @cached_property
-    def motor_torque_partials(self) -> Partials:
-        """Of the motors' own torques."""
-        tree = self.flight.tree
-        if tree.motor_turns.shape == tree.turns.shape:  # the same: each planned joint has one motor
-            return self.torque_partials
-        return self._gathered(tree.motor_turns)
-
-    @cached_property
-    def _moment_derivatives(self) -> Array:
-        joints = self.joints
-        return self.flight.equations.moment_derivatives(
-            joints.positions, joints.velocities, joints.accelerations, self.base_rate
-        )
-
-    def _gathered(self, turns: Array) -> Partials:
-        """Of the torques on coordinates that turn the bodies by ``turns`` (m, r)."""
-        n = self.joints.positions.shape[1]
-        partials = turns.T @ self._moment_derivatives
-        by_position, by_velocity, by_acceleration, by_momentum = np.split(partials, [n, 2 * n, 3 * n], axis=2)
-        return Partials(by_position, by_velocity, by_acceleration, by_momentum=by_momentum)
+        return self.flight.equations.moments(joints.positions, joints.velocities, joints.accelerations, self.base_rate)
 
     @cached_property
     def angles(self) -> Array:
@@ -272,17 +220,13 @@ class PlanarBaseMotion:
             max(np.abs(np.diff(ends, axis=0)).sum(axis=0).max() for ends in (self.shapes.start, self.shapes.end))
         )
 
-    def obstacle_distances(self, obstacle: Obstacle) -> Distances:
+    def obstacle_distances(self, obstacle: Obstacle) -> Array:
         """Distances (S K, r) of the capsules to an obstacle."""
         return obstacle_distances(self.shapes, obstacle, self._times)
 
-    def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Distances:
+    def pair_distances(self, first: tuple[int, ...], second: tuple[int, ...]) -> Array:
         """Distances (S K, r) between capsules, given by their indices: each of the first to each of the second."""
         return pair_distances(self.shapes.of(np.array(first)), self.shapes.of(np.array(second)))
-
-    def shape_partials(self, by_body: Array) -> Partials:
-        """Of quantities with derivatives ``by_body`` (K, r, m) by the bodies' absolute angles."""
-        return Partials(by_position=by_body @ self.flight.tree.turns, by_attitude=by_body.sum(axis=2)[..., None])
 
     def at_goal(self) -> PlanarBaseMotion:
         """Return the same motion with the orientations asked for at takeoff and landing."""

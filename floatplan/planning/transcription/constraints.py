@@ -7,7 +7,7 @@ block's ``scale``, so that 1 is much in every row. Joint ranges need no block: t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -15,12 +15,12 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.kernel.constraints import Block, ObstacleRows, PairRows, SumRows
-from floatplan.motion.dynamics import Distances
 from floatplan.planning.transcription.trajectory import QUANTITIES, FlightModel, Trajectory
 from floatplan.planning.transcription.variables import AtEnds
+from floatplan.problem.limits import Shares, shares_of_limits
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, RELATIVE, LimitKey
+from floatplan.tables import CLEARANCE, RELATIVE
 
 LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a torque or rate limit
 
@@ -87,27 +87,23 @@ class Clearance(Constraint):
 
     def values(self, trajectory: Trajectory) -> Array:
         """Distances less the margin (K, r)."""
-        return (self._distances(trajectory).values - self.margin) / LENGTH_SCALE
+        flown, between = trajectory.flown, self.between
+        if isinstance(between, Obstacle):
+            return (flown.obstacle_distances(between) - self.margin) / LENGTH_SCALE
+        return (flown.pair_distances(*between) - self.margin) / LENGTH_SCALE
 
     def jacobian(self, trajectory: Trajectory) -> Array:
         """Derivatives (K, r, size)."""
-        return trajectory.shape_jacobian(self._distances(trajectory).by_body / LENGTH_SCALE)
+        flown, between = trajectory.differentiable, self.between
+        if isinstance(between, Obstacle):
+            return trajectory.jacobian(flown.obstacle_partials(between)) / LENGTH_SCALE
+        return trajectory.jacobian(flown.pair_partials(*between)) / LENGTH_SCALE
 
     def compiled(self) -> Block:
         """Return the same distances."""
         if isinstance(self.between, Obstacle):
             return ObstacleRows(self.between, self.margin, LENGTH_SCALE)
         return PairRows(*self.between, self.margin, LENGTH_SCALE)
-
-    def _distances(self, trajectory: Trajectory) -> Distances:
-        """They are measured once per trajectory."""
-        if self not in trajectory.distances:
-            flown, between = trajectory.flown, self.between
-            if isinstance(between, Obstacle):
-                trajectory.distances[self] = flown.obstacle_distances(between)
-            else:
-                trajectory.distances[self] = flown.pair_distances(*between)
-        return trajectory.distances[self]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,6 +115,22 @@ class Limit(Constraint):
     """
 
     weights: Mapping[str, Array]
+
+    @classmethod
+    def of(cls, shares: Shares) -> Limit:
+        """Return limits with each combination of the signs of what is used: upper limits before lower ones."""
+        signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)] if shares.also else [(1, 0), (-1, 0)]
+        weights = {name: np.concatenate([sign * rows for sign, _ in signs]) for name, rows in shares.used.items()}
+        weights |= {name: np.concatenate([sign * rows for _, sign in signs]) for name, rows in shares.also.items()}
+        return cls(
+            labels=shares.labels * len(signs),
+            unit=shares.unit,
+            scale=np.tile(shares.limit, len(signs)),
+            tolerance=RELATIVE,
+            relaxed="the limit on the {label} {amount} higher",
+            cause="it follows from the {end}'s rates and accelerations",
+            weights=weights,
+        )
 
     @property
     def depends_at_ends_on(self) -> frozenset[AtEnds]:
@@ -167,31 +179,6 @@ def _of_clearances(rows: int, cause: str) -> dict[str, Any]:
     return {"scale": np.full(rows, LENGTH_SCALE), "cause": cause, **shared}
 
 
-def magnitude_limit(quantity: str, names: tuple[str, ...], combinations: Array, limit: Array, unit: str) -> Limit:
-    """Return ``|combinations @ quantity| <= limit``, upper limits before lower ones; combinations are (r, m)."""
-    weights = combinations / limit[:, None]
-    return _limit(names * 2, {quantity: np.concatenate((weights, -weights))}, np.tile(limit, 2), unit)
-
-
-def motor_limit(names: tuple[str, ...], selection: Array, ratios: Array, stall: Array, slope: Array) -> Limit:
-    """Return ``|torque| + slope |velocity| <= stall`` of r motors, as the four combinations of signs.
-
-    The ``selection`` (r, m) takes them from all motors; ``ratios`` (r, n) are the derivatives of their positions by the
-    planned ones.
-    """
-    torque, drag = selection / stall[:, None], (slope / stall)[:, None] * ratios
-    weights = {
-        "motor_torques": np.concatenate((torque, torque, -torque, -torque)),
-        "velocities": np.concatenate((drag, -drag, drag, -drag)),
-    }
-    return _limit(tuple(f"speed-dependent torque of {name}" for name in names * 4), weights, np.tile(stall, 4), "N m")
-
-
-def _limit(labels: tuple[str, ...], weights: Mapping[str, Array], scale: Array, unit: str) -> Limit:
-    wish, cause = "the limit on the {label} {amount} higher", "it follows from the {end}'s rates and accelerations"
-    return Limit(labels=labels, unit=unit, scale=scale, tolerance=RELATIVE, relaxed=wish, cause=cause, weights=weights)
-
-
 def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     """All constraints that a problem asks for and that need watching."""
     flight = model.flight
@@ -205,7 +192,7 @@ def constraints(problem: Problem, model: FlightModel) -> tuple[Constraint, ...]:
     for pair in problem.self_clearances:
         first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
         blocks.append(link_clearance(first, second, pair.links, pair.margin))
-    return (*blocks, *_limits(problem, flight.tangent))
+    return (*blocks, *map(Limit.of, shares_of_limits(problem, flight.tangent)))
 
 
 def _window(obstacle: Obstacle, duration: float) -> Window:
@@ -214,37 +201,6 @@ def _window(obstacle: Obstacle, duration: float) -> Window:
         return ALWAYS
     low, high = obstacle.window
     return max(low / duration, 0.0), min(high / duration, 1.0)
-
-
-def _limits(problem: Problem, tangent: int) -> Iterator[Limit]:
-    """Limits of the motors' own torques, of generalised ones where these do not imply them, of rates, and of motors."""
-    robot, own, generalized = problem.robot, problem.motor_torque_limits, problem.torque_limits
-    yield from _magnitudes("torque", "torque", robot.motors, own)
-    if np.isfinite(generalized).any():
-        implied = ((robot.motor_ratios == 0) | np.isfinite(own)[:, None]).all(axis=0)
-        limits = np.where(implied, np.inf, generalized)
-        yield from _magnitudes("torque", "generalized torque", robot.joints, limits, robot.motor_ratios.T)
-    for row in JOINT_LIMITS:
-        yield from _magnitudes(row.key, row.key, robot.joints, problem.joint_limits[row.key])
-    limited = np.flatnonzero(np.isfinite(problem.motor_stall))
-    if limited.size:
-        names, selection = tuple(robot.motors[i] for i in limited), np.eye(len(robot.motors))[limited]
-        stall, slope = problem.motor_stall[limited], problem.motor_slope[limited]
-        yield motor_limit(names, selection, robot.motor_ratios[limited], stall, slope)
-    if problem.limits.orientation_rate is not None:
-        row, rates = LIMIT_TABLE["orientation_rate"], np.full(tangent, problem.limits.orientation_rate)
-        yield magnitude_limit(row.quantity, ("orientation rate",) * tangent, np.eye(tangent), rates, row.unit)
-
-
-def _magnitudes(
-    key: LimitKey, what: str, subjects: Sequence[str], limits: Array, combinations: Array | None = None
-) -> Iterator[Limit]:
-    """The subjects' own quantities, or combinations (r, m) of them, that have a finite limit (r,), as one block."""
-    limited = np.flatnonzero(np.isfinite(limits))
-    if limited.size:
-        row, names = LIMIT_TABLE[key], tuple(f"{what} of {subjects[i]}" for i in limited.tolist())
-        rows = np.eye(len(limits)) if combinations is None else combinations
-        yield magnitude_limit(row.quantity, names, rows[limited], limits[limited], row.unit)
 
 
 def applies(block: Constraint, s: Array) -> BoolArray:

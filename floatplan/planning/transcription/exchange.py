@@ -24,7 +24,7 @@ from floatplan.kernel.batch import (
     ROUGH,
     nearly_resolved,
 )
-from floatplan.kernel.constraints import CompiledConstraints, Look, minima
+from floatplan.kernel.constraints import Look, minima
 from floatplan.kernel.quadratic import step_by_active_rows
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.optimization.feasibility import reduce_violations
@@ -93,35 +93,28 @@ def local_minima(
     """
     if not constraints:
         return NOTHING_NEAR
-    nodes = model.nodes(level, variables.polynomials.form)
-    if watch := watch_of(model.flight, constraints, ""):
-        resolved = known if known and known.sampling.nodes == nodes.nodes else trajectory(model, variables, nodes, x)
-        return _compiled_minima(watch, resolved, constraints)
+    nodes, span = model.nodes(level, variables.polynomials.form), 1 / (FIRST_LOOK - 1)
+    block, row, look = _look(constraints)
+    if (watch := watch_of(model.flight, constraints, "")) and all(watch.known):
+        resolves = known and known.sampling.grid.nodes == nodes.grid.nodes
+        motion = known if known and resolves else trajectory(model, variables, nodes, x)
+        column, s, least, looked = minima(watch, motion.flown, variables.polynomials, look, NEAR, span)
+        model.evaluated(nodes.grid.nodes + len(look.grid))
+        model.evaluated(looked, len(column))
+        return Worst(block[column], row[column], s, least)
 
     def values(sampling: Sampling) -> Array:
         motion = trajectory(model, variables, sampling, x)
-        s = sampling.s[nodes.nodes :]
-        rows = [(block.values(motion)[nodes.nodes :], applies(block, s)) for block in constraints]
+        s = sampling.grid.s[nodes.grid.nodes :]
+        rows = [(block.values(motion)[nodes.grid.nodes :], applies(block, s)) for block in constraints]
         return np.concatenate([np.where(exists[:, None], row, np.inf) for row, exists in rows], axis=1)
 
-    block, row, look = _look(constraints)
     first = values(sample_also(nodes, look.grid))
     at, column = lowest_of_neighbours(first)
     near = (first - _rise(first))[at, column] < NEAR
     at, column = at[near], column[near]
-    closer, span = lambda s: values(sample_also(nodes, s)), 1 / (FIRST_LOOK - 1)
-    s, least = narrowed(closer, column, look.grid[at], first[at, column], span, 1.0)
+    s, least = narrowed(lambda s: values(sample_also(nodes, s)), column, look.grid[at], first[at, column], span, 1.0)
     return Worst(block[column], row[column], s, least)
-
-
-def _compiled_minima(watch: CompiledConstraints, motion: Trajectory, constraints: tuple[Constraint, ...]) -> Worst:
-    """The same by the kernel."""
-    block, rows, look = _look(constraints)
-    found = minima(watch, motion.flown, motion.variables.polynomials, look, NEAR, 1 / (FIRST_LOOK - 1))
-    row, s, value, looked = found
-    motion.model.evaluated(motion.sampling.nodes + len(look.grid))
-    motion.model.evaluated(looked, len(row))
-    return Worst(block[row], rows[row], s, value)
 
 
 @lru_cache(maxsize=16)

@@ -111,23 +111,25 @@ class IntegralOfSquares:
 
     def value(self, trajectory: Trajectory, x: Array) -> float:
         """Value."""
-        values = QUANTITIES[self.quantity].values(trajectory)[: trajectory.sampling.nodes]
+        values = QUANTITIES[self.quantity].values(trajectory)[: trajectory.sampling.grid.nodes]
         return float((_time_weights(trajectory) / self.scale) @ (values**2).sum(axis=1))
 
     def gradient(self, trajectory: Trajectory, x: Array) -> Array:
         """Gradient (size,) by x."""
-        by_quantity = QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.nodes]
+        by_quantity = QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.grid.nodes]
         return np.asarray(np.einsum("kr,krx->x", self.weights(trajectory), by_quantity))
 
     def weights(self, trajectory: Trajectory) -> Array:
         """Derivatives (N, r) by the quantity at the nodes."""
-        values = QUANTITIES[self.quantity].values(trajectory)[: trajectory.sampling.nodes]
+        values = QUANTITIES[self.quantity].values(trajectory)[: trajectory.sampling.grid.nodes]
         return np.asarray((2 / self.scale * _time_weights(trajectory))[:, None] * values)
 
     def hessian(self, trajectory: Trajectory) -> Array:
         """Gauss-Newton approximation, with the least curvature added."""
         weights = np.sqrt(2 * _time_weights(trajectory) / self.scale)
-        weighted = weights[:, None, None] * QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.nodes]
+        weighted = (
+            weights[:, None, None] * QUANTITIES[self.quantity].jacobian(trajectory)[: trajectory.sampling.grid.nodes]
+        )
         rows = weighted.reshape(weighted.shape[0] * weighted.shape[1], weighted.shape[2])
         hessian: Array = rows.T @ rows
         diagonal = hessian.diagonal()
@@ -157,7 +159,7 @@ def objective_value(name: ObjectiveName, motion: Trajectory, x: Array) -> float:
 
 
 def _time_weights(trajectory: Trajectory) -> Array:
-    return trajectory.duration * trajectory.sampling.weights
+    return trajectory.duration * trajectory.sampling.grid.weights
 
 
 def objective(problem: Problem, model: FlightModel, variables: DecisionVariables, sampling: Sampling) -> Objective:

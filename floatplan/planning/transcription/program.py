@@ -7,8 +7,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
-from floatplan.kernel.constraints import ByX, CompiledConstraints, MotionRows, RowTargets, SumRows, compiled_constraints
+from floatplan.arrays import Array, BoolArray, IntArray
+from floatplan.kernel.constraints import CompiledConstraints, MotionRows, RowTargets, compiled_constraints
 from floatplan.motion.dynamics import FlightDynamics
 from floatplan.optimization.nonlinear_program import Derivatives, Evaluation
 from floatplan.planning.transcription.constraints import Constraint, applies, window_ends
@@ -55,13 +55,25 @@ class FlightProgram:
         return self.variables.metric
 
     @cached_property
-    def _watched(self) -> tuple[BoolArray, ...]:
-        """Of each constraint, at which instants (K,) it applies; at the ends only where it changes."""
-        inside = steerable(self.sampling.s)
-        return tuple(
-            np.asarray((inside | changes_at_ends(self.variables, block)) & applies(block, self.sampling.s))
-            for block in self.constraints
-        )
+    def _targets(self) -> tuple[IntArray, ...]:
+        """Which of all rows those of each constraint are (K, r), instant by instant; negative where it does not apply.
+
+        At the ends a constraint applies only where it changes.
+        """
+        targets, count, s = [], 0, self.sampling.grid.s
+        for block in self.constraints:
+            watched = (steerable(s) | changes_at_ends(self.variables, block)) & applies(block, s)
+            shape = int(watched.sum()), len(block.labels)
+            target = np.full((len(s), shape[1]), -1)
+            target[watched] = count + np.arange(shape[0] * shape[1]).reshape(shape)
+            targets.append(target)
+            count += shape[0] * shape[1]
+        return tuple(targets)
+
+    @cached_property
+    def _count(self) -> int:
+        """Number of all rows."""
+        return sum(int((target >= 0).sum()) for target in self._targets)
 
     def trajectory(self, x: Array) -> Trajectory:
         """Motion of x at the instants of the sampling."""
@@ -71,11 +83,13 @@ class FlightProgram:
         """Objective, (14) and constraints; their derivatives by x when asked for."""
         motion = self.trajectory(x)
         compiled = MotionRows(self._instants, motion.flown) if self._watch else None
+        inequality = compiled.values() if compiled else np.empty(self._count)
+        for block, target in self._others:
+            inequality[target[target >= 0]] = (block.values(motion) - self.back_off)[target >= 0]
 
         def differentiate() -> Derivatives:
             return self._compiled_derivatives(motion, compiled, x) if compiled else self._derivatives(motion, x)
 
-        inequality = compiled.values() if compiled else self._inequality(motion)
         equality = self._combined(motion.residual[0])
         return Evaluation(self.objective.value(motion, x), equality, inequality, differentiate, motion)
 
@@ -87,81 +101,60 @@ class FlightProgram:
         """Equalities (r, ...) of residuals (e, ...)."""
         return residual if self.combinations is None else self.combinations @ residual
 
-    def _inequality(self, motion: Trajectory) -> Array:
-        """The constraints at the instants that are watched."""
-        watched = zip(self.constraints, self._watched, strict=True)
-        rows = [(block.values(motion) - self.back_off)[instants].ravel() for block, instants in watched]
-        return np.concatenate([np.empty(0), *rows])
-
-    def _derivatives(self, motion: Trajectory, x: Array) -> Derivatives:
-        watched = zip(self.constraints, self._watched, strict=True)
-        rows = [block.jacobian(motion)[instants].reshape(-1, len(x)) for block, instants in watched]
-        gradient, equality = self.objective.gradient(motion, x), self._combined(motion.residual_jacobian)
-        return Derivatives(gradient, equality, np.concatenate([np.empty((0, len(x))), *rows]))
-
     @cached_property
     def _watch(self) -> CompiledConstraints | None:
-        """What computes rows, and the quantity of the objective, in the kernel; None where it does not know them."""
+        """What computes rows, and the quantity of the objective, in the kernel; None in space."""
         quantity = self.objective.quantity if isinstance(self.objective, IntegralOfSquares) else ""
-        return None if self.variables.following else watch_of(self.model.flight, self.constraints, quantity)
+        return watch_of(self.model.flight, self.constraints, quantity)
+
+    @cached_property
+    def _others(self) -> list[tuple[Constraint, IntArray]]:
+        """Constraints that the kernel does not know, and which rows are theirs."""
+        known = self._watch.known if self._watch else (False,) * len(self.constraints)
+        each = zip(self.constraints, self._targets, known, strict=True)
+        return [(block, target) for block, target, is_known in each if not is_known]
 
     @cached_property
     def _instants(self) -> RowTargets:
-        """Rows of each constraint together, instant by instant, those of the next after them."""
+        """Where the kernel puts the rows that it knows."""
         assert self._watch, "there is a kernel for them"
-        wanted = np.full((len(self.sampling.s), self._watch.rows), -1)
-        column = count = 0
-        for constraint, watched in zip(self.constraints, self._watched, strict=True):
-            rows, instants = len(constraint.labels), int(watched.sum())
-            wanted[watched, column : column + rows] = count + np.arange(instants * rows).reshape(instants, rows)
-            column += rows
-            count += instants * rows
-        return RowTargets(self._watch, self.sampling.s, wanted, count, self.back_off)
+        known = [target for target, is_known in zip(self._targets, self._watch.known, strict=True) if is_known]
+        nothing = np.empty((len(self.sampling.grid.s), 0), dtype=np.int64)
+        target = np.concatenate((nothing, *known), axis=1)
+        return RowTargets(self._watch, self.sampling.grid.s, target, self._count, self.back_off)
 
-    @cached_property
-    def _by_x(self) -> ByX:
-        """The basis of p combined as x combines it, joint by joint."""
-        variables, sampling = self.variables, self.sampling
-        free, scaling = variables.polynomials.free, variables.scaling
-        columns = np.cumsum([0, *free])
-        basis = np.zeros((3, len(sampling.s), variables.size))
-        for derivative, values in enumerate(sampling.values):
-            for joint, width in enumerate(free):
-                own = slice(columns[joint], columns[joint + 1])
-                first = sampling.given
-                np.matmul(values[:, first : first + width], scaling[own, own], out=basis[derivative, :, own])
-        return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
+    def _with_others(self, motion: Trajectory, jacobian: Array) -> Array:
+        """Put those derivatives (k, size) of all rows that the kernel does not know among the others."""
+        for block, target in self._others:
+            jacobian[target[target >= 0]] = block.jacobian(motion)[target >= 0]
+        return jacobian
 
-    @cached_property
-    def _sums(self) -> Array:
-        """The quantity of an integral as the kernel's sums (r, terms)."""
-        assert self._watch, "there is a kernel for them"
-        assert isinstance(self.objective, IntegralOfSquares), "the others have none"
-        width = self._watch.widths[self.objective.quantity]
-        return self._watch.sums(SumRows(np.zeros(width), {self.objective.quantity: np.eye(width)}))
+    def _derivatives(self, motion: Trajectory, x: Array) -> Derivatives:
+        gradient, equality = self.objective.gradient(motion, x), self._combined(motion.residual_jacobian)
+        return Derivatives(gradient, equality, self._with_others(motion, np.empty((self._count, len(x)))))
 
     def _compiled_derivatives(self, motion: Trajectory, compiled: MotionRows, x: Array) -> Derivatives:
         """Gradient, (14) and rows by x, after the values."""
         assert self._watch, "there is a kernel for them"
-        drift = compiled.drift(self._by_x, self.sampling.nodes)
+        drift = compiled.drift(motion.by_x, self.sampling.grid.nodes)
         slopes = drift[:, None, :]
         jacobian = compiled.jacobian(motion.flown.transport(slopes) if self._watch.needs_places else slopes)
-        of_row = len(self.sampling.s) * len(x)
+        of_row = len(self.sampling.grid.s) * len(x)
         for rows in self._watch.differentiated:
             self.model.differentiated(of_row * rows)
-        if isinstance(self.objective, IntegralOfSquares):
-            gradient = compiled.gradient(self.objective.weights(motion) @ self._sums)
+        if isinstance(self.objective, IntegralOfSquares) and self._watch.also is not None:
+            gradient = compiled.gradient(self.objective.weights(motion) @ self._watch.also)
             self.model.differentiated(of_row)
         else:
             gradient = self.objective.gradient(motion, x)
-        return Derivatives(gradient, motion.duration * (self.sampling.weights @ drift)[None], jacobian)
+        equality = motion.duration * (self.sampling.grid.weights @ drift)[None]
+        return Derivatives(gradient, equality, self._with_others(motion, jacobian))
 
 
 @lru_cache(maxsize=16)
 def watch_of(flight: FlightDynamics, constraints: tuple[Constraint, ...], also: str) -> CompiledConstraints | None:
-    """Return what watches the constraints' rows, and the quantity ``also``; None where the kernel does not know one."""
-    blocks = [block for constraint in constraints if (block := constraint.compiled())]
-    return compiled_constraints(flight, blocks, also) if len(blocks) == len(constraints) else None
+    """Return what watches the constraints' rows, and the quantity ``also``; None in space."""
+    return compiled_constraints(flight, [constraint.compiled() for constraint in constraints], also)
 
 
 def scaled(program: FlightProgram, x: Array) -> FlightProgram:

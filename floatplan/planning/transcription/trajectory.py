@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import cast
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.motion.dynamics import BaseMotion, Distances, FlightDynamics, FlightGrid, Partials
+from floatplan.kernel.constraints import ByX, MotionRows, RowTargets, quantity_rows
+from floatplan.motion.dynamics import BaseMotion, DifferentiableMotion, FlightDynamics, FlightGrid, Partials
 from floatplan.motion.flight import flight_dynamics
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis, joint_motion
 from floatplan.planning.transcription.variables import AtEnds, DecisionVariables
@@ -27,26 +29,11 @@ ENTRY = 0.5  # [instants of one body] of a Jacobian
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """The instants at which a motion is looked at, and the ``values`` of the polynomial basis of a form there."""
+    """The K instants at which a motion is looked at, first the N nodes, and the ``values`` of a form's basis there."""
 
     grid: FlightGrid
     form: Form
     values: tuple[Array, Array, Array]
-
-    @property
-    def s(self) -> Array:
-        """Instants (K,) in [0, 1]: first the N nodes, then any others."""
-        return self.grid.s
-
-    @cached_property
-    def nodes(self) -> int:
-        """Number N of nodes."""
-        return self.grid.nodes
-
-    @cached_property
-    def weights(self) -> Array:
-        """Quadrature weights (N,) of the nodes, for integrals over [0, 1]."""
-        return self.grid.weights
 
     @property
     def given(self) -> int:
@@ -126,24 +113,50 @@ class Trajectory:
     def s(self) -> Array:
         """Instants (S K,) in [0, 1]."""
         motions = len(self.angular_momentum)
-        return self.sampling.s if motions == 1 else np.tile(self.sampling.s, motions)
+        return self.sampling.grid.s if motions == 1 else np.tile(self.sampling.grid.s, motions)
+
+    @property
+    def differentiable(self) -> DifferentiableMotion:
+        """The flown motion, where it is one whose derivatives the kernel has not."""
+        return cast("DifferentiableMotion", self.flown)
 
     @cached_property
-    def distances(self) -> dict[object, Distances]:
-        """What constraints have measured here, for their derivatives."""
-        return {}
+    def by_x(self) -> ByX:
+        """How joints and h depend on x."""
+        by_x = basis_by_x(self.variables, self.sampling)
+        if self.boundary_by_axes is None:
+            return by_x
+        given = np.stack(self.sampling.values)[..., : self.sampling.given]
+        return replace(by_x, of_axes=np.tensordot(given, self.boundary_by_axes, axes=(2, 1)))
 
     @cached_property
     def torque_jacobian(self) -> Array:
         """Derivatives (K, n, size) of the generalised torques by x."""
-        return self.jacobian(self.flown.torque_partials)
+        found = self._of_kernel("torques")
+        return self.jacobian(self.differentiable.torque_partials) if found is None else found
 
     @cached_property
     def motor_torque_jacobian(self) -> Array:
         """Derivatives (K, m, size) of the motors' own torques by x."""
-        flown = self.flown
-        same = flown.motor_torque_partials is flown.torque_partials
-        return self.torque_jacobian if same else self.jacobian(flown.motor_torque_partials)
+        found = self._of_kernel("motor_torques")
+        return self.jacobian(self.differentiable.motor_torque_partials) if found is None else found
+
+    @cached_property
+    def base_rate_jacobian(self) -> Array:
+        """Derivatives (K, e, size) of the base's angular velocity by x."""
+        found = self._of_kernel("orientation_rate")
+        return self.jacobian(self.differentiable.rate_partials) if found is None else found
+
+    def _of_kernel(self, quantity: str) -> Array | None:
+        """Derivatives (K, r, size) of a quantity by x; None in space."""
+        rows = _rows_of(self.model.flight, quantity, self.sampling)
+        if rows is None:
+            return None
+        compiled = MotionRows(rows, self.flown)
+        compiled.values()
+        slopes = compiled.drift(self.by_x, self.sampling.grid.nodes)
+        self.model.differentiated(rows.count * self.variables.size)
+        return compiled.jacobian(slopes).reshape(len(self.sampling.grid.s), -1, self.variables.size)
 
     @cached_property
     def velocity_jacobian(self) -> Array:
@@ -160,15 +173,6 @@ class Trajectory:
         count, n = self.motion.velocities.shape
         return np.broadcast_to(np.eye(n), (count, n, n))
 
-    @cached_property
-    def base_rate_jacobian(self) -> Array:
-        """Derivatives (K, e, size) of the base's angular velocity by x."""
-        return self.jacobian(self.flown.rate_partials)
-
-    def shape_jacobian(self, by_body: Array) -> Array:
-        """Derivatives (K, r, size) by x of quantities with derivatives ``by_body`` (K, r, m) by the bodies' turns."""
-        return self.jacobian(self.flown.shape_partials(by_body))
-
     def at_goal(self) -> Trajectory:
         """Return the same motion, with the attitudes asked for at takeoff and landing in the place of its own."""
         other = replace(self)
@@ -178,12 +182,16 @@ class Trajectory:
     @cached_property
     def residual_jacobian(self) -> Array:
         """Derivatives (e, size) of the residual by x."""
-        return self.duration * np.tensordot(self.sampling.weights, self._chained(self.flown.residual_partials), 1)
+        return self.duration * np.tensordot(
+            self.sampling.grid.weights, self._chained(self.differentiable.residual_partials), 1
+        )
 
     @cached_property
     def attitude_jacobian(self) -> Array:
         """Derivative (K, e, size) by x of the attitude, as small turns."""
-        return self.flown.transport(self._chained(self.flown.drift))
+        rates = self._of_kernel("orientation_rate")  # in a plane they are what drifts
+        drift = self._chained(self.differentiable.drift) if rates is None else rates[: self.sampling.grid.nodes]
+        return self.flown.transport(drift)
 
     def jacobian(self, partials: Partials) -> Array:
         """Derivatives (K, r, size) by x of quantities with the given partials."""
@@ -222,9 +230,29 @@ class Trajectory:
         return self.variables.gradient(by_all[..., given:], partials.by_momentum, by_axes)
 
 
+@lru_cache(maxsize=16)
+def _rows_of(flight: FlightDynamics, quantity: str, sampling: Sampling) -> RowTargets | None:
+    """Where the kernel puts a quantity; None in space."""
+    return quantity_rows(flight, quantity, sampling.grid.s)
+
+
+@lru_cache(maxsize=16)
+def basis_by_x(variables: DecisionVariables, sampling: Sampling) -> ByX:
+    """Return the basis of p combined as x combines it, joint by joint."""
+    free, scaling = variables.polynomials.free, variables.scaling
+    columns = np.cumsum([0, *free])
+    basis = np.zeros((3, len(sampling.grid.s), variables.size))
+    for derivative, values in enumerate(sampling.values):
+        for joint, width in enumerate(free):
+            own = slice(columns[joint], columns[joint + 1])
+            first = sampling.given
+            np.matmul(values[:, first : first + width], scaling[own, own], out=basis[derivative, :, own])
+    return ByX(basis, columns, np.ascontiguousarray(variables.momentum.axes.ravel()))
+
+
 def trajectory(model: FlightModel, variables: DecisionVariables, sampling: Sampling, x: Array) -> Trajectory:
     """Evaluate the motion of x at the sampling's instants."""
-    model.evaluated(len(sampling.s))
+    model.evaluated(len(sampling.grid.s))
     h = variables.angular_momentum(x)
     motion = variables.motion_class(h).motion(variables.free_coefficients(x), sampling.values)
     return Trajectory(model, variables, sampling, motion, h[None, :], variables.boundary_by_axes(x))
@@ -237,7 +265,7 @@ def trajectories(model: FlightModel, variables: DecisionVariables, level: int, x
     """
     polynomials, momentum = variables.polynomials, variables.momentum
     sampling = model.nodes(level, polynomials.form)
-    model.evaluated(len(x) * sampling.nodes)
+    model.evaluated(len(x) * sampling.grid.nodes)
     z = np.zeros((len(x), len(polynomials.free) * polynomials.width))
     z[:, polynomials.free_indices] = variables.offset + x[:, : variables.coefficients] @ variables.scaling.T
     h = momentum.centre + x[:, variables.coefficients :] @ momentum.axes.T

@@ -6,13 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from floatplan.arguments import FINITE, Check, Checked, text
+from floatplan.arguments import FINITE
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.planar.plane import Plane, choose_plane, joint_axes
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 
@@ -21,13 +22,13 @@ TILT_ROUNDING = 1e-5  # [rad] below it lies a right angle written as 1.5708 or 1
 
 
 @dataclass(frozen=True)
-class Coupling(Checked):
+class Coupling(Keyed):
     """A joint that follows a planned one: ``position = ratio * leader's position + offset`` (rad)."""
 
-    leader: str
-    ratio: float = 1.0
-    offset: float = 0.0
-    checks: ClassVar[Mapping[str, Check]] = {"leader": text, "ratio": FINITE, "offset": FINITE}
+    about: ClassVar[str] = "How a joint follows another"
+    leader: Annotated[str, Key("The planned joint that it follows")]
+    ratio: Annotated[float, Key("Its position over the leader's", check=FINITE)] = 1.0
+    offset: Annotated[float, Key("Its position where the leader's is zero", ANGLE, check=FINITE)] = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, clearance_range, is_crowded, margins
+from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, is_crowded
 from floatplan.view.figures.snapshots import comparison, kinogram, plan_names, snapshots
 from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
 
@@ -110,7 +110,7 @@ def _drawn(plan: Plan, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     sampled, other = sample(plan), None if compare is None else sample(compare, plan)
     yield "snapshots", snapshots(plan)
     yield "kinogram", kinogram(plan)
-    for chart in charts(sampled):
+    for chart in charts(sampled, other):
         yield chart.name, chart_figure(chart, sampled, other)
     if compare is not None:
         yield "comparison", comparison(plan, compare)
@@ -194,21 +194,22 @@ def draw_panel(
                 peak = max(peak, float(np.abs(values).max()))
     if panel.label:
         axes.set_ylabel(f"{panel.label} ({chart.unit})")
-    if chart.name == "clearance":
-        return _frame_clearance(axes, chart, sampled, other)
-    if chart.name == "configuration":
+    if panel.range is not None:
+        axes.set(ylim=panel.range)
+        axes.axhspan(panel.range[0], 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
+    elif chart.name == "configuration":
         axes.yaxis.set_major_locator(_angle_ticks(axes))
     else:
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     marks: Marks = {}
     drawn, left = panel.lines(peak)
     for line in drawn:
-        style = scaled(LIMIT) | {"color": INK if len(panel.curves) == 1 else line.colour}
+        style = scaled(LIMIT) | {"color": line.colour if line.part is None or len(panel.curves) > 1 else INK}
         if np.ndim(line.value):
             axes.plot(sampled.times, np.broadcast_to(line.value, sampled.times.shape), **style)
         else:
             axes.axhline(float(line.value), **style)
-        marks[line.name] = Line2D([], [], **style | {"color": INK})
+        marks[line.name] = Line2D([], [], **style | {"color": line.colour if line.part is None else INK})
     if panel.interval is not None:
         low, high = panel.interval
         if left:
@@ -218,10 +219,12 @@ def draw_panel(
     elif thinner < 1.0 and left:
         axes.set_title(f"limit {np.min(left[0].value):.3g}", fontsize=SMALL, loc="right", pad=2, color=GREY)
     for curve in panel.curves:
-        if np.isfinite(curve.proved):
-            for side in (1, -1):
+        if curve.proved < np.inf if panel.range is None else curve.proved <= panel.range[1]:
+            for side in (1, -1) if panel.range is None else (1,):
                 axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(PROVED))
-            marks["proved peak"] = Line2D([], [], color=INK, **scaled(PROVED))
+            marks["proved peak" if panel.range is None else "proved minimum"] = Line2D(
+                [], [], color=INK, **scaled(PROVED)
+            )
         if curve.ends is not None:  # a dot where it starts and a ring where it should end
             start, goal = chart.factor * np.array(curve.ends)
             axes.plot(0, start, color=curve.colour, **scaled(START))
@@ -241,22 +244,6 @@ def _plan_marks(sampled: SampledPlan, other: SampledPlan | None) -> list[tuple[A
         return []
     names = plan_names(sampled.plan, other.plan)
     return [(Line2D([], [], color=INK), names[0]), (Line2D([], [], color=faded(INK, OTHER), **DASHED), names[1])]
-
-
-def _frame_clearance(axes: Axes, chart: Chart, sampled: SampledPlan, other: SampledPlan | None) -> Marks:
-    """Cut off what is far away; draw margins, and the least distances that are proved."""
-    bottom, top = clearance_range(chart, sampled, *([] if other is None else [other]))
-    axes.set(ylim=(bottom, top))
-    axes.axhspan(bottom, 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
-    marks: Marks = {}
-    for line in margins(sampled.plan):
-        axes.axhline(float(line.value), color=line.colour, **LIMIT)
-        marks[line.name] = Line2D([], [], color=line.colour, **LIMIT)
-    for curve in chart.curves:
-        if curve.proved <= top:
-            axes.axhline(curve.proved, color=curve.colour, **PROVED)
-            marks["proved minimum"] = Line2D([], [], color=INK, **PROVED)
-    return marks
 
 
 def _angle_ticks(axes: Axes) -> MultipleLocator | MaxNLocator:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
-from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.motion.planar.reachable import Reachable
 from floatplan.robot.robot import Robot
 from floatplan.view.figures.snapshots import spatial_figure
-from floatplan.view.outlines import box_around, pairs, stadium
+from floatplan.view.outlines import body_poses, box_around, pairs, stadium
 from floatplan.view.style import COLUMN, INK, METADATA, OKABE_ITO, legend_above, new_figure, picture
 
 FILL = 0.25  # [-] opacity of a capsule or polygon: what is behind it shows through
@@ -28,31 +28,25 @@ REACHABLE_PAD = 0.08  # [-] of that picture's width and height
 ENDS = ("takeoff", "landing")
 
 
-def check_picture(path: Path, option: str = "--shapes") -> Path:
-    """Return the path of a picture; InputError where its name has no known ending, or is a folder."""
-    if _form(path) not in METADATA or path.is_dir():
-        endings = ", ".join(f".{form}" for form in METADATA)
+def save_picture(path: Path, option: str, draw: Callable[[Any], Figure], about: Any) -> Path:
+    """Write what a function draws into a file, PNG, SVG or PDF by its name.
+
+    Raises
+    ------
+    InputError
+        The name, which an ``option`` gave, has no known ending, or is a folder's; errors of the function.
+    """
+    form = path.suffix.lower().lstrip(".")
+    if form not in METADATA or path.is_dir():
+        endings = ", ".join(f".{each}" for each in METADATA)
         raise InputError(f"must be a file name that ends in {endings}, not {path}", element=option)
-    return path
-
-
-def _form(path: str | Path) -> str:
-    return Path(path).suffix.lower().lstrip(".")
-
-
-def save_shapes(robot: Robot, path: str | Path) -> Path:
-    """Draw a robot's shapes in its resting posture into a file, PNG, SVG or PDF by its name."""
-    return write_atomically(path, picture(_form(path), shapes_picture, robot))
+    return write_atomically(path, picture(form, draw, about))
 
 
 def shapes_picture(robot: Robot) -> Figure:
     """Draw capsules (coloured) over collision geometry (thin lines), the base level, joints at rest, m."""
-    rotations = robot.tree.rotations(robot.tree.absolute_angles(np.zeros(1), robot.resting[None]))[0]
-
-    def places(body: int, points: ComplexArray) -> ComplexArray:
-        return np.asarray(robot.tree.point_weights(np.full(len(points), body), points) @ rotations)
-
-    ends = [places(shape.body, np.array([shape.start, shape.end])).tolist() for shape in robot.shapes]
+    poses = body_poses(robot, np.zeros(1), robot.resting[None], np.zeros(1, dtype=np.complex128))
+    ends = [poses.points([shape.body] * 2, [shape.start, shape.end])[0].tolist() for shape in robot.shapes]
     capsules = [
         stadium(start, end, max(shape.radius, THINNEST)) for (start, end), shape in zip(ends, robot.shapes, strict=True)
     ]
@@ -61,7 +55,7 @@ def shapes_picture(robot: Robot) -> Figure:
     colours = [OKABE_ITO[shape.body % len(OKABE_ITO)] for shape in robot.shapes]
     axes.add_collection(PolyCollection([*map(pairs, capsules)], facecolors=colours, alpha=FILL, **look))
     for body, outline in robot.outlines:
-        edges = places(body, outline.points)[outline.edges]
+        edges = poses.points([body] * len(outline.points), outline.points)[0][outline.edges]
         if outline.radius:
             rims = [pairs(stadium(start, end, outline.radius)) for start, end in edges.tolist()]
             axes.add_collection(PolyCollection(rims, facecolors="none", edgecolors=INK, linewidths=0.4))
@@ -70,17 +64,6 @@ def shapes_picture(robot: Robot) -> Figure:
     patch = Patch(facecolor=OKABE_ITO[0], alpha=FILL, edgecolor=INK)
     legend_above(figure, [(patch, "capsules"), (Line2D([], [], color=INK, linewidth=0.4), "collision geometry")])
     return figure
-
-
-def save_reachable(sets: dict[str, Reachable], path: str | Path) -> Path:
-    """Draw the sets, by end of the flight, into a file, PNG, SVG or PDF by its name.
-
-    Raises
-    ------
-    InputError
-        No set is a polygon.
-    """
-    return write_atomically(path, picture(_form(path), reachable_picture, sets))
 
 
 def reachable_picture(sets: dict[str, Reachable]) -> Figure:

@@ -21,8 +21,7 @@ from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, u
 from floatplan.plans.verdicts import TONES
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.robot.robot import Robot
-from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, clearance_range, margins
+from floatplan.view.charts import Chart, ReferenceLine, SampledPlan
 from floatplan.view.outlines import (
     box_around,
     drawn_part,
@@ -81,9 +80,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
             beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
         elif left:
             beyond.append(f"limits from {min(np.abs(line.value).min() for line in left):.4g}, not drawn")
-    data: dict[str, Any] = {}
-    if chart.name == "clearance":
-        lines, data["range"] = margins(sampled.plan), clearance_range(chart, sampled)
+    data: dict[str, Any] = {"range": chart.panels[0].range}
     if all(curve.ends is not None for curve in chart.curves):
         data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
     series = [
@@ -127,7 +124,13 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     return {
         "robot": _robot(problem),
         "frames": [
-            {"name": name, "role": role, "colour": colour, "weights": _weights(robot, [frame.body], [frame.local])[0]}
+            {
+                "name": name,
+                "role": role,
+                "colour": colour,
+                "body": frame.body,
+                "at": rounded(pairs(np.array(frame.local))),
+            }
             for (name, role, frame), colour in zip(frames, TRAILS[1:], strict=False)
         ],
         "trail": TRAILS[0],
@@ -150,29 +153,24 @@ def _outlines(obstacle: Obstacle, margin: float) -> list[Any]:
 
 
 def _robot(problem: Problem) -> dict[str, Any]:
-    robot, shapes = problem.robot, problem.robot.shapes
-    bodies, moved = [shape.body for shape in shapes], range(1, len(robot.tree.mass))
+    robot, tree, shapes = problem.robot, problem.robot.tree, problem.robot.shapes
+    bodies = np.arange(len(tree.mass))
     columns = {
+        "body": [shape.body for shape in shapes],
         "part": drawn_part(robot).tolist(),
         "radius": drawn_radius(problem).tolist(),
-        "start": _weights(robot, bodies, [shape.start for shape in shapes]),
-        "end": _weights(robot, bodies, [shape.end for shape in shapes]),
+        "start": rounded(pairs(np.array([shape.start for shape in shapes]))),
+        "end": rounded(pairs(np.array([shape.end for shape in shapes]))),
     }
     return {
         "joints": list(robot.joints),
-        "turn": robot.tree.turn,
-        "turns": rounded(robot.tree.turns),
-        "offsets": rounded(robot.tree.offsets),
+        "turn": tree.turn,
+        "turns": rounded(tree.turns),
+        "offsets": rounded(tree.offsets),
+        "origins": rounded(pairs(tree.point_weights(bodies, np.zeros(len(bodies), dtype=np.complex128)))),
         "links": [dict(zip(columns, link, strict=True)) for link in zip(*columns.values(), strict=True)],
-        "pivots": _weights(robot, moved, [0j] * len(moved)),
         "colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)],
     }
-
-
-def _weights(robot: Robot, bodies: Sequence[int], local: Sequence[complex]) -> Any:
-    """Weights of points of bodies, each a list of (real, imaginary) per body."""
-    weights = robot.tree.point_weights(np.array(bodies, dtype=np.int64), np.array(local, dtype=np.complex128))
-    return rounded(pairs(weights))
 
 
 def rounded(values: Any) -> Any:
@@ -181,8 +179,11 @@ def rounded(values: Any) -> Any:
     return plain(float(f"{array:.{DIGITS}g}")) if array.ndim == 0 else [rounded(each) for each in array]
 
 
-def sections(plan: Plan) -> list[dict[str, Any]]:
-    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open."""
+def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
+    """Return the tables of the report: title, rows of (name, text), and a tone: good, bad or open.
+
+    ``stances`` is what is said of those before and after the flight, if anything.
+    """
     certificate = plan.certificate
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
     findings = ((), []) if certificate is None else certificate.table()
@@ -190,7 +191,7 @@ def sections(plan: Plan) -> list[dict[str, Any]]:
         {"title": "Problem", "rows": plan.problem.rows()},
         {
             "title": "Result",
-            "rows": result_rows(plan),
+            "rows": [*result_rows(plan), *stances],
             "tone": "good" if plan.ok else "bad",
             "note": plan.explanation,
         },

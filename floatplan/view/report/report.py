@@ -20,19 +20,18 @@ from typing import Any
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import plan_verdict
+from floatplan.plans.presentation import Row, plan_verdict
 from floatplan.problem.file import problem_text
 from floatplan.view.charts import SampledPlan, charts
 from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
-PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js")  # uPlot 1.6.32, with the licence that it is to be passed on with
-SCRIPTS = ("theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
+SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
 
-def report(plan: Plan, path: str | Path | None = None) -> str:
+def report(plan: Plan, path: str | Path | None = None, stances: Sequence[Row] = ()) -> str:
     """Return the page of a plan, as HTML.
 
     Parameters
@@ -40,11 +39,11 @@ def report(plan: Plan, path: str | Path | None = None) -> str:
     plan : Plan
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
+    stances : sequence of Row
+        What is said of the stances before and after the flight, if anything.
     """
-    licence, plots = map(asset, PLOTS)
-    scripts = [f"/*\n{licence}\n*/\n{plots}", *map(asset, SCRIPTS)]
     title = f"{plan.problem.name}: {plan_verdict(plan)[0]}"
-    return page("report.html", title, STYLES, scripts, report_data(plan, path)).decode()
+    return page("report.html", title, STYLES, SCRIPTS, report_data(plan, path, stances)).decode()
 
 
 def page(
@@ -56,25 +55,30 @@ def page(
     ----------
     body : file of the template of what is on the page
     title : of the page
-    styles : files
-    scripts : their texts
+    styles, scripts : files
     data : what JSON holds
     numbers : what stands in the body's place for numbers, which is not searched
     """
+    texts = [*map(_script, scripts)]
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
     content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
     parts = {
         "title": html.escape(title),
-        "policy": policy(scripts),
+        "policy": policy(texts),
         "style": "\n".join(map(asset, styles)),
-        "scripts": "\n".join([content, *(f"<script>{script}</script>" for script in scripts)]),
+        "scripts": "\n".join([content, *(f"<script>{script}</script>" for script in texts)]),
     }
     return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
 
 
-def write_report(plan: Plan, path: str | Path) -> Path:
-    """Write the page of a plan, whole or not at all."""
-    return write_atomically(path, report(plan, path))
+def _script(name: str) -> str:
+    """The text of a script; that of uPlot 1.6.32 with the licence that it is to be passed on with."""
+    return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
+
+
+def write_report(plan: Plan, path: str | Path, stances: Sequence[Row] = ()) -> Path:
+    """Write the page of a plan, whole or not at all; arguments as of :func:`report`."""
+    return write_atomically(path, report(plan, path, stances))
 
 
 def notebook_frame(plan: Plan) -> str:
@@ -84,8 +88,8 @@ def notebook_frame(plan: Plan) -> str:
     return f'<iframe srcdoc="{content}" style="{style}" title="flight"></iframe>'
 
 
-def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
-    """Return all that the page shows, as what JSON holds."""
+def report_data(plan: Plan, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
+    """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
     word, tone = plan_verdict(plan)
     problem = plan.problem
@@ -96,7 +100,7 @@ def report_data(plan: Plan, path: str | Path | None = None) -> dict[str, Any]:
             "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
             "motion": motion_data(sampled),
             "charts": [chart_data(chart, sampled) for chart in charts(sampled)],
-            "sections": sections(plan),
+            "sections": sections(plan, stances),
             "problem": _problem_file(plan, path),
             "own_problem": problem.file_text is not None,
             "version": plan.record.floatplan,

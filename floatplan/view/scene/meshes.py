@@ -200,7 +200,6 @@ def _moving_alike(robot: Robot) -> IntArray:
     """For each body the first that is where it is in every posture: two drawn at random tell."""
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (2, len(robot.joints)))
     poses = body_poses(robot, np.zeros(2), postures, np.zeros(2, dtype=np.complex128))
-    apart = np.abs(poses.places[:, :, None] - poses.places[:, None]) + np.abs(
-        np.exp(1j * poses.angles[:, :, None]) - np.exp(1j * poses.angles[:, None])
-    )
-    return np.asarray(np.argmax(apart.max(axis=0) < 1e-9, axis=1))
+    put = np.stack((poses.places, poses.rotations))
+    apart = np.abs(put[..., :, None] - put[..., None, :])
+    return np.asarray(np.argmax(apart.max(axis=(0, 1)) < 1e-9, axis=1))

@@ -286,8 +286,7 @@ class RobotNodes:
         model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
         poses = body_poses(robot, np.zeros(1), resting[None], np.zeros(1, dtype=np.complex128))
         root = robot.frames[robot.tree.names[0]]
-        base = complex(poses.places[0, 0] + root.local * robot.tree.rotations(poses.angles)[0, 0])
-        origins = in_space(plane, poses.places[0] - base)
+        origins = in_space(plane, poses.places[0] - poses.points([0], [root.local])[0])
         together: dict[tuple[int, Colour], list[Mesh]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]

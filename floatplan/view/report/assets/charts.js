@@ -3,7 +3,7 @@
 
 const CHART_HEIGHT = 168;
 const MANY = 6; // curves, from which on the legend beside the robot names them, and captions only the chosen one
-const ASIDE = 0.22; // strength of curves that are not chosen
+const ASIDE = 22; // percent: strength of curves that are not chosen
 
 class Chart {
   constructor(motion, spec, holder, onSeek) {
@@ -31,10 +31,9 @@ class Chart {
   }
 
   readout(title, { name, colour, key, limit }) {
-    const [entry, swatch, value] = [make("span", "entry curve"), make("i", "swatch"), make("b", "value")];
-    paint(() => (swatch.style.background = shade(colour)));
+    const [entry, value] = [make("span", "entry curve"), make("b", "value")];
     value.dataset.key = key;
-    entry.append(swatch, make("span", "", name), value);
+    entry.append(swatch("", colour), make("span", "", name), value);
     if (limit) entry.append(make("span", "limit", limit));
     title.append(entry);
     return value;
@@ -45,9 +44,8 @@ class Chart {
     const { lines, beyond } = this.spec;
     for (const name of new Set(lines.map((line) => line.name))) {
       const colours = new Set(lines.filter((line) => line.name === name).map((line) => line.colour));
-      const swatch = make("i", "swatch dashed");
-      paint(() => (swatch.style.borderColor = colours.size === 1 ? shade([...colours][0]) : tone("ink")));
-      title.appendChild(make("span", "entry")).append(swatch, make("span", "", name));
+      const mark = swatch("dashed", colours.size === 1 ? [...colours][0] : INK);
+      title.appendChild(make("span", "entry")).append(mark, make("span", "", name));
     }
     if (beyond) title.append(make("span", "beyond", beyond));
   }
@@ -70,7 +68,8 @@ class Chart {
 
   stroke(part, colour) {
     const aside = this.part !== null && part !== this.part && this.spec.series.some((one) => one.part === this.part);
-    return faded(colour, aside && part !== null ? ASIDE : 1);
+    const strength = aside && part !== null ? ASIDE : 100;
+    return `color-mix(in srgb, ${shade(colour)} ${strength}%, ${tone("paper")})`;
   }
 
   /* Times, dashed lines, curves, and where these start and should end. */

@@ -4,7 +4,6 @@
 const INTERVALS = 180;
 const SNAPSHOTS = 6;
 const ARC = 48;
-const FAR = 1e3; // m
 
 class Flight {
   constructor(data) {
@@ -102,9 +101,9 @@ class Flight {
       return motion.pose(columns.orientation[index], positions, [0, 0]);
     };
     const flight = problem.flight;
-    const [left, low] = motion.place(at(0), takeoff.weights);
+    const [left, low] = motion.place(at(0), takeoff);
     const [x, y] = [flight.takeoff.position[0] - left, flight.takeoff.position[1] - low];
-    const end = (flight.landing.height || 0) - motion.place(at(INTERVALS), landing.weights)[1];
+    const end = (flight.landing.height || 0) - motion.place(at(INTERVALS), landing)[1];
     const climb = (end - y) / duration + (flight.gravity * duration) / 2;
     for (let index = 0; index <= INTERVALS; index++) {
       const t = (duration * index) / INTERVALS;
@@ -123,8 +122,8 @@ class Flight {
     };
     for (let index = 0; index <= INTERVALS; index += 3) {
       const posture = motion.posture(motion.times[index]);
-      for (const link of shown.robot.links) {
-        for (const end of [link.start, link.end]) add(...motion.place(posture, end), link.radius);
+      for (const { body, start, end, radius } of shown.robot.links) {
+        for (const at of [start, end]) add(...motion.place(posture, { body, at }), radius);
       }
       if (index === 0) {
         const [left, low, right, high] = box;

@@ -1,8 +1,9 @@
 "use strict";
 /* The map: rows gathered into cells, each of which shows its best row. */
 
-const MARGIN = { left: 62, right: 12, top: 8, bottom: 46 };
-const BETWEEN = 64; // pixels, of two numbers on the scale
+const LEFT = 62; // pixels, of what is beside a plot
+const AXIS_LABEL = 18; // pixels, of an axis's name
+const FONT = "12px system-ui, sans-serif";
 const SOLVED = 2; // statuses below it hold a plan
 const WORST_FIRST = [0, 0, 1, 2, 3]; // which status a cell without a plan shows: impossible only where all are
 
@@ -10,12 +11,10 @@ class HeatMap {
   constructor(rows, holder, bar) {
     this.rows = rows;
     this.holder = holder;
-    this.cells = holder.querySelector("#cells");
-    this.marks = holder.querySelector("#marks");
     this.bar = bar;
     this.hovered = this.selected = null;
-    new ResizeObserver(() => this.resize()).observe(holder);
-    paint(() => this.resize());
+    new ResizeObserver(() => this.build()).observe(holder);
+    paint(() => this.build());
   }
 
   /* Show a column over two keys; `fixed` are the cells that other keys are held in, null where the best is shown. */
@@ -37,7 +36,7 @@ class HeatMap {
     }
     this.findRange(cut);
     this.hovered = null;
-    this.resize();
+    this.build();
   }
 
   isBetter(one, other, sign) {
@@ -72,127 +71,77 @@ class HeatMap {
     return high > low ? Math.min((at(value) - at(low)) / (at(high) - at(low)), 1) : 0;
   }
 
-  resize() {
+  build() {
     if (!this.x) return;
-    const { clientWidth: width, clientHeight: height } = this.holder;
-    for (const canvas of [this.cells, this.marks]) fit(canvas, width, height);
-    this.plot = [MARGIN.left, MARGIN.top, width - MARGIN.right, height - MARGIN.bottom];
-    this.drawCells();
-    this.drawMarks();
-    this.drawBar();
-  }
-
-  /* Screen from values. */
-  across(value) {
-    return this.plot[0] + shareOf(this.x.edges, value) * (this.plot[2] - this.plot[0]);
-  }
-
-  up(value) {
-    return this.plot[3] - shareOf(this.y.edges, value) * (this.plot[3] - this.plot[1]);
-  }
-
-  box(place) {
-    const [column, line] = [place % this.width, Math.floor(place / this.width)];
-    const [left, right] = [column, column + 1].map((edge) => this.across(this.x.edges[edge]));
-    const [low, top] = [line, line + 1].map((edge) => this.up(this.y.edges[edge]));
-    return [left, top, right - left, low - top];
+    if (this.plot) this.plot.destroy();
+    const [x, y] = [this.x, this.y].map(({ edges }) => scaleOver(edges[0], edges.at(-1)));
+    this.plot = drawnAxes(this.holder, [x, y], {
+      height: this.holder.clientHeight,
+      axes: [axis(this.x.label), { ...axis(this.y.label), size: LEFT - AXIS_LABEL }],
+      hooks: { drawClear: [() => this.drawCells()], draw: [() => this.drawMarks()] },
+    });
+    this.marks = ["hovered", "selected"].map((name) => this.plot.over.appendChild(make("div", `mark ${name}`)));
+    this.bar.replaceChildren();
+    if (this.range) this.drawBar();
   }
 
   drawCells() {
-    const pen = cleared(this.cells);
-    const ratio = window.devicePixelRatio || 1;
-    const sharp = (place) => Math.round(place * ratio) / ratio;
-    const across = Array.from(this.x.edges, (edge) => sharp(this.across(edge)));
-    const up = Array.from(this.y.edges, (edge) => sharp(this.up(edge)));
+    const sharp = (name, edge) => Math.round(this.plot.valToPos(edge, name, true));
+    const across = Array.from(this.x.edges, (edge) => sharp("x", edge));
+    const up = Array.from(this.y.edges, (edge) => sharp("y", edge));
     this.row.forEach((row, place) => {
       if (row < 0) return;
       const [column, line] = [place % this.width, Math.floor(place / this.width)];
-      pen.fillStyle = this.colour(row);
-      pen.fillRect(across[column], up[line + 1], across[column + 1] - across[column], up[line] - up[line + 1]);
+      this.plot.ctx.fillStyle = this.colour(row);
+      this.plot.ctx.fillRect(across[column], up[line + 1], across[column + 1] - across[column], up[line] - up[line + 1]);
     });
-    this.drawAxes(pen);
-  }
-
-  drawAxes(pen) {
-    const [left, top, right, low] = this.plot;
-    pen.strokeStyle = pen.fillStyle = tone("ink");
-    pen.lineWidth = 1;
-    pen.strokeRect(left - 0.5, top - 0.5, right - left + 1, low - top + 1);
-    pen.textAlign = "center";
-    for (const value of ticks(this.x.edges, (right - left) / 80)) {
-      pen.fillRect(this.across(value) - 0.5, low, 1, 5);
-      pen.fillText(shortNumber(value), this.across(value), low + 18);
-    }
-    pen.fillText(this.x.label, (left + right) / 2, low + 38);
-    pen.textAlign = "right";
-    for (const value of ticks(this.y.edges, (low - top) / 50)) {
-      pen.fillRect(left - 5, this.up(value) - 0.5, 5, 1);
-      pen.fillText(shortNumber(value), left - 8, this.up(value) + 4);
-    }
-    pen.textAlign = "center";
-    pen.translate(14, (top + low) / 2);
-    pen.rotate(-Math.PI / 2);
-    pen.fillText(this.y.label, 0, 0);
-  }
-
-  drawMarks() {
-    const pen = cleared(this.marks);
-    const selected = this.selected === null ? null : this.placeOf(this.selected);
-    for (const [place, width] of [[this.hovered, 1.5], [selected, 2.5]]) {
-      if (place === null) continue;
-      const [x, y, w, h] = this.box(place);
-      const [mx, my] = [Math.max(0, (9 - w) / 2), Math.max(0, (9 - h) / 2)];
-      for (const [colour, extra] of [["#ffffff", 2], ["#222222", 0]]) {
-        pen.strokeStyle = colour;
-        pen.lineWidth = width + extra;
-        pen.strokeRect(x - mx, y - my, w + 2 * mx, h + 2 * my);
-      }
-    }
   }
 
   drawBar() {
-    const width = this.bar.clientWidth;
-    fit(this.bar, width, 50);
-    const pen = cleared(this.bar);
-    if (!this.range) return;
-    const [left, right] = [MARGIN.left, width - MARGIN.right];
-    const { scale } = this.rows;
-    scale.forEach((colour, index) => {
-      pen.fillStyle = colour;
-      const from = left + ((right - left) * index) / scale.length;
-      pen.fillRect(from, 2, (right - left) / scale.length + 1, 12);
+    const [low, high] = this.range;
+    const ends = `${shortNumber(low, 4)} to ${this.isCut ? "≥ " : ""}${shortNumber(high, 4)}`;
+    const scale = { ...scaleOver(low, high), distr: this.isLogarithmic ? 3 : 1 };
+    const name = [this.rows.label(this.z), ends, ...(this.isLogarithmic ? ["logarithmic"] : [])].join(", ");
+    const plot = drawnAxes(this.bar, [scale, {}], {
+      height: this.bar.clientHeight,
+      axes: [axis(name), { show: false }],
+      padding: [0, 12, 0, LEFT],
     });
-    pen.fillStyle = tone("ink");
-    pen.textAlign = "left";
-    pen.fillText(shortNumber(this.range[0], 4), left, 28);
-    pen.textAlign = "right";
-    pen.fillText(`${this.isCut ? "≥ " : ""}${shortNumber(this.range[1], 4)}`, right, 28);
-    pen.textAlign = "center";
-    const room = (right - left) / BETWEEN;
-    let last = left + BETWEEN / 2;
-    const many = this.rows.data.colours.many_decades;
-    const marks = this.isLogarithmic ? logarithmicTicks(...this.range, many) : ticks(this.range, room);
-    for (const value of marks) {
-      const place = left + this.share(value) * (right - left);
-      if (place < last + BETWEEN / 2 || place > right - BETWEEN) continue;
-      pen.fillRect(place - 0.5, 14, 1, 4);
-      pen.fillText(shortNumber(value), place, 28);
-      last = place;
-    }
-    pen.fillText(this.rows.label(this.z) + (this.isLogarithmic ? ", logarithmic" : ""), (left + right) / 2, 44);
+    plot.over.style.background = `linear-gradient(to right, ${this.rows.scale})`;
+  }
+
+  /* Left, top, width and height of a cell, in pixels of the plot. */
+  box(place) {
+    const [column, line] = [place % this.width, Math.floor(place / this.width)];
+    const [left, right] = [column, column + 1].map((edge) => this.plot.valToPos(this.x.edges[edge], "x"));
+    const [low, top] = [line, line + 1].map((edge) => this.plot.valToPos(this.y.edges[edge], "y"));
+    return [left, top, right - left, low - top];
+  }
+
+  drawMarks() {
+    if (!this.plot) return;
+    [this.hovered, this.selected === null ? null : this.placeOf(this.selected)].forEach((place, index) => {
+      const mark = this.marks[index];
+      mark.hidden = place === null;
+      if (place === null) return;
+      const [left, top, width, height] = this.box(place);
+      Object.entries({ left: left + width / 2, top: top + height / 2, width, height }).forEach(
+        ([side, pixels]) => (mark.style[side] = `${pixels}px`),
+      );
+    });
   }
 
   placeOf(row) {
     return this.y.cell[row] * this.width + this.x.cell[row];
   }
 
-  /* Cell under a point of the screen; null where there is none. */
-  at(x, y) {
-    const [left, top, right, low] = this.plot;
-    if (x < left || x > right || y < top || y > low) return null;
-    const find = (edges, share) => cellOf(edges, edges[0] + share * (edges.at(-1) - edges[0]));
-    const column = find(this.x.edges, (x - left) / (right - left));
-    const place = find(this.y.edges, (low - y) / (low - top)) * this.width + column;
+  /* Cell under a pointer; null where there is none. */
+  at({ clientX, clientY }) {
+    const { left, top } = this.plot.over.getBoundingClientRect();
+    const [x, y] = [this.plot.posToVal(clientX - left, "x"), this.plot.posToVal(clientY - top, "y")];
+    const isInside = ({ edges }, value) => value >= edges[0] && value <= edges.at(-1);
+    if (!isInside(this.x, x) || !isInside(this.y, y)) return null;
+    const place = cellOf(this.y.edges, y) * this.width + cellOf(this.x.edges, x);
     return this.row[place] < 0 ? null : place;
   }
 
@@ -215,9 +164,23 @@ class HeatMap {
   }
 }
 
-/* Where a value is between the first and the last edge. */
-function shareOf(edges, value) {
-  return (value - edges[0]) / (edges.at(-1) - edges[0]);
+/* A scale from one value to another, which is larger or the same. */
+function scaleOver(low, high) {
+  return { time: false, range: [low, high > low ? high : low + 1] };
+}
+
+function axis(label) {
+  const [stroke, grid] = [() => tone("ink"), { show: false }];
+  const look = { stroke, grid, ticks: { stroke, size: 5, width: 1 }, font: FONT, size: 26 };
+  const values = (_, splits) => splits.map((value) => (value === null ? "" : shortNumber(value, 4)));
+  return { ...look, label, labelFont: FONT, labelSize: AXIS_LABEL, labelGap: 2, values };
+}
+
+/* A plot of nothing but its axes. */
+function drawnAxes(holder, [x, y], options) {
+  const still = { legend: { show: false }, cursor: { show: false }, series: [{}, { points: { show: false } }] };
+  const size = { width: holder.clientWidth, padding: [8, 12, 0, 0] };
+  return new uPlot({ ...still, ...size, scales: { x, y }, ...options }, [x.range, y.range || [0, 1]], holder);
 }
 
 /* The cell that holds a value, or is nearest to it. */
@@ -229,26 +192,6 @@ function cellOf(edges, value) {
     else high = middle;
   }
   return low;
-}
-
-/* Round values between the first and the last edge, about as many as there is room for. */
-function ticks(edges, room) {
-  const [low, high] = [edges[0], edges.at(-1)];
-  const rough = (high - low) / Math.max(room, 1);
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((factor) => factor * power).find((size) => size >= rough);
-  const first = Math.ceil(low / step - 1e-9);
-  const count = Math.floor(high / step + 1e-9) - first;
-  return Array.from({ length: Math.max(count + 1, 0) }, (_, index) => (first + index) * step);
-}
-
-/* 1, 2 and 5 times the powers of ten from low to high, where these are few; else the powers alone. */
-function logarithmicTicks(low, high, many) {
-  const factors = high / low < many ? [1, 2, 5] : [1];
-  const [first, last] = [low, high].map((end) => Math.floor(Math.log10(end)));
-  const powers = Array.from({ length: last - first + 1 }, (_, index) => 10 ** (first + index));
-  const values = powers.flatMap((power) => factors.map((factor) => factor * power));
-  return values.filter((value) => value >= low && value <= high);
 }
 
 function shortNumber(value, digits = 6) {

@@ -86,13 +86,12 @@ class Page {
     const counts = rows.statuses.map((_, index) => rows.status.reduce((sum, one) => sum + (one === index), 0));
     rows.statuses.forEach(({ colour, words }, index) => {
       if (!counts[index]) return;
-      const swatch = addKey(key, "bar", `${words} (${counts[index]})`);
-      swatch.style.background = colour;
-      if (index < SOLVED) this.ofPlans.push(swatch);
+      const mark = make("i", "swatch bar");
+      mark.style.background = colour;
+      addKey(key, mark, `${words} (${counts[index]})`);
+      if (index < SOLVED) this.ofPlans.push(mark);
     });
-    const empty = addKey(key, "bar", "no row");
-    empty.style.border = "1px solid var(--line)";
-    this.empty = empty.parentElement;
+    this.empty = addKey(key, make("i", "swatch bar none"), "no row");
     this.nothing = this.film.appendChild(make("p", "nothing", "Choose a point of the map."));
   }
 
@@ -111,7 +110,7 @@ class Page {
     this.holder.addEventListener("pointermove", (event) => this.onMove(event));
     this.holder.addEventListener("pointerleave", () => this.leave());
     this.holder.addEventListener("click", (event) => {
-      const place = this.map.at(...this.inside(event));
+      const place = this.map.at(event);
       if (place === null) return;
       this.choose(this.map.row[place]);
       this.film.scrollIntoView({ block: "nearest", behavior: isCalm() ? "auto" : "smooth" });
@@ -151,16 +150,12 @@ class Page {
     return label;
   }
 
-  inside(event) {
-    const box = this.holder.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  }
-
   onMove(event) {
     if (event.pointerType === "touch") return;
-    const [x, y] = this.inside(event);
-    const place = this.map.at(x, y);
+    const place = this.map.at(event);
     if (place === null) return this.leave();
+    const box = this.holder.getBoundingClientRect();
+    const [x, y] = [event.clientX - box.left, event.clientY - box.top];
     this.map.hover(place);
     const row = this.map.row[place];
     const names = [...this.data.axes.map((axis) => axis.key), ...(this.map.values ? [this.map.z] : [])];
@@ -203,7 +198,6 @@ class Page {
       this.player = new Player(motion.duration, (time) => this.stage.draw(time));
     } else {
       this.stage.take(motion);
-      this.stage.resize();
       this.player.take(motion.duration);
     }
     if (!isCalm()) this.player.play();

@@ -33,7 +33,7 @@ class Motion {
     return Array.from({ length: this.joints }, (_, index) => this.value(`${quantity}.${index}`, time));
   }
 
-  /* The robot at a time: orientation, joints, centre of mass, and the rotations of its bodies. */
+  /* The robot at a time: orientation, joints, centre of mass, and its bodies. */
   posture(time) {
     return this.pose(this.value("orientation", time), this.ofJoints("positions", time), [
       this.value("com_x", time),
@@ -41,33 +41,37 @@ class Motion {
     ]);
   }
 
-  /* The robot in any posture; a body's absolute angle is orientation + turns . positions + offset. */
+  /* The robot in any posture; a body's absolute angle is orientation + turns . positions + offset.
+
+     Its bodies: cosine and sine of that angle, and the place of the body's origin. This has a weight, a complex number,
+     for each body: weights times rotations are added to the centre of mass. */
   pose(orientation, positions, com) {
-    const { turn, turns, offsets } = this.data.robot;
+    const { turn, turns, offsets, origins } = this.data.robot;
     const rotations = turns.map((row, body) => {
       const angle = turn * row.reduce((sum, share, joint) => sum + share * positions[joint], orientation + offsets[body]);
       return [Math.cos(angle), Math.sin(angle)];
     });
-    return { orientation, positions, com, rotations };
-  }
-
-  /* Place of a point: its weights, one complex number per body, times the rotations, from the centre of mass. */
-  place(posture, weights) {
-    let [x, y] = posture.com;
-    for (let body = 0; body < weights.length; body++) {
-      const [re, im] = weights[body];
-      const [cosine, sine] = posture.rotations[body];
-      x += re * cosine - im * sine;
-      y += re * sine + im * cosine;
-    }
-    return [x, y];
-  }
-
-  /* Path of a point, or of the centre of mass where there are no weights: its place at every sample. */
-  path(weights) {
-    return Array.from(this.times, (time) => {
-      const posture = this.posture(time);
-      return weights ? this.place(posture, weights) : posture.com;
+    const bodies = origins.map((weights, body) => {
+      let [x, y] = com;
+      weights.forEach(([re, im], other) => {
+        const [cosine, sine] = rotations[other];
+        x += re * cosine - im * sine;
+        y += re * sine + im * cosine;
+      });
+      return [...rotations[body], x, y];
     });
+    return { orientation, positions, com, bodies };
+  }
+
+  /* Place of a point of a body; without a body, of the centre of mass. */
+  place(posture, { body, at }) {
+    if (body === undefined) return posture.com;
+    const [cosine, sine, x, y] = posture.bodies[body];
+    return [x + at[0] * cosine - at[1] * sine, y + at[0] * sine + at[1] * cosine];
+  }
+
+  /* Path of a point: its place at every sample. */
+  path(point) {
+    return Array.from(this.times, (time) => this.place(this.posture(time), point));
   }
 }

@@ -3,20 +3,15 @@
 
 function fillKey({ robot, frames }) {
   const list = document.getElementById("key");
-  const add = (shape, colour, words) => {
-    const swatch = addKey(list, shape, words);
-    paint(() => (swatch.style[shape === "ring" ? "borderColor" : "background"] = shade(colour)));
-    return swatch.parentElement;
-  };
   ["base", ...robot.joints].forEach((name, part) => {
-    const entry = add("bar", robot.colours[part], name);
+    const entry = addKey(list, swatch("bar", robot.colours[part]), name);
     entry.dataset.part = part;
     entry.tabIndex = 0;
     entry.setAttribute("role", "button");
     entry.setAttribute("aria-pressed", "false");
   });
-  for (const { name, role, colour } of frames) add("ring", colour, `${name} (${role})`);
-  add("dot", INK, "centre of mass");
+  for (const { name, role, colour } of frames) addKey(list, swatch("ring", colour), `${name} (${role})`);
+  addKey(list, swatch("dot", INK), "centre of mass");
   return list;
 }
 

@@ -30,13 +30,6 @@ function lightness(parts) {
   return [0.2126, 0.7152, 0.0722].reduce((sum, share, index) => sum + share * (parts[index] / 255) ** 2.2, 0);
 }
 
-/* A colour #rrggbb mixed with the paper: strength 1 is the colour. */
-function faded(colour, strength) {
-  if (strength === 1) return shade(colour);
-  const [ink, paper] = [shade(colour), tone("paper")].map(channels);
-  return `rgb(${ink.map((part, index) => Math.round(paper[index] + strength * (part - paper[index]))).join(",")})`;
-}
-
 function paint(action) {
   painted.push(action);
   action();
@@ -51,6 +44,13 @@ function make(tag, name = "", text = "") {
   return element;
 }
 
+/* An element of a picture, in its parent. */
+function add(parent, name, attributes) {
+  const element = parent.appendChild(document.createElementNS("http://www.w3.org/2000/svg", name));
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  return element;
+}
+
 /* Rows of a list of terms. */
 function addRows(list, rows) {
   for (const [name, text] of rows) list.append(make("dt", "", name), make("dd", "", text));
@@ -62,27 +62,16 @@ function fillHeader({ name, question, version }) {
   document.getElementById("version").textContent = version ? ` ${version}` : "";
 }
 
+/* A mark in a colour of data. */
+function swatch(shape, colour) {
+  const mark = make("i", `swatch ${shape}`);
+  paint(() => mark.style.setProperty("--colour", shade(colour)));
+  return mark;
+}
+
 /* A list's next entry: its swatch, in front of words. */
-function addKey(list, shape, words) {
-  const swatch = make("i", `swatch ${shape}`);
-  list.appendChild(make("li")).append(swatch, make("span", "", words));
-  return swatch;
-}
-
-/* Give a canvas as many pixels as its place on the screen has. */
-function fit(canvas, width, height) {
-  const ratio = window.devicePixelRatio || 1;
-  canvas.width = Math.round(width * ratio);
-  canvas.height = Math.round(height * ratio);
-}
-
-/* The pen of an empty canvas, in pixels of the page. */
-function cleared(canvas) {
-  const pen = canvas.getContext("2d");
-  const ratio = window.devicePixelRatio || 1;
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, canvas.width / ratio, canvas.height / ratio);
-  pen.font = "12px system-ui, sans-serif";
-  pen.lineCap = pen.lineJoin = "round";
-  return pen;
+function addKey(list, mark, words) {
+  const entry = list.appendChild(make("li"));
+  entry.append(mark, make("span", "", words));
+  return entry;
 }

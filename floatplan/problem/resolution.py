@@ -13,18 +13,8 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, refuse
-from floatplan.problem.parts import (
-    Flight,
-    JointState,
-    JointValues,
-    Landing,
-    Limits,
-    Motion,
-    Obstacle,
-    Posture,
-    SelfClearance,
-    Takeoff,
-)
+from floatplan.problem import parts
+from floatplan.problem.parts import JointState, JointValues
 from floatplan.robot.robot import Frame, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
 
@@ -37,7 +27,7 @@ TORQUE = LIMIT_TABLE["torque"]
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
 
-def joint_state(robot: Robot, posture: Posture, element: str) -> JointState:
+def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointState:
     """Return a posture as arrays in joint order."""
     settled = posture.settled or (None, None)
     frame_rests = _is_word(posture.velocities, REST[element], f"{element}.velocities")
@@ -77,47 +67,49 @@ def _joint_values(robot: Robot, values: Any, element: str, default: float | None
                 f"no value for joint {missing[0]!r}", element=element, advice=f"give one for each of {listed(robot)}"
             )
         filled = [values.get(joint, default) for joint in robot.joints]
-    elif isinstance(values, int | float):
-        filled = [values] * len(robot.joints)
     else:
-        filled = list(values)
-    if len(filled) != len(robot.joints):
-        raise InputError(
-            f"{len(filled)} values for {len(robot.joints)} joints", element=element, advice=f"joints: {listed(robot)}"
-        )
-    return read_only(np.array(filled, dtype=np.float64))
+        filled = [values] * len(robot.joints) if isinstance(values, int | float) else values
+    return read_only(np.array(_in_order(robot, filled, element), dtype=np.float64))
 
 
-def degrees_of(robot: Robot, motion: Motion) -> tuple[int, ...]:
+def _in_order(robot: Robot, values: Sequence[Any] | Array, element: str) -> Sequence[Any]:
+    """What is given in joint order; another number of them is refused."""
+    if len(values) != len(robot.joints):
+        reason = f"{len(values)} values for {len(robot.joints)} joints"
+        raise InputError(reason, element=element, advice=f"joints: {listed(robot)}")
+    return list(values)
+
+
+def degrees_of(robot: Robot, motion: parts.Motion) -> tuple[int, ...]:
     """Return k_i of (12) for each joint."""
     n = len(robot.joints)
     if n > MOST_JOINTS:
         raise InputError(f"{n} planned joints, more than {MOST_JOINTS}", element="robot.joints", advice="lock some")
     if isinstance(motion.degree, str):
         return (7,) * n
-    degrees = (motion.degree,) * n if isinstance(motion.degree, int) else tuple(motion.degree)
-    if len(degrees) != n:
-        raise InputError(f"{len(degrees)} degrees for {n} joints", element="motion.degree")
-    return degrees
+    degrees = (motion.degree,) * n if isinstance(motion.degree, int) else motion.degree
+    return tuple(_in_order(robot, degrees, "motion.degree"))
 
 
-def takeoff_of(robot: Robot, flight: Flight) -> Takeoff:
+def takeoff_of(robot: Robot, flight: parts.Flight) -> parts.Takeoff:
     """Return the takeoff with its default filled in."""
-    takeoff = flight.takeoff or Takeoff(robot.tree.names[0])
+    takeoff = flight.takeoff or parts.Takeoff(robot.tree.names[0])
     _check_frame(robot, takeoff.frame, "flight.takeoff.frame")
     return takeoff
 
 
-def landing_of(robot: Robot, flight: Flight, start: Posture, goal: Posture, ground: bool) -> Landing:
+def landing_of(
+    robot: Robot, flight: parts.Flight, start: parts.Posture, goal: parts.Posture, ground: bool
+) -> parts.Landing:
     """Return the landing with its defaults filled in: on the ground where there is one."""
     takeoff = takeoff_of(robot, flight)
-    landing = flight.landing or Landing(takeoff.frame, None if ground else takeoff.position[1])
+    landing = flight.landing or parts.Landing(takeoff.frame, None if ground else takeoff.position[1])
     _check_frame(robot, landing.frame, "flight.landing.frame")
     if landing.height is None and ground:
         line = ground_height(robot, takeoff.frame, takeoff.position, joint_state(robot, start, "start"))
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
-        return Landing(landing.frame, height)
-    return Landing(landing.frame, 0.0 if landing.height is None else landing.height)
+        return parts.Landing(landing.frame, height)
+    return parts.Landing(landing.frame, 0.0 if landing.height is None else landing.height)
 
 
 def check_joint_names(robot: Robot, values: Mapping[str, object], element: str) -> None:
@@ -141,7 +133,7 @@ def listed(robot: Robot) -> str:
     return ", ".join(robot.joints)
 
 
-def position_limits(robot: Robot, limits: Limits) -> Array:
+def position_limits(robot: Robot, limits: parts.Limits) -> Array:
     """Return the joint ranges (n, 2) in rad that a problem with these limits has: always finite."""
     given = robot.position_limits.copy()
     given[~np.isfinite(given).all(axis=1)] = FULL_RANGE
@@ -153,9 +145,7 @@ def position_limits(robot: Robot, limits: Limits) -> Array:
         check_joint_names(robot, limits.position, "limits.position")
         ranges = limits.position
     else:
-        if len(limits.position) != len(robot.joints):
-            raise InputError(f"{len(limits.position)} ranges for {len(robot.joints)} joints", element="limits.position")
-        ranges = dict(zip(robot.joints, limits.position, strict=True))
+        ranges = dict(zip(robot.joints, _in_order(robot, limits.position, "limits.position"), strict=True))
     for joint, (low, high) in ranges.items():
         element = f"limits.position.{joint}"
         if not low < high:
@@ -168,7 +158,7 @@ def position_limits(robot: Robot, limits: Limits) -> Array:
     return read_only(given)
 
 
-def joint_limits(robot: Robot, limits: Limits) -> dict[str, Array]:
+def joint_limits(robot: Robot, limits: parts.Limits) -> dict[str, Array]:
     """Return the limits (n,) of the planned coordinates' motion, by key of ``[limits]``.
 
     Raises
@@ -197,48 +187,36 @@ def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array
             return read_only(getattr(robot, f"{row.key}_limits"))
         return read_only(np.full(len(robot.joints), math.inf))
     if not isinstance(given, Mapping | int | float):
-        return _by_coordinate(robot, given, row)
-    own = _by_motor(robot, given, row)
+        return read_only(_in_order(robot, given, f"limits.{row.key}"))
+    own = motor_limits(robot, row, given)
     with np.errstate(divide="ignore"):
         per_coordinate = own[:, None] / np.abs(robot.motor_ratios)
     return read_only(np.where(robot.motor_ratios != 0, per_coordinate, math.inf).min(axis=0))
 
 
-def motor_torque_limits(robot: Robot, given: str | JointValues) -> Array:
-    """Return limits (m,) N m of the motors' own torques, infinite where there is none.
+def motor_limits(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
+    """Return limits (m,) of the motors' own quantity, in the row's unit, infinite where there is none.
 
-    A sequence (n,) is about the generalised torques: it is a motor's own limit where the joint has but one motor.
+    They are one for all, or by name; a leader's value holds for followers that are not named. A sequence (n,) is about
+    the planned coordinates: it is a motor's own limit where the joint has but one motor.
     """
-    if isinstance(given, str):
-        return robot.motor_torque_limits if given == "urdf" else read_only(np.full(len(robot.motors), math.inf))
-    if isinstance(given, Mapping | int | float):
-        return _by_motor(robot, given, TORQUE)
-    generalized = _by_coordinate(robot, given, TORQUE)
-    alone = (robot.motor_ratios != 0).sum(axis=0) == 1
-    leader = _leaders(robot)
-    return read_only(np.where(alone[leader], generalized[leader], math.inf))
+    if isinstance(given, Mapping):
+        return read_only(_of_motors(robot, given, f"limits.{row.key}", math.inf))
+    if isinstance(given, str) and given == "urdf":
+        return read_only(getattr(robot, f"motor_{row.key}_limits"))
+    if isinstance(given, str | int | float):
+        return read_only(np.full(len(robot.motors), math.inf if isinstance(given, str) else given))
+    of_joints = np.array(_in_order(robot, given, f"limits.{row.key}"), dtype=np.float64)
+    alone, leader = (robot.motor_ratios != 0).sum(axis=0) == 1, _leaders(robot)
+    return read_only(np.where(alone[leader], of_joints[leader], math.inf))
 
 
 def torque_limits(robot: Robot, given: str | JointValues) -> Array:
     """Return limits (n,) N m of the generalised torques: as given, or what those of the motors add up to."""
     if isinstance(given, str | Mapping | int | float):
-        own, ratios = motor_torque_limits(robot, given), np.abs(robot.motor_ratios)
+        own, ratios = motor_limits(robot, TORQUE, given), np.abs(robot.motor_ratios)
         return read_only((ratios * np.where(ratios > 0, own[:, None], 0.0)).sum(axis=0))
-    return _by_coordinate(robot, given, TORQUE)
-
-
-def _by_motor(robot: Robot, given: Mapping[str, float] | float, row: LimitRow) -> Array:
-    """Limits (m,) of the motors: one for all, or by name; a leader's value holds for followers that are not named."""
-    if isinstance(given, Mapping):
-        return read_only(_of_motors(robot, given, f"limits.{row.key}", math.inf))
-    return read_only(np.full(len(robot.motors), given))
-
-
-def _by_coordinate(robot: Robot, given: Sequence[float] | Array, row: LimitRow) -> Array:
-    """Limits (n,) of the planned coordinates."""
-    if len(given) != len(robot.joints):
-        raise InputError(f"{len(given)} values for {len(robot.joints)} joints", element=f"limits.{row.key}")
-    return read_only(given)
+    return read_only(_in_order(robot, given, "limits.torque"))
 
 
 def _leaders(robot: Robot) -> IntArray:
@@ -246,7 +224,7 @@ def _leaders(robot: Robot) -> IntArray:
     return np.asarray(np.abs(robot.motor_ratios).argmax(axis=1))
 
 
-def motor_values(robot: Robot, limits: Limits, name: str, default: float) -> Array:
+def motor_values(robot: Robot, limits: parts.Limits, name: str, default: float) -> Array:
     """Return one field of the motors' curves (m,), the default where a motor has none."""
     curves = _of_motors(robot, limits.motor, "limits.motor", None)
     return read_only([default if curve is None else getattr(curve, name) for curve in curves])
@@ -272,7 +250,9 @@ def _of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: An
     return [given.get(motor, given.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
 
 
-def end_errors(robot: Robot, limits: Array, flight: Flight, state: JointState, element: str) -> Iterator[InputError]:
+def end_errors(
+    robot: Robot, limits: Array, flight: parts.Flight, state: JointState, element: str
+) -> Iterator[InputError]:
     """What is wrong at an end of the flight, within the joints' ranges (n, 2), rad.
 
     A joint outside its range, one on its edge that does not stand still or accelerates outwards; rates of a frame at
@@ -313,7 +293,7 @@ def end_errors(robot: Robot, limits: Array, flight: Flight, state: JointState, e
 
 
 def surroundings_errors(
-    robot: Robot, obstacles: Sequence[Obstacle], pairs: Sequence[SelfClearance], duration: float
+    robot: Robot, obstacles: Sequence[parts.Obstacle], pairs: Sequence[parts.SelfClearance], duration: float
 ) -> Iterator[InputError]:
     """What is wrong with what the robot keeps clear of.
 

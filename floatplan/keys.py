@@ -1,0 +1,369 @@
+"""Records of keys: what a table of a file may hold is the fields of a dataclass, each written once with its key.
+
+Checks of the fields, reading, refusals, JSON Schema 2020-12 and the reference of keys are made from the record.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from inspect import cleandoc
+from types import MappingProxyType, NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from floatplan.arguments import (
+    Check,
+    Checked,
+    by_joint,
+    by_name,
+    either,
+    flag,
+    made,
+    many,
+    number,
+    one_of,
+    optional,
+    pair,
+    text,
+    whole,
+)
+from floatplan.errors import InputError, refuse
+from floatplan.tables import RANGES, Range
+
+ANGLE = "rad or deg"
+RATE = "rad/s or deg/s"
+ACCELERATION = "rad/s^2 or deg/s^2"
+SHAPES: Mapping[Any, Any] = {Mapping: Mapping, Sequence: (list, tuple), Literal: str}  # by the origin of a type
+NAMES = {str: "a text", (list, tuple): "a list"}
+ORIGINS: Mapping[Any, Any] = {dict: Mapping, list: Sequence}  # of types, by those of values in files
+STEPS: Mapping[Any, str] = {Mapping: ".*", Sequence: "[]"}  # to what is inside, by the origin of a type
+JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean"}
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+Part = TypeVar("Part", bound="Keyed")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key, as metadata of its field's type.
+
+    Attributes
+    ----------
+    meaning : for a person; what the class's docstring says of the parameter, if left out
+    unit : empty where it has none; angles are in the file's unit
+    numbers : range of its numbers, or its key in :data:`floatplan.tables.RANGES`; that of its own name if left out, and
+        of a pair without one that of a place
+    check : of the field, where its type and its numbers do not say all
+    """
+
+    meaning: str = ""
+    unit: str = ""
+    numbers: str | Range = ""
+    check: Check | None = None
+
+    @property
+    def about(self) -> str:
+        """Meaning and unit."""
+        return f"{self.meaning} [{self.unit}]" if self.unit else self.meaning
+
+
+KIND = Key("Which kind it is")  # of a table that stands for one of several classes
+
+
+def in_files(name: str) -> str:
+    """The key of a field: without the underscore of a name that is a word of Python."""
+    return name.rstrip("_")
+
+
+class Keyed(Checked):
+    """A dataclass whose annotated fields are the keys of a table in files.
+
+    Attributes
+    ----------
+    keys : by the fields' names
+    hints : the fields' types
+    kinds : of a base class, the classes that its table may stand for, by the table's ``kind``
+    kind : of such a class
+    about : what the table is about, where its key does not say it
+    """
+
+    keys: ClassVar[Mapping[str, Key]]
+    hints: ClassVar[Mapping[str, Any]]
+    kinds: ClassVar[Mapping[str, type[Keyed]]]
+    kind: ClassVar[str]
+    about: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        """Gather the keys, and make the checks of the fields."""
+        hints = get_type_hints(cls, include_extras=True)
+        noted = {name: get_args(hint) for name, hint in hints.items() if get_origin(hint) is Annotated}
+        keys = {name: key for name, (_, key) in noted.items() if isinstance(key, Key)}
+        documented = {name: text for base in reversed(cls.__mro__) for name, text in _parameters(base).items()}
+        cls.keys = {name: replace(key, meaning=key.meaning or documented.get(name, "")) for name, key in keys.items()}
+        cls.hints = {name: noted[name][0] for name in cls.keys}
+        made_of = {name: key.check or _check(cls.hints[name], key.numbers or name) for name, key in cls.keys.items()}
+        cls.checks = made_of | {name: check for name, (_, check) in noted.items() if name not in made_of}
+
+    @classmethod
+    def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:
+        """The fields that have a key, with it."""
+        return [(each, cls.keys[each.name]) for each in fields(cls) if each.name in cls.keys]  # type: ignore[arg-type]
+
+
+def _parameters(of: type) -> dict[str, str]:
+    """What a docstring says of each parameter, without the full stop at the end."""
+    docstring = cleandoc(vars(of).get("__doc__") or "").partition("Parameters\n----------\n")[2]
+    found = re.findall(r"^(\w+) : .*\n((?: {4}.*(?:\n|$))+)", docstring.partition("\n\n")[0], re.MULTILINE)
+    return {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in found}
+
+
+def is_needed(of: Field[Any]) -> bool:
+    """Whether a field has no default."""
+    return of.default is MISSING and of.default_factory is MISSING
+
+
+def _check(hint: Any, numbers: str | Range) -> Check:
+    """The check of what has a type, by the range of its numbers."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in (float, int):
+        allowed = RANGES[numbers] if isinstance(numbers, str) else numbers
+        return number(allowed) if hint is float else whole(allowed)
+    if hint in (str, bool):
+        return text if hint is str else flag
+    if origin is Literal:
+        return one_of(*inner)
+    if origin is tuple and inner[-1] is not ...:
+        if str in inner:
+            return pair(text, "texts", 2 if len(inner) == 2 else 3)
+        return pair(_check(float, numbers if numbers in RANGES else "place"))
+    if origin in (tuple, Sequence):
+        return many(_check(entry_of(hint), numbers), "entries")
+    if origin is Mapping:
+        return by_name(_check(entry_of(hint), numbers))
+    if origin not in (Union, UnionType):
+        return made(hint)
+    if NoneType in inner:
+        return optional(_check(Union[tuple(kind for kind in inner if kind is not NoneType)], numbers))  # noqa: UP007
+    words = [word for kind in inner if get_origin(kind) is Literal for word in get_args(kind)]
+    lists = [kind for kind in inner if get_origin(kind) is Sequence]
+    if not (lists or float in inner) or any(map(_is_part, inner)):
+        return _any_of(inner, numbers)
+    entry = number(RANGES[numbers] if isinstance(numbers, str) else numbers, infinite="none" in words)
+    if not lists:
+        return one_of(*words, or_number=entry)
+    single = float in inner
+    return by_joint(entry if single else _check(entry_of(lists[0]), numbers), *words, single=single)
+
+
+def _any_of(kinds: Sequence[Any], numbers: str | Range) -> Check:
+    """The check of what has one of several types, told apart by their shapes."""
+    checks: dict[Any, Check] = {}
+    names: list[str] = []
+    for kind in kinds:
+        shape = SHAPES.get(get_origin(kind), kind)
+        checks[shape] = _check(kind, numbers)
+        names += map(repr, get_args(kind)) if get_origin(kind) is Literal else [NAMES.get(shape, "a table")]
+
+    def check(value: Any, element: str) -> Any:
+        for shape, check in checks.items():
+            if isinstance(value, shape):
+                return check(value, element)
+        raise InputError(f"{value!r} is not {either(names)}", element=element)
+
+    return check
+
+
+def entry_of(hint: Any) -> Any:
+    """The type of what is in a table or a list: numbers there are two, as of a range."""
+    entry = get_args(hint)[1 if get_origin(hint) is Mapping else 0]
+    return tuple[float, float] if entry == Sequence[float] else entry
+
+
+@dataclass
+class Reader:
+    """Makes parts of what files hold: numbers as they are in Python, tables as the parts that they describe.
+
+    Attributes
+    ----------
+    degrees : whether the angles in the file are in degrees
+    errors : what tables lack, and what is too much in them; the fields are checked by :meth:`Checked.faults`
+    """
+
+    degrees: bool = False
+    errors: list[InputError] = field(default_factory=list)
+
+    def part(self, part: type[Part], content: Any, place: str = "") -> Part | Any:
+        """Return the part that a table describes, its fields not checked; ``MISSING`` for what has to be given."""
+        kinds: Mapping[str, Any] | None = vars(part).get("kinds")
+        if kinds is not None:
+            kind = content.get("kind") if isinstance(content, Mapping) else None
+            if not isinstance(kind, str) or kind not in kinds:
+                return self._missing(f"{content!r} is not a table with kind = {either(map(repr, kinds))}", place)
+            part, content = kinds[kind], {key: value for key, value in content.items() if key != "kind"}
+        if not isinstance(content, Mapping):
+            return self._missing(f"{content!r} is not a table", place)
+        inside, known, values = f"{place}." if place else "", set(), {}
+        for each, about in part.keyed_fields():
+            key = in_files(each.name)
+            known.add(key)
+            if key in content:
+                values[each.name] = self._value(part.hints[each.name], content[key], about, inside + key)
+            elif is_needed(each):
+                self._missing("is missing", inside + key)
+        for key in [key for key in content if key not in known]:
+            close = difflib.get_close_matches(key, known, n=1)
+            advice = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(sorted(known))}"
+            self.errors.append(InputError("unknown key", element=inside + key, advice=advice))
+        return part.unchecked(**values)
+
+    def _missing(self, reason: str, place: str) -> Any:
+        self.errors.append(InputError(reason, element=place))
+        return MISSING
+
+    def _value(self, hint: Any, value: Any, key: Key, place: str) -> Any:
+        """What the field of a part is given for what its key holds; ``None`` and "none" in a list are no limit."""
+        origin, inner = get_origin(hint), get_args(hint)
+        if origin in (Union, UnionType):
+            kinds = [kind for kind in inner if kind is not NoneType]
+            shape = ORIGINS.get(type(value))
+            fitting = [kind for kind in kinds if get_origin(kind) is shape or (shape is Mapping and _is_part(kind))]
+            one = kinds if len(kinds) == 1 else fitting if shape else [kind for kind in kinds if kind is float]
+            if one and value is not None:
+                value = self._value(one[0], value, key, place)
+            if isinstance(value, list) and any("none" in get_args(kind) for kind in kinds):
+                return [math.inf if each in (None, "none") else each for each in value]
+            return value
+        if _is_part(hint):
+            return self.part(hint, value, place)
+        if origin is Mapping and isinstance(value, dict):
+            return {name: self._value(inner[1], each, key, f"{place}.{name}") for name, each in value.items()}
+        if origin in (Sequence, tuple) and isinstance(value, list):
+            return [self._value(inner[0], each, key, f"{place}[{index}]") for index, each in enumerate(value)]
+        if hint is not float or type(value) not in (int, float):
+            return value  # as its check sees it
+        if not abs(value) <= sys.float_info.max:
+            self._missing(f"{value!r} is not a finite number", place)
+            return value
+        return math.radians(value) if self.degrees and " or deg" in key.unit else float(value)
+
+
+def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputError] | None = None) -> Part:
+    """Return the tables of a file, whose ``angles`` say in what they are.
+
+    Raises
+    ------
+    InputError
+        All that is wrong with them, each with its place; where they are complete, wrong fields are put into ``wrong``
+        instead if it is given.
+    """
+    reader = Reader(degrees=content.get("angles") == "deg")
+    tables = reader.part(kind, content)
+    faults = tables.faults()
+    if wrong is None or reader.errors or any(fault.element == "angles" for fault in faults):
+        refuse([*reader.errors, *faults])
+    else:
+        wrong += faults
+    return tables
+
+
+def table_of(part: Keyed) -> dict[str, Any]:
+    """Return the table that describes a part, as plain data in rad: what :class:`Reader` makes the same part of."""
+    kind = {"kind": part.kind} if hasattr(part, "kind") else {}
+    values = {in_files(name): _written(getattr(part, name)) for name in part.keys}
+    return {**kind, **{key: value for key, value in values.items() if value is not None}}
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, Keyed):
+        return table_of(value)
+    if isinstance(value, Mapping):  # what it leaves out has no limit
+        return {name: _written(each) for name, each in value.items() if each != math.inf}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_written(each) for each in value]
+    return "none" if value == math.inf else value
+
+
+def _is_part(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, Keyed)
+
+
+def tables(part: type[Keyed], place: str = "") -> dict[str, tuple[type[Keyed], str]]:
+    """Return the tables in that of a part by their places, each with what it is about.
+
+    The entries of a table of tables are at ``*``, those of a list at ``[]``, or at ``[kind]`` where they have kinds.
+    """
+    found: dict[str, tuple[type[Keyed], str]] = {}
+    for name, key in part.keys.items():
+        for inner, inside in _parts_in(part.hints[name], f"{place}.{in_files(name)}".lstrip(".")):
+            for kind, known in vars(inner).get("kinds", {}).items():
+                found[f"{inside.removesuffix('[]')}[{kind}]"] = known, known.about
+            if "kinds" not in vars(inner):
+                found |= {inside: (inner, getattr(inner, "about", key.meaning)), **tables(inner, inside)}
+    return found
+
+
+def _parts_in(hint: Any, place: str) -> Iterator[tuple[type[Keyed], str]]:
+    """Parts in a type, each with its place."""
+    if _is_part(hint):
+        yield hint, place
+    inside = place + STEPS.get(get_origin(hint), "")
+    for inner in get_args(hint):
+        yield from _parts_in(inner, inside)
+
+
+def json_schema(part: type[Keyed], title: str, about: str) -> dict[str, Any]:
+    """Return the JSON Schema of files that hold a part; angles have no range, since a file chooses their unit."""
+    known = reversed(tables(part).values())  # of what is in two places, the first says what it is
+    definitions = {f"{each.__name__}Table": _table(each, meaning) for each, meaning in known}
+    return {"$schema": DIALECT, "$defs": definitions, **_table(part, about), "title": title}
+
+
+def _table(part: type[Keyed], about: str) -> dict[str, Any]:
+    properties: dict[str, Any] = {}
+    if hasattr(part, "kind"):
+        properties["kind"] = {"const": part.kind, "description": KIND.meaning}
+    needed = list(properties)
+    for each, key in part.keyed_fields():
+        name, allowed = in_files(each.name), key.numbers or each.name
+        limits = RANGES.get(allowed) if isinstance(allowed, str) else allowed
+        ends = {"minimum": limits.low, "maximum": limits.high} if limits and limits.unit == key.unit else {}
+        bounds = {name: end for name, end in ends.items() if math.isfinite(end)}
+        properties[name] = {**_form(part.hints[each.name], bounds), "description": key.about}
+        if is_needed(each):
+            needed.append(name)
+        elif isinstance(each.default, str | float | int | tuple):
+            properties[name]["default"] = list(each.default) if isinstance(each.default, tuple) else each.default
+    schema = {"type": "object", "description": about, "additionalProperties": False, "properties": properties}
+    return {**schema, "required": needed} if needed else schema
+
+
+def _form(hint: Any, bounds: Mapping[str, float] = MappingProxyType({})) -> dict[str, Any]:
+    """The JSON Schema of what has a type; ``bounds`` are those of a number."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in JSON_TYPES:
+        return {"type": JSON_TYPES[hint], **(bounds if hint in (float, int) else {})}
+    if _is_part(hint):
+        links = [{"$ref": f"#/$defs/{each.__name__}Table"} for each in vars(hint).get("kinds", {"": hint}).values()]
+        return links[0] if len(links) == 1 else {"oneOf": links}
+    if origin is Literal:
+        return {"const": inner[0]} if len(inner) == 1 else {"enum": list(inner)}
+    if origin is tuple and inner[-1] is not ...:
+        return {"type": "array", "prefixItems": list(map(_form, inner)), "minItems": len(inner), "maxItems": len(inner)}
+    if origin is Mapping:
+        return {"type": "object", "additionalProperties": _form(entry_of(hint))}
+    if origin in (Sequence, tuple):
+        return {"type": "array", "items": _form(entry_of(hint))}
+    forms = [_form(kind, bounds) for kind in inner if kind is not NoneType and get_origin(kind) is not np.ndarray]
+    if any("none" in form.get("enum", (form.get("const"),)) for form in forms):
+        for form in forms:
+            if "items" in form:
+                form["items"] = {"anyOf": [form["items"], {"const": "none"}]}
+    return forms[0] if len(forms) == 1 else {"anyOf": forms}

@@ -1,0 +1,25 @@
+"""What takes long to make, made once in all processes of the tests."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+folder = Path()  # of all processes; set when they begin
+_made: dict[str, Any] = {}
+
+
+def made_once(name: str, make: Callable[[], Any]) -> Any:
+    """Return what ``make`` returns: from memory, or as another process left it, or made now and left for the others."""
+    from floatplan.files import write_atomically
+
+    if name not in _made:
+        path = folder / "made" / f"{name}.pickle"
+        if path.is_file():
+            _made[name] = pickle.loads(path.read_bytes())
+        else:
+            _made[name] = make()
+            write_atomically(path, pickle.dumps(_made[name]))
+    return _made[name]
