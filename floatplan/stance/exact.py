@@ -113,7 +113,7 @@ class StanceDynamics:
         ratio, motion = grid.ratios, (grid.y, grid.v, grid.a)
         horizontal, vertical = (np.asarray(each) for each in self.total(*motion))
         if self.phase.others[0].vertical:
-            return horizontal / np.maximum(vertical, FALLING * self.model.robot.mass)
+            return np.asarray(horizontal / np.maximum(vertical, FALLING * self.model.robot.mass))
         none, one = (self.moment(*motion, np.vstack((part * ratio, part + 0 * ratio))) for part in (0.0, 1.0))
         other = -np.asarray(none) / np.asarray(one - none)
         own = vertical - other
