@@ -92,7 +92,10 @@ class GeneralDynamics(Dynamics):
         direct = np.concatenate(parts, axis=2)
         assert direct.shape[2] == 3 * n + 1
         base_response = direct.sum(axis=1) / locked_inertia[:, None]
-        return np.asarray(direct - by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :])
+        direct -= by_acceleration.sum(axis=2)[:, :, None] * base_response[:, None, :]
+        if tree.rotors is not None:
+            direct[:, :, 2 * n : 3 * n] += tree.rotors
+        return direct
 
 
 class Nearest(NamedTuple):

@@ -181,6 +181,11 @@ def one_of(*words: str, or_number: Check | None = None) -> Check:
     return check
 
 
+def in_short(value: object) -> str:
+    """The representation of anything, its first line where it has several."""
+    return repr(value).partition("\n")[0]
+
+
 def made(*kinds: type, advice: str | None = None) -> Check:
     """An object of one of some classes; what is wrong with one that was not checked is told too."""
     wanted = either([kind.__name__ for kind in kinds])
@@ -189,7 +194,7 @@ def made(*kinds: type, advice: str | None = None) -> Check:
         if value is MISSING:
             return value
         if not isinstance(value, kinds):
-            raise InputError(f"{value!r} is not a {wanted}", element=element, advice=advice)
+            raise InputError(f"{in_short(value)} is not a {wanted}", element=element, advice=advice)
         if isinstance(value, Checked):
             value.check(element)
         return value
@@ -233,6 +238,12 @@ def by_name(check: Check) -> Check:
         return dict(zip(names, _checked(value.values(), check, (f"{element}.{name}" for name in names)), strict=True))
 
     return each
+
+
+def for_all(check: Check) -> Check:
+    """What a check lets through: one for all, or by name."""
+    named = by_name(check)
+    return lambda value, element: (named if isinstance(value, Mapping) else check)(value, element)
 
 
 def by_joint(check: Check, *words: str, single: bool = True, mapping: bool = True) -> Check:
@@ -365,7 +376,7 @@ def _brief(value: object) -> str:
         return f"{len(value)} of {type(value[0]).__name__}"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return value if isinstance(value, str) else repr(value).partition("\n")[0]
+    return value if isinstance(value, str) else in_short(value)
 
 
 def _brief_array(array: npt.NDArray[Any]) -> str:

@@ -24,6 +24,7 @@ from floatplan.arguments import (
     by_name,
     either,
     flag,
+    for_all,
     made,
     many,
     number,
@@ -156,7 +157,8 @@ def _check(hint: Any, numbers: str | Range) -> Check:
         return _any_of(inner, numbers)
     entry = number(RANGES[numbers] if isinstance(numbers, str) else numbers, infinite="none" in words)
     if not lists:
-        return one_of(*words, or_number=entry)
+        is_named = any(get_origin(kind) is Mapping for kind in inner)
+        return for_all(entry) if is_named else one_of(*words, or_number=entry)
     single = float in inner
     return by_joint(entry if single else _check(entry_of(lists[0]), numbers), *words, single=single)
 

@@ -129,4 +129,6 @@ RANGES: dict[str, Range] = {
     "window": _within(1e6, "s"),
     "limit": Range(1e-9, 1e12, ""),
     "slope": Range(0.0, 1e12, "N m s/rad"),
+    "armature": Range(0.0, 1e6, "kg m^2"),
+    "damping": Range(0.0, 1e9, "N m s/rad"),
 }

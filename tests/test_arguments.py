@@ -193,7 +193,10 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
         ),
         "Robot": Call(
             fp.Robot.from_urdf,
-            {"source": problem.robot.path, **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference"))},
+            {
+                "source": problem.robot.path,
+                **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference", "armature", "damping")),
+            },
         ),
     }
 

@@ -184,7 +184,7 @@ def test_problems_are_written_with_the_robot_s_address(tmp_path, plans):
 
 def test_couplings_and_postures_that_are_none_are_refused(tmp_path):
     text = (GALLERY / "go2.toml").read_text()
-    for asked, wrong, reason in (("mirror", "left", "is not 'mirror'"), ("standing", "sitting", "no posture")):
+    for asked, wrong, reason in (("mirror", "left", "must be 'mirror'"), ("standing", "sitting", "no posture")):
         (tmp_path / "problem.toml").write_text(text.replace(f'"{asked}"', f'"{wrong}"'))
         with pytest.raises(fp.InputError, match=reason):
             fp.load_problem(tmp_path / "problem.toml")

@@ -10,7 +10,7 @@ from floatplan import errors, files, tables
 from floatplan.export import ros_bag, table
 from floatplan.planning import search
 from floatplan.plans import reading
-from floatplan.problem import checks, family, file, parts
+from floatplan.problem import family, file, parts, resolution
 from floatplan.robot.shapes import links, meshes
 from floatplan.robot.urdf import check, read
 from floatplan.simulation import closed_loop, forward
@@ -18,12 +18,12 @@ from floatplan.studies import file as study_file
 from floatplan.studies import maps as study_maps
 
 SIZES = {
-    "planned joints": checks.MOST_JOINTS,
+    "planned joints": resolution.MOST_JOINTS,
     "joints of a URDF": check.MOST_JOINTS,
     "polynomial degree": parts.HIGHEST_DEGREE,
     "problems of a family": family.MOST_PROBLEMS,
     "obstacles, and pairs of links to keep apart": tables.MOST_OBSTACLES,
-    "obstacles times shapes of links": checks.MOST_DISTANCES,
+    "obstacles times shapes of links": resolution.MOST_DISTANCES,
     "collision elements, where shapes matter": links.MOST_COLLISIONS,
     "processes of a search or a study, threads of a batch": search.MOST_JOBS,
     "rows of a study": study_file.MOST_ROWS,
@@ -71,7 +71,7 @@ def test_sizes(page):
 @pytest.mark.parametrize(
     "number",
     [
-        f"{checks.NARROWEST:g} rad wide",
+        f"{resolution.NARROWEST:g} rad wide",
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
         f"above {reading.LARGEST_FOUND:g}",

@@ -13,7 +13,6 @@ import typer
 from floatplan.cli import checks, problems, robots, show
 from floatplan.cli.common import (
     DONE,
-    FAILED,
     Commands,
     Degrees,
     Json,
@@ -23,7 +22,7 @@ from floatplan.cli.common import (
     RobotOptions,
     Verbose,
     argument,
-    print_json,
+    finish,
     program,
     reporting_errors,
     tell,
@@ -32,7 +31,6 @@ from floatplan.cli.common import (
 from floatplan.cli.jumps import jump, launch, launches, needs_casadi
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import studio, study
-from floatplan.errors import InputError
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
@@ -120,8 +118,6 @@ def plan(
     directory = runs_folder(problem.name, "flight") if output is None else output
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
-    if budget is not None and not budget > 0:
-        raise InputError(f"{budget} s is not positive", element="--budget", advice="give a positive number of seconds")
     if launch:
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
@@ -140,15 +136,11 @@ def plan(
             from floatplan.view.report.report import write_report
 
             files.append(write_report(answer, directory / REPORT, stances))
-    if not quiet:
-        from floatplan.cli.summary import plan_summary, print_summary
-
-        print_summary(plan_summary(answer, files, program(), stances), stderr=json_output)
-    if json_output:
-        record = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
-        print_json({**record, "launch": of_stances} if launch else record)
-    proved = answer.certificate is not None and answer.certificate.proved
-    raise typer.Exit(DONE if answer.ok and (proved or not certify) else FAILED)
+    facts = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
+    facts |= {"launch": of_stances} if launch else {}
+    ok = answer.ok and (not certify or (answer.certificate is not None and answer.certificate.proved))
+    words = (answer, files, program(), stances)
+    finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
 
 
 def _without_obstacles(answer: Plan, seed: int) -> Plan | None:

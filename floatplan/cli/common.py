@@ -240,19 +240,24 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 
 def finish(
-    facts: Mapping[str, Any], json_output: bool, readable: Callable[[Any], RenderableType], ok: bool = True
+    facts: Mapping[str, Any],
+    json_output: bool,
+    readable: Callable[[Any], RenderableType],
+    ok: bool = True,
+    told: bool | None = None,
 ) -> NoReturn:
     """Print a command's result and end it: exit code 0 where it is as wanted, else 1.
 
     Parameters
     ----------
     facts : printed as JSON where that is asked for
-    readable : what is printed for a person, else, made with the functions of :mod:`floatplan.cli.summary`
+    readable : what is printed for a person, made with the functions of :mod:`floatplan.cli.summary`
+    told : whether that is printed, beside JSON on stderr; left out, where there is no JSON
     """
-    if json_output:
-        print_json(facts)
-    else:
+    if told or (told is None and not json_output):
         from floatplan.cli import summary
 
-        summary.print_summary(readable(summary))
+        summary.print_summary(readable(summary), stderr=json_output)
+    if json_output:
+        print_json(facts)
     raise typer.Exit(DONE if ok else FAILED)

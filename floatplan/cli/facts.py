@@ -33,6 +33,7 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
         {
             **{name: getattr(robot, name) for name in OF_ROBOT},
             "locked": dict(robot.locked),
+            **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
             "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
             "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
             "D_min": low,

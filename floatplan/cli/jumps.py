@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from floatplan.cli.common import (
-    DONE,
-    FAILED,
     Json,
     Output,
     PlanFile,
@@ -18,7 +16,6 @@ from floatplan.cli.common import (
     Quiet,
     Urdf,
     finish,
-    print_json,
     program,
     tell,
 )
@@ -63,14 +60,10 @@ def jump(
             bar.say("proving the flight")
             found = found.with_certificate(certify(found.flight))
     files = write_jump(found, directory, tell(quiet))
-    if not quiet:
-        from floatplan.cli.summary import jump_summary, print_summary
-
-        print_summary(jump_summary(found, files, time.perf_counter() - began, program()), stderr=json_output)
-    if json_output:
-        print_json(found.to_dict())
+    words = (found, files, time.perf_counter() - began, program())
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
-    raise typer.Exit(DONE if found.ok and proved else FAILED)
+    ok = found.ok and proved
+    finish(found.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
 
 
 def launch(

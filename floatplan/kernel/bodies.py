@@ -42,6 +42,8 @@ class Bodies:
         As which of these bodies each link turns.
     links : (M, m) complex, kg m^2
         Of each link alone, the row of C by these bodies.
+    rotors : (M, n) kg m^2 rad
+        Moments on the links that turn rotors, by the accelerations of sin p; zeros where there are none.
     is_mirrored : whether angles count the other way
     """
 
@@ -54,6 +56,7 @@ class Bodies:
     rotations: ComplexArray
     group: IntArray
     links: ComplexArray
+    rotors: Array
     is_mirrored: bool
 
     @property
@@ -91,6 +94,7 @@ def merged_bodies(tree: PlanarTree, centre: Array, amplitude: Array) -> Bodies:
         rotations,
         group,
         links,
+        np.zeros_like(tree.turns) if tree.rotors is None else tree.rotors * amplitude,
         is_mirrored,
     )
 
@@ -119,6 +123,8 @@ def filled_robot(bodies: Bodies, free: Sequence[int]) -> Filled:
         links=len(bodies.group),
         link_real=bodies.links.real,
         link_imaginary=bodies.links.imag,
+        has_rotors=bool(bodies.rotors.any()),
+        rotors=bodies.rotors,
         **{name: getattr(bodies, name) for name in same},
     )
 

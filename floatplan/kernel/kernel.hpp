@@ -19,6 +19,8 @@ struct Robot {
     std::int64_t links;
     const std::int64_t *group;
     const double *link_real, *link_imaginary;  // (links, bodies): rows of C, moments of inertia with the own body
+    std::int64_t has_rotors;
+    const double *rotors;  // (links, joints): moments on the links that turn the motors' rotors, by accelerations
 };
 
 // A motion at some instants: arrays (.., stride), stride a multiple of 8 so that several instants are computed at once.

@@ -124,6 +124,16 @@ static inline void differentiate_turn(const Robot &robot, Motion &m) {
     }
 }
 
+// Adds what turns the motors' rotors to the moments at the instants from k on.
+static inline void turn_rotors(const Robot &robot, Motion &m, std::int64_t k) {
+    for (std::int64_t link = 0; link < robot.links; ++link)
+        for (std::int64_t i = 0; i < robot.joints; ++i) {
+            const double rotor = robot.rotors[link * robot.joints + i];
+            double *moment = m.moment + link * m.stride + k;
+            if (rotor != 0) store(moment, add_product(rotor, load(m.acceleration + i * m.stride + k), load(moment)));
+        }
+}
+
 // theta0'' and the moments that turn the links, from m.acceleration; their sum vanishes. x + i y is E_a (phi_a'' + i
 // phi_a'^2).
 static inline void move_bodies(const Robot &robot, Motion &m) {
@@ -156,6 +166,7 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
             Vector c = load(m.body_cosine + own), s = load(m.body_sine + own);
             store(m.moment + link * stride + k, multiply_add(c, x, s * y));
         }
+        if (robot.has_rotors) turn_rotors(robot, m, k);
     }
 }
 
@@ -201,6 +212,8 @@ static inline void differentiate_sum(const Robot &robot, Motion &m, std::int64_t
         gather(robot, by_angle, by);
         gather(robot, by_swing, by + n);
         gather(robot, by_acceleration, by + 2 * n);
+        for (std::int64_t e = 0; robot.has_rotors && e < robot.links * n; ++e)
+            by[2 * n + e % n] += of_moments[e / n] * robot.rotors[e];
         by_base_rate += by_swing[0];
     } else {
         std::memset(by, 0, 3 * n * sizeof(double));

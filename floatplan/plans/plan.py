@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import flag, function, made, optional, positive, text
+from floatplan.arguments import flag, function, in_short, made, optional, positive, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -304,7 +304,7 @@ def given_plan(plan: Plan | str | Path) -> Plan:
     if isinstance(plan, Plan):
         return plan
     if not isinstance(plan, str | Path):
-        raise InputError(f"{plan!r} is neither a Plan nor the path of one", element="plan")
+        raise InputError(f"{in_short(plan)} is neither a Plan nor the path of one", element="plan")
     return load_plan(plan)
 
 

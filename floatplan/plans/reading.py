@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from floatplan.arguments import number
+from floatplan.arguments import in_short, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_depth, check_finite, check_numbers, is_file, plain, read_json
@@ -150,7 +150,7 @@ def recorded(plan: Recorded | PlanRecord | str | Path) -> tuple[PlanRecord, str 
     if isinstance(plan, str | Path):
         return load_record(plan), plan, None
     if not isinstance(getattr(plan, "record", None), PlanRecord):
-        raise InputError(f"{plan!r} is neither a Plan nor the path of one", element="plan")
+        raise InputError(f"{in_short(plan)} is neither a Plan nor the path of one", element="plan")
     return plan.record, None, plan.robot
 
 
@@ -175,6 +175,8 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
         "joints": record.joints,
         "coupled": {name: Coupling(**values) for name, values in record.coupled.items()},
         "locked": dict(record.locked),
+        "armature": dict(record.armature),
+        "damping": dict(record.damping),
     }
     source = find_urdf(record.urdf, plan_file) if urdf is None else urdf
     robot = robot_as_asked(source, choices, plan_file, "robot.")
@@ -232,4 +234,6 @@ def robot_record(robot: Robot) -> RobotRecord:
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         locked=dict(robot.locked),
         meshes=dict(robot.meshes),
+        armature=dict(robot.armature),
+        damping=dict(robot.damping),
     )

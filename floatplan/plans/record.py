@@ -24,7 +24,8 @@ class RobotRecord:
     """Which robot the plan is for, and how it was read: the arguments of ``Robot.from_urdf``.
 
     ``urdf`` is the path (or ``example-robot-data:`` address) as resolved when planned, ``sha256`` that of the file;
-    ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF.
+    ``meshes`` are the SHA-256 of the collision meshes that its shapes are around, by their file names in the URDF;
+    ``armature``, kg m^2, and ``damping``, N m s/rad, are by joint, where the file or the caller gave them.
     """
 
     urdf: str
@@ -34,6 +35,8 @@ class RobotRecord:
     coupled: Mapping[str, Any] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
     meshes: Mapping[str, str] = field(default_factory=dict)
+    armature: Mapping[str, float] = field(default_factory=dict)
+    damping: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

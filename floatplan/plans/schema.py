@@ -75,6 +75,7 @@ ROBOT = KeyedTable(
         "coupled": by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
         "locked": by_name(number),
         "meshes": by_name(text),
+        **dict.fromkeys(("armature", "damping"), by_name(non_negative)),
     },
     NO_KEY,
 )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from floatplan.arguments import made
+from floatplan.arguments import in_short, made
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import parsed_toml, plain, read_text, write_atomically
@@ -57,7 +57,7 @@ def given_problem(problem: Problem | str | Path, element: str = "problem") -> Pr
     if isinstance(problem, Problem):
         return problem
     if not isinstance(problem, str | Path):
-        raise InputError(f"{problem!r} is neither a Problem nor the path of one", element=element)
+        raise InputError(f"{in_short(problem)} is neither a Problem nor the path of one", element=element)
     return load_problem(problem)
 
 
@@ -244,6 +244,8 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "coupled": {joint: asdict(coupling) for joint, coupling in robot.coupled.items()},
         "locked": dict(robot.locked),
         "reference": robot.reference_name,
+        "armature": dict(robot.armature),
+        "damping": dict(robot.damping),
     }
 
 

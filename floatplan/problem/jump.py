@@ -146,10 +146,6 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
                     yield InputError(
                         f"the robot has no frame {frame!r}", element=place, advice="name a link or a joint"
                     )
-                elif robot.frames[known].body == 0:
-                    yield InputError(
-                        f"{frame!r} is on the base, which cannot stand", element=place, advice="name a foot"
-                    )
     for place, posture in (("takeoff.from", jump.takeoff.from_), ("landing.to", jump.landing.to)):
         for joint in posture if isinstance(posture, Mapping) else ():
             if joint not in robot.joints:

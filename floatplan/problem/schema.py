@@ -41,6 +41,14 @@ class RobotRequest(Keyed):
     reference: Annotated[
         str | None, Key("Posture of an SRDF file beside the URDF, where joints that are not planned are locked")
     ] = None
+    armature: Annotated[
+        float | Mapping[str, float] | None,
+        Key("Inertia of rotors as their joints feel it: of every motor, or by joint", "kg m^2"),
+    ] = None
+    damping: Annotated[
+        float | Mapping[str, float] | None,
+        Key("Torque lost by a joint's rate, in simulators: of every motor, or by joint", "N m s/rad"),
+    ] = None
 
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""

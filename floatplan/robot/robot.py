@@ -12,12 +12,19 @@ from xml.etree.ElementTree import fromstring
 
 import numpy as np
 
-from floatplan.arguments import FINITE, by_name, made, many, optional, text
+from floatplan.arguments import FINITE, by_name, for_all, made, many, number, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
-from floatplan.errors import InputError
+from floatplan.errors import InputError, naming
 from floatplan.pool.threads import one_thread
-from floatplan.robot.planar.choice import Choice, Coupling, choose_joints, largest_turn, with_axes_in_plane
+from floatplan.robot.planar.choice import (
+    Choice,
+    Coupling,
+    choose_joints,
+    largest_turn,
+    with_axes_in_plane,
+    with_motors,
+)
 from floatplan.robot.planar.mirror import mirror_couplings
 from floatplan.robot.planar.model import build_model, check_model, coordinates, planned_limits
 from floatplan.robot.planar.plane import Plane
@@ -121,6 +128,8 @@ class Robot:
         coupled: Mapping[str, str | Coupling] | Literal["mirror"] | None = None,
         locked: Mapping[str, float] | None = None,
         reference: str | None = None,
+        armature: float | Mapping[str, float] | None = None,
+        damping: float | Mapping[str, float] | None = None,
     ) -> Robot:
         """Load a robot from a URDF file.
 
@@ -143,6 +152,13 @@ class Robot:
         reference : str, optional
             The reference posture: the name of a state in an SRDF file beside the URDF, such as "standing". Left out:
             all zero.
+        armature : float or mapping, optional
+            Inertia of the motors' rotors as the joints feel it (the rotor's own, times the gear's ratio squared),
+            kg m^2: of every motor, or by joint. What is left out is as the file's ``<dynamics armature="..">`` has it,
+            or zero. It counts in torques; the momentum does not count it.
+        damping : float or mapping, optional
+            Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
+            Simulators alone know it, as the file's ``friction``.
 
         Raises
         ------
@@ -151,8 +167,10 @@ class Robot:
         """
         source = source if isinstance(source, str) else as_path(source, "source")
         path = urdf_path(source)
-        try:
+        with naming(path):
             plane, reference = NAME(plane, "plane"), NAME(reference, "reference")
+            given = (("armature", armature), ("damping", damping))
+            motors = {key: optional(for_all(number(key)))(value, key) for key, value in given}
             joints, locked = optional(NAMES)(joints, "joints"), optional(by_name(FINITE))(locked, "locked")
             if not isinstance(coupled, str):
                 coupled = optional(by_name(LEADER))(coupled, "coupled")
@@ -165,10 +183,9 @@ class Robot:
                 plane, coupled = everything.plane.name, mirror_couplings(tree, everything, joints)
             elif isinstance(coupled, str):
                 raise InputError(f'must be a table of joints, or "mirror", not "{coupled}"', element="coupled")
-            robot = cls._assemble(str(source), text, tree, choose(plane=plane, joints=joints, coupled=coupled))
+            choice = choose(plane=plane, joints=joints, coupled=coupled)
+            robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
             return robot if reference is None else replace(robot, reference_name=reference)
-        except InputError as error:
-            raise error.within(error.source or path) from None
 
     @classmethod
     def _assemble(cls, source: str, text: UrdfText, written: UrdfTree, choice: Choice) -> Robot:
@@ -211,6 +228,25 @@ class Robot:
             layout=layout,
             tilt=largest_turn(written, tree),
         )
+
+    @property
+    def armature(self) -> Mapping[str, float]:
+        """Inertia of rotors as their joints feel it, kg m^2, by joint, where the file or the caller gives it."""
+        return self._of_joints("armature")
+
+    @property
+    def damping(self) -> Mapping[str, float]:
+        """Torque lost by the rate, N m s/rad, by joint, where the file or the caller gives it."""
+        return self._of_joints("damping")
+
+    @property
+    def friction(self) -> Mapping[str, float]:
+        """Torque lost at any rate, N m, by joint, where the file gives it."""
+        return self._of_joints("friction")
+
+    def _of_joints(self, key: str) -> Mapping[str, float]:
+        values = ((joint.name, getattr(joint, key)) for joint in self.layout.tree.joints)
+        return {name: value for name, value in values if value is not None}
 
     def check_shapes(self) -> None:
         """Refuse collision geometry that ``shapes`` leave out: the robot would be clear of what it hits.
@@ -285,19 +321,15 @@ class Robot:
     @cached_property
     @one_thread
     def _shapes(self) -> tuple[tuple[LinkCapsule, ...], dict[str, list[LinkCapsule]]]:
-        try:
+        with naming(self.path):
             return link_shapes(self.layout, self.path.parent, self.meshes)
-        except InputError as error:
-            raise error.within(error.source or self.path) from None
 
     @property
     @one_thread
     def outlines(self) -> list[tuple[int, Outline]]:
         """The collision geometry that ``shapes`` are around, each outline with its body; errors as of ``shapes``."""
-        try:
+        with naming(self.path):
             return link_outlines(self.layout, self.path.parent, self.meshes)
-        except InputError as error:
-            raise error.within(error.source or self.path) from None
 
     @property
     def mass(self) -> float:
@@ -337,7 +369,7 @@ def robot_as_asked(urdf: str | Path, choices: Mapping[str, Any], asker: str | Pa
     try:
         return Robot.from_urdf(urdf, **choices)
     except InputError as error:
-        word = (error.element or "").split(" ")[0]
+        word = (error.element or "").replace(".", " ").split(" ")[0]
         if asker is None or word not in choices or all(value is None for value in choices.values()):
             raise
         raise InputError(error.reason, source=asker, element=f"{prefix}{error.element}", advice=error.advice) from None

@@ -39,7 +39,7 @@ from floatplan.simulation.forward import (
     runge_kutta_step,
 )
 from floatplan.simulation.perturbation import Drawn, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion, perturbed_takeoff, reduced_model
+from floatplan.simulation.recorded_motion import RecordedMotion, ReducedModel, perturbed_takeoff, reduced_model
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
@@ -277,9 +277,9 @@ class _Flight:
     seconds: list[float]
 
 
-def _held(accelerations: Accelerations, forces: Array, _: float, q: Array, v: Array) -> Array:
-    """Accelerations under forces that are held."""
-    return accelerations(q, v, forces)
+def _held(accelerations: Accelerations, forces: Array, reduced: ReducedModel, _: float, q: Array, v: Array) -> Array:
+    """Accelerations under forces that are held, less what the joints lose."""
+    return accelerations(q, v, np.concatenate((forces[:BASE], forces[BASE:] - reduced.lost(v[BASE:]))))
 
 
 def _landings(flights: list[_Flight]) -> Landings:
@@ -341,7 +341,7 @@ class _Loop:
             torques = self._torques(now, angles, rates)
             peak = np.maximum(peak, np.abs(torques))
             forces = np.concatenate((np.zeros(BASE), drawn.torque * torques))
-            held = partial(_held, accelerations, forces)
+            held = partial(_held, accelerations, forces, self.reduced)
             states.append(runge_kutta_step(held, states[-1], 0.0, min(PERIOD, replanner.landing - now)))
             if not np.isfinite(states[-1][0]).all():
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {now:.3g} s after takeoff")
@@ -387,7 +387,8 @@ class _Loop:
         positions = self.resting + self.selection @ reference.positions
         velocities = self.selection @ reference.velocities
         feedback = self.gains[0] * (positions - angles) + self.gains[1] * (velocities - rates)
-        return np.asarray(np.clip(self.motors @ reference.motors + feedback, -self.effort, self.effort))
+        wanted = self.motors @ reference.motors + self.reduced.lost(velocities) + feedback
+        return np.asarray(np.clip(wanted, -self.effort, self.effort))
 
     def _clearance(self, times: Array, positions: Array, planned: Array) -> float:
         """Least distance of the real links to an obstacle, m."""

@@ -66,11 +66,13 @@ def feedback_gains(reduced: ReducedModel, posture: Array, bandwidth: float) -> A
 class JointTorques:
     """Torques (m,) by time, s, and the joints' positions and velocities (m,): the plan's, and feedback's.
 
-    ``factors`` (m,) say how strong each motor is; without gains (2, m) of feedback the torques are open loop.
+    ``factors`` (m,) say how strong each motor is; without gains (2, m) of feedback the torques are open loop. Motors
+    make up for what joints that move as planned lose by damping and friction; what joints lose is taken off.
     """
 
     def __init__(self, motion: RecordedMotion, factors: Array, gains: Array | None) -> None:
-        self.factors, self.gains = factors, gains
+        self.factors, self.gains, self.lost = factors, gains, motion.reduced.lost
+        self.loses = bool(motion.reduced.losses.any())
         # a Runge-Kutta method evaluates some instants twice
         self._planned = lru_cache(maxsize=4)(motion.torques)
         self._target = lru_cache(maxsize=4)(motion.joints)
@@ -78,13 +80,15 @@ class JointTorques:
     def __call__(self, time: float, positions: Array, velocities: Array) -> Array:
         """Torques (m,), N m."""
         torques = self._planned(time)
+        if self.loses:
+            torques = torques + self.lost(self._target(time).velocities[JOINTS])
         if self.gains is not None:
             target = self._target(time)
             torques = torques + (
                 self.gains[0] * (target.positions[JOINTS] - positions)
                 + self.gains[1] * (target.velocities[JOINTS] - velocities)
             )
-        return np.asarray(self.factors * torques)
+        return np.asarray(self.factors * torques - self.lost(velocities) if self.loses else self.factors * torques)
 
     def applied(self, to: Accelerations, positions: Entries = JOINTS, velocities: Entries = JOINTS) -> Dynamics:
         """Return the dynamics under these torques; the entries are of the joints, left out the reduced model's."""

@@ -106,14 +106,11 @@ def _compiled(
             for name, axis in zip(BASE, (plane.horizontal, plane.vertical, plane.normal), strict=True):
                 kind = kinds.mjJNT_HINGE if name == BASE[-1] else kinds.mjJNT_SLIDE
                 base.add_joint(name=name, type=kind, axis=axis)
-        # nothing but inertia, gravity and joint torques
+        # nothing but inertia, gravity and joint torques, which damping and friction are taken off
         spec.option.gravity = reduced.model.gravity.linear
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-        for joint in spec.joints:
-            joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-            joint.frictionloss, joint.armature = 0.0, 0.0
-            # damping became one of three coefficients in MuJoCo 3.5
-            joint.damping = 0.0 if np.isscalar(joint.damping) else np.zeros_like(joint.damping)
+        for name, armature in robot.armature.items():
+            spec.joint(f"joint{robot.model.getJointId(name)}").armature = armature
         return spec.compile()
     except ValueError as error:
         raise InputError(f"MuJoCo refuses the robot: {error}", source=robot.source, element="engine") from None

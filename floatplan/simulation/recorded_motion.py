@@ -22,6 +22,7 @@ from floatplan.robot.robot import Robot
 from floatplan.simulation.perturbation import Drawn
 
 NODES = 96  # [-] of Gauss-Legendre quadrature on each panel
+SLOW = 0.5  # [rad/s] about which friction changes its sign: a step could not be integrated
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +37,23 @@ class ReducedModel:
         With zeros for the base.
     axes : (2, 3)
         The plane's horizontal and vertical axis.
+    losses : (2, m) damping and friction of the joints, N m s/rad and N m
     """
 
     model: Any
     reference: Array
     selection: Array
     axes: Array
+    losses: Array
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names (m,) of the joints that move."""
         return tuple(self.model.names)[BASE_COORDINATES + 1 :]
+
+    def lost(self, velocities: Array) -> Array:
+        """Torques (m,) N m that the joints lose by damping and friction at velocities (m,), rad/s."""
+        return np.asarray(self.losses[0] * velocities + self.losses[1] * np.tanh(velocities / SLOW))
 
     def off_goal(self, joints: Array, goal: Any) -> tuple[Array, Array]:
         """Magnitudes of errors at a goal (n,), rad, of joints (m,).
@@ -82,8 +89,12 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
             carrier[joint] = (added, pin.SE3.Identity())
             kept.append(source.joints[joint].idx_v)
         model.appendBodyToJoint(carrier[joint][0], source.inertias[joint], carrier[joint][1])
+    model.armature = source.armature[kept]
     axes = np.stack([robot.plane.horizontal, robot.plane.vertical])
-    return ReducedModel(model, read_only(robot.reference[kept]), read_only(robot.selection[kept]), read_only(axes))
+    names = list(model.names)[BASE_COORDINATES + 1 :]
+    losses = [[each.get(name, 0.0) for name in names] for each in (robot.damping, robot.friction)]
+    arrays: Any = (robot.reference[kept], robot.selection[kept], axes, losses)
+    return ReducedModel(model, *map(read_only, arrays))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.motion import JumpState, Stance, flight_state, point_in_joint
+from floatplan.stance.motion import JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
@@ -85,22 +84,23 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     robot, problem = stance.robot, jump.problem
     weight = robot.mass * stance.gravity
     model, data = robot.model, robot.model.createData()
-    height = float(np.abs(state.positions[:, 1]).max()) or 1.0
+    standing = pin.centerOfMass(model, data, state.positions[0]) @ robot.plane.vertical
+    height = float(standing - stance.place.imag + stance.contacts[0].depth)
     wrench = np.empty_like(state.positions)
-    jacobians = [(name, *point) for name, point in _points(stance)]
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     for row, (q, v, a) in enumerate(zip(state.positions, state.velocities, state.accelerations, strict=True)):
         lifted = a.copy()
         lifted[1] += stance.gravity
         wrench[row] = pin.rnea(model, data, q, v, lifted)
         pin.computeJointJacobians(model, data, q)
-        for name, joint, local in jacobians:
+        for name, (joint, local) in stance.points.items():
             at = pin.SE3(np.eye(3), local)
             frame = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
             wrench[row] -= state.forces[name][row] @ axes @ frame[:3]
     residual = np.abs(wrench[:, :3]) / [weight, weight, weight * height]
     motors = wrench @ robot.transmission
-    rates = state.velocities @ (robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection))
+    planned = np.linalg.pinv(robot.selection).T
+    rates = state.velocities @ planned
     found = {"residual": float(residual.max()), "torque": float((np.abs(motors) / problem.motor_torque_limits).max())}
     own = np.abs(motors) + problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     found["torque_speed"] = float((own / problem.motor_stall).max())
@@ -108,9 +108,7 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     efforts = np.where(robot.model.effortLimit > 0, robot.model.effortLimit, np.inf)
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     found["held_torque"] = float((np.abs(wrench[:, locked]) / efforts[locked]).max(initial=0.0))
-    joints = (state.positions - robot.reference) @ (
-        robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection)
-    )
+    joints = (state.positions - robot.reference) @ planned
     low, high = np.asarray(problem.position_limits).T
     found["range"] = float(np.minimum(joints - low, high - joints).min())
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
@@ -121,14 +119,6 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     return found
 
 
-def _points(stance: Stance) -> list[tuple[str, tuple[int, Array]]]:
-    return [
-        (name, point_in_joint(stance.robot, frame, spot[1]))
-        for contact in stance.contacts
-        for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True)
-    ]
-
-
 def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]:
     """Cone, drift and speed of the feet that stand, by forward kinematics."""
     robot = stance.robot
@@ -136,9 +126,8 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     weight = robot.mass * stance.gravity
     found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf, "drift": 0.0, "foot_speed": 0.0}
-    for (name, (joint, local)), contact in zip(
-        _points(stance), [each for each in stance.contacts for _ in each.names], strict=True
-    ):
+    contacts = {name: contact for contact in stance.contacts for name in contact.names}
+    for name, (joint, local) in stance.points.items():
         places, speeds = np.empty((2, len(state.times), 2))
         at = pin.SE3(np.eye(3), local)
         for row, (q, v) in enumerate(zip(state.positions, state.velocities, strict=True)):
@@ -146,7 +135,7 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
             places[row] = axes @ (data.oMi[joint] * at).translation
             jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
             speeds[row] = axes @ jacobian[:3] @ v
-        used = slice(1, 2) if contact.vertical else slice(0, 2)
+        used = slice(1, 2) if contacts[name].vertical else slice(0, 2)
         found["drift"] = max(found["drift"], float(np.ptp(places[:, used], axis=0).max()))
         found["foot_speed"] = max(found["foot_speed"], float(np.abs(speeds[:, used]).max()))
         horizontal, vertical = state.forces[name].T
@@ -164,10 +153,7 @@ def _surroundings(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[st
     robot = stance.robot
     tree = robot.tree
     theta, base = state.positions[:, 2], state.positions[:, 0] + 1j * state.positions[:, 1]
-    joints = (state.positions - robot.reference) @ (
-        robot.selection @ np.linalg.pinv(robot.selection.T @ robot.selection)
-    )
-    angles = tree.absolute_angles(theta, joints)
+    angles = tree.absolute_angles(theta, (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T)
     rotations = tree.rotations(angles)
     com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
     contacts = [contact for each in jump.stances for contact in each.contacts]

@@ -22,7 +22,7 @@ def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> comple
     robot = program.model.robot
     home = robot.frames[contact.frame]
     spots = [contact.spots[0], (home.body, home.local)]
-    place, origin = heights_over_com(robot, spots, float(y[0]), y[1:])
+    place, origin = heights_over_com(robot, spots, y)
     return complex(place - origin)
 
 
@@ -69,7 +69,7 @@ def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: 
     for side, node in ((index - 1, program.starts[index]), (index + 1, program.starts[index + 1])):
         anchor = program.phases[side].anchor
         spots = [anchor.spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
-        places = heights_over_com(problem.robot, spots, float(solution.y[0, node]), solution.y[1:, node]).imag
+        places = heights_over_com(problem.robot, spots, solution.y[:, node]).imag
         lowest = (places[1:] - np.repeat([each.radius for each in shapes], 2)).min()
         depth = max(depth, float(places[0] - anchor.depth - lowest))
     return HalfPlane(point=(0.0, round(ground - depth - POINT_FEET, 4)))

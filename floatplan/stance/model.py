@@ -8,7 +8,7 @@ at ``sum_k W_k e_k`` from a reference point, W from :meth:`floatplan.robot.Plana
 ``Q_k = sum_b m_b <i sigma W_bk e_k, c_b'' + i g> + I_k phi_k'' - sum_f <i sigma W_fk e_k, F_f>``,
 
 W from the base's origin, c_b the bodies' centres, F_f forces at points f. Motors' torques are ``motor_turns^T Q``,
-and ``sum_k Q_k = 0`` is the balance of moments about the base's origin.
+and ``sum_k Q_k = 0`` is the balance of moments about the base's origin. What turns rotors is part of Q.
 """
 
 from __future__ import annotations
@@ -127,7 +127,8 @@ class PlanarModel:
         inertia = tree.inertia * ca.mtimes(self._rates, self.a)
         for spot, (horizontal, vertical) in forces:
             moments -= self._moments([spot], horizontal, vertical)
-        return moments + inertia
+        moments += inertia
+        return moments if tree.rotors is None else moments + ca.mtimes(self._constant(tree.rotors), self.a[1:])
 
     def _moments(self, spots: Sequence[Spot], x: Any, z: Any) -> Any:
         """Virtual work (m,) of forces (x, z) at points with the bodies' angles, the base's origin at rest."""

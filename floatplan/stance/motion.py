@@ -143,24 +143,21 @@ class Stance:
         robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
         axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
         pushed = np.zeros_like(positions)
-        points = [
-            (name, at)
-            for contact in self.contacts
-            for name, at in zip(contact.names, self._places(contact), strict=True)
-        ]
         for row, q in enumerate(positions):
             pin.computeJointJacobians(model, data, q)
-            for name, (joint, local) in points:
+            for name, (joint, local) in self.points.items():
                 jacobian = pin.getFrameJacobian(model, data, joint, pin.SE3(np.eye(3), local), pin.LOCAL_WORLD_ALIGNED)
                 pushed[row] += forces[name][row] @ axes @ jacobian[:3]
         return pushed
 
-    def _places(self, contact: Contact) -> list[tuple[int, Array]]:
-        """Pinocchio's joint and the place (3,) m in it of each of a contact's points."""
-        return [
-            point_in_joint(self.robot, frame, spot[1])
-            for frame, spot in zip(contact.frames, contact.spots, strict=True)
-        ]
+    @cached_property
+    def points(self) -> dict[str, tuple[int, Array]]:
+        """Pinocchio's joint, and the place (3,) m in it, of each point that stands."""
+        return {
+            name: point_in_joint(self.robot, frame, spot[1])
+            for contact in self.contacts
+            for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True)
+        }
 
     @cached_property
     def span(self) -> tuple[float, float]:

@@ -111,7 +111,7 @@ def phases_of(
 
 
 def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array | None:
-    """Return positions (n,) rad, nearest to the wanted ones, in which the robot stands still with its base level.
+    """Return orientation and joints (n+1,) rad, nearest to the wanted ones, in which the robot stands still.
 
     All contacts are on level ground, and the centre of mass is over them: inside their span, or above the one point.
     None where no such posture is found.
@@ -119,23 +119,23 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
     Parameters
     ----------
     contacts : all on which it stands
-    wanted : (n,) rad
-    limits : (n, 2) rad
+    wanted : (n+1,) rad
+    limits : (n+1, 2) rad
     """
     spots = [each.spots[0] for each in contacts]
     depths = np.array([each.depth for each in contacts])
 
-    one = np.ptp(heights_over_com(robot, spots, 0.0, wanted).real) < STILL
+    one = np.ptp(heights_over_com(robot, spots, wanted).real) < STILL
 
     def levels(positions: Array) -> Array:
         """Heights of the contacts relative to the first; and where the one is, from under the centre of mass."""
-        places = heights_over_com(robot, spots, 0.0, positions)
+        places = heights_over_com(robot, spots, positions)
         ground = places.imag - depths
         return np.append(ground[1:] - ground[0], places.real[:1] if one else [])
 
     def span(positions: Array) -> Array:
         """Ends of the support, less room, from under the centre of mass."""
-        along = heights_over_com(robot, spots, 0.0, positions).real
+        along = heights_over_com(robot, spots, positions).real
         room = INSIDE * np.ptp(along)
         return np.array([-(along.min() + room), along.max() - room])
 
@@ -149,8 +149,8 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
     if not one:
         constraints.append(NonlinearConstraint(span, 0.0, np.inf))
     low, high = limits.T
-    drawn = np.random.default_rng(0).uniform(low, high, (ATTEMPTS, len(low)))
-    for start in (np.clip(wanted, low, high), *drawn):
+    drawn = np.random.default_rng(0).uniform(low[1:], high[1:], (ATTEMPTS, len(low) - 1))
+    for start in (np.clip(wanted, low, high), *np.insert(drawn, 0, wanted[0], axis=1)):
         found = minimize(  # type: ignore[call-overload]
             lambda q: float(((q - wanted) ** 2).sum()),
             start,
@@ -166,12 +166,15 @@ def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, l
 
 
 def not_static(robot: Robot, contacts: Sequence[Contact], positions: Array) -> str:
-    """Why a robot does not stand still on contacts in a posture (n,), its base level, for a person."""
-    places = heights_over_com(robot, [each.spots[0] for each in contacts], 0.0, positions)
+    """Why a robot does not stand still on contacts in a posture (n+1,), for a person."""
+    places = heights_over_com(robot, [each.spots[0] for each in contacts], positions)
     step = float(np.ptp(places.imag - [each.depth for each in contacts]))
     if step > LEVEL:
         return f"its feet are {1e3 * step:.0f} mm apart in height"
-    outside = max(places.real.min(), -places.real.max(), 0.0)
-    if outside > STILL:
-        return f"its centre of mass is {1e3 * outside:.0f} mm outside its feet"
-    return "its centre of mass is too near the ends of its feet"
+    inside = min(-places.real.min(), places.real.max())
+    if inside < -STILL:
+        return f"its centre of mass is {-1e3 * inside:.0f} mm outside its feet"
+    room = INSIDE * np.ptp(places.real)
+    if inside < room:
+        return f"its centre of mass is {1e3 * inside:.0f} mm from the end of its feet, {1e3 * room:.0f} mm at least"
+    return "a joint is too near the end of its range"

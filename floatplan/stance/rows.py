@@ -227,7 +227,8 @@ class NodeRows:
         seen: list[tuple[int, Any]] = []
         for motor in range(turns.shape[1]):
             bodies = np.flatnonzero(turns[:, motor])
-            key = np.array([[tree.mass[b], tree.center[b], tree.inertia[b], *tree.turns[b]] for b in bodies])
+            own = (tree.mass, tree.center, tree.inertia, tree.armature)
+            key = np.array([[*(each[b] for each in own), *tree.turns[b]] for b in bodies])
             if not any(k.shape == key.shape and np.allclose(k, key, rtol=1e-6, atol=1e-6) for _, k in seen):
                 seen.append((motor, key))
         return [motor for motor, _ in seen]

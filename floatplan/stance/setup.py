@@ -12,6 +12,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.problem.jump import JumpRequest, Standing
+from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.stance.check import SLIP
@@ -141,7 +142,7 @@ class Setup:
             friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
-        rest = self.standing[0 if self.phases[0].contacts else -1, 1:]
+        rest = self.standing[0 if self.phases[0].contacts else -1]
         feet = [contact for phase in self.phases for contact in phase.contacts]
         watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
@@ -178,17 +179,16 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     InputError
         No frame takes off, a contact cannot be one, there is no gravity, or no standing posture is found.
     """
-    robot = problem.robot
-    _check_gravity(problem)
+    _check_stand(problem)
     turns = round(problem.final.orientation / TURN) - round(problem.initial.orientation / TURN)
-    before = _wanted(robot, request.takeoff.from_, np.asarray(robot.resting))
+    before = _wanted(problem, problem.initial, request.takeoff.from_)
     given = request.takeoff.contacts, request.landing.contacts
     usual = ((), ()) if all(given) else _default_groups(problem, turns, before)
     takeoff, landing = (asked or default for asked, default in zip(given, usual, strict=True))
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
-    after = _wanted(robot, request.landing.to, posture)
+    after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
-    ground = _ground(robot, takeoff_contacts[0][0], posture)
+    ground = _ground(problem.robot, takeoff_contacts[0][0], posture)
     time = problem.flight.duration
     bounds = [
         *_bounds(request, "takeoff", len(takeoff)),
@@ -196,8 +196,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         *_bounds(request, "landing", len(landing)),
     ]
     phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
-    standing = np.stack((np.append(0.0, posture), np.append(TURN * turns, rest)))
-    return Setup(problem, request, phases, standing, ground)
+    return Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
 
 
 def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
@@ -214,13 +213,12 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
         As of :func:`jump_setup`.
     """
     robot, gravity = problem.robot, float(problem.flight.gravity)
-    _check_gravity(problem)
+    _check_stand(problem)
     takes_off = side == "takeoff"
     frame = problem.takeoff.frame if takes_off else problem.landing.frame
-    if robot.frames[frame].body == 0:
-        raise InputError("the frame there is the base, which cannot stand", element=f"flight.{side}")
-    wanted = _wanted(robot, request.takeoff.from_, np.asarray(robot.resting))
-    wanted = wanted if takes_off else _wanted(robot, request.landing.to, wanted)
+    _check_stands(robot, frame, side)
+    wanted = _wanted(problem, problem.initial, request.takeoff.from_)
+    wanted = wanted if takes_off else _wanted(problem, problem.final, request.landing.to, wanted)
     groups: Sequence[Sequence[str]] = (request.takeoff if takes_off else request.landing).contacts or ()
     if not groups:
         feet = standing_feet(robot, frame, wanted)
@@ -234,12 +232,24 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
     phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
     time = problem.flight.duration
     flight = Phase("flight", (), time, (time, time), 0)
-    rest = np.append(TURN * round(meeting[0] / TURN), posture)
+    rest = _turned(posture, TURN * round((meeting[0] - posture[0]) / TURN))
     ends = (rest, meeting) if takes_off else (meeting, rest)
     return Setup(problem, request, (*phases, flight) if takes_off else (flight, *phases), np.stack(ends), ground)
 
 
-def _check_gravity(problem: Problem) -> None:
+def _check_stands(robot: Robot, frame: str, side: str) -> None:
+    if frame == robot.tree.names[0]:
+        reason = "the frame there is the base's own, so that nothing stands"
+        raise InputError(reason, element=f"flight.{side}", advice="name a foot there")
+
+
+def _turned(posture: Array, angle: float) -> Array:
+    """The posture (n+1,) after whole turns of the base, rad."""
+    return np.append(posture[0] + angle, posture[1:])
+
+
+def _check_stand(problem: Problem) -> None:
+    problem.robot.check_shapes()
     if not problem.flight.gravity > 0:
         raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
 
@@ -247,7 +257,7 @@ def _check_gravity(problem: Problem) -> None:
 def _side(
     problem: Problem, request: JumpRequest, side: str, groups: Sequence[Sequence[str]], wanted: Array
 ) -> tuple[list[tuple[Contact, ...]], Array]:
-    """Contacts of a side's phases, and the posture (n,) in which the robot stands still at its outer end, rad."""
+    """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot, takes_off = problem.robot, side == "takeoff"
     place = f"jump.{side}.contacts"
     contacts = [_contacts(robot, names, wanted, place) for names in groups]
@@ -255,19 +265,26 @@ def _side(
         raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
     outer = contacts[0 if takes_off else -1]
     asked = request.takeoff.from_ if takes_off else request.landing.to
-    found = standing_posture(robot, outer, wanted, inside(np.asarray(problem.position_limits)))
+    tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
+    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits))))
     own = isinstance(asked, Mapping)
-    is_other = own and found is not None and np.abs(found - wanted).max() > NEAR
+    named = ("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place
+    for joint, at, (low, high) in zip(robot.joints, wanted[1:], problem.position_limits, strict=True):
+        if own and not low <= at <= high:
+            reason = f"{at:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
+            raise InputError(reason, element=f"{named}.{joint}")
     floating = "" if own else in_the_air(robot, outer, wanted, FAR)
+    found = None if floating else standing_posture(robot, outer, wanted, limits)
+    is_other = own and found is not None and np.abs(found - wanted)[1:].max() > NEAR
     if not floating and found is not None and not is_other:
         floating = in_the_air(robot, outer, found)
     if floating:
         raise InputError(floating, element=place, advice="name what is on the ground where it stands")
     if found is None or is_other:
-        static = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found, strict=True)]
+        static = [] if found is None else [f"{name} {at:.4g}" for name, at in zip(robot.joints, found[1:], strict=True)]
         raise InputError(
             f"the posture is not static: {not_static(robot, outer, wanted)}",
-            element=("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place,
+            element=named,
             advice=f"static is {', '.join(static)} rad" if static else "give another, or other contacts",
         )
     return contacts, found
@@ -284,23 +301,25 @@ def _bounds(request: JumpRequest, side: str, phases: int) -> list[tuple[float, f
 
 def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
     """Height of the ground over the centre of mass, m, standing."""
-    return float(heights_over_com(robot, contact.spots[:1], 0.0, posture)[0].imag - contact.depth)
+    return float(heights_over_com(robot, contact.spots[:1], posture)[0].imag - contact.depth)
 
 
-def _wanted(robot: Robot, asked: Standing, standing: Array) -> Array:
-    """Positions (n,) rad that are asked for: those of ``standing``, or by joint, others being in the reference."""
-    if not isinstance(asked, Mapping):
+def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Array | None = None) -> Array:
+    """Posture (n+1,) rad that is asked for: that of ``standing``, or by joint, others being in the reference.
+
+    The base is level; or, where the robot stands on it, as in the flight's ``state`` there, less whole turns.
+    """
+    if standing is not None and not isinstance(asked, Mapping):
         return standing
-    return np.array([asked.get(*pair) for pair in zip(robot.joints, np.array(robot.resting), strict=True)])
+    robot, given = problem.robot, asked if isinstance(asked, Mapping) else {}
+    level = math.remainder(state.orientation, TURN) if problem.takeoff_frame.body == 0 else 0.0
+    return np.array([level, *(given.get(*pair) for pair in zip(robot.joints, robot.resting.tolist(), strict=True))])
 
 
 def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[list[str]], list[list[str]]]:
     """Frames of the phases where none are asked: all feet, and those on the side to which it turns."""
     robot, frame = problem.robot, problem.takeoff.frame
-    if problem.takeoff_frame.body == 0:
-        raise InputError(
-            "no frame takes off, so that nothing stands", element="flight.takeoff", advice="name a foot there"
-        )
+    _check_stands(robot, frame, "takeoff")
     feet = standing_feet(robot, frame, wanted)
     if len(feet) == 1:
         toe = contact_at(robot, frame, wanted)[0]
@@ -317,9 +336,16 @@ def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str) -> 
     found: list[Contact] = []
     for name in names:
         frame, dot, _ = name.partition(".") if name not in robot.frames else (name, "", "")
-        points = contact_at(robot, frame, wanted)
+        try:
+            points = contact_at(robot, frame, wanted)
+        except InputError as error:
+            raise error.within(element=place) from None
         chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
             raise InputError(f"{name!r} is no point of a sole", element=place, advice=f"name {points[0].name!r}")
+        twice = [each for each in found if set(each.names) & {point for one in chosen for point in one.names}]
+        if twice:
+            reason = f"{name!r} stands twice: with {', '.join(map(repr, twice[0].names))}"
+            raise InputError(reason, element=place, advice="name a foot, or those that are coupled to it, once")
         found += chosen
     return tuple(found)

@@ -45,7 +45,8 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
     r"problem\.self_clearance\[.\]\.margin": ASKED,
     r"problem\.self_clearance\[.\]\.links\[.\]": ASKED,
     r"robot\.(urdf|sha256|plane|joints\[.\])": CLAIM,
-    r"robot\.coupled\.q3\.(leader|ratio|offset)|robot\.locked\.q\d+": CLAIM,
+    r"robot\.coupled\.q3\.(leader|ratio|offset)|robot\.locked\.q\d+|robot\.armature\.q\d+": CLAIM,
+    r"robot\.damping\.q\d+": FREE,
     r"angular_momentum|centre\[.\]|amplitude\[.\]|coefficients\[.\]\[.\]": CLAIM,
     r"orientation\.(start|end|goal)": CLAIM,
     r"com\.(position0\[.\]|velocity0\[.\]|gravity)": CLAIM,
@@ -67,6 +68,8 @@ def honest() -> PlanRecord:
         URDF / "chain10.urdf",
         coupled={"q3": Coupling("q1", -0.7, 0.2)},
         locked={f"q{k}": 0.1 for k in range(4, 11)},
+        armature={"q1": 0.02, "q3": 0.5},
+        damping={"q2": 0.1},
     )
     assert robot.joints == ("q1", "q2")
     coefficients = draw_coefficients(np.random.default_rng(8), 2, 0.9, 0.3)

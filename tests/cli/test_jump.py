@@ -159,13 +159,13 @@ WRONG = {  # in go2.toml: what is replaced, and what is said then
     ),
     "a posture that falls": (
         'contacts = [["FL_foot"], ["FL_foot", "RL_foot"]]',
-        'to = { FL_thigh_joint = -50, RL_thigh_joint = -50 }\ncontacts = [["FL_foot"], ["FL_foot", "RL_foot"]]',
+        'to = { FL_thigh_joint = -25, RL_thigh_joint = -25 }\ncontacts = [["FL_foot"], ["FL_foot", "RL_foot"]]',
         "jump.landing.to: the posture is not static: its centre of mass is",
     ),
     "a contact in the air": (
         '[["RL_foot", "FL_foot"], ["RL_foot"]]',
-        '[["RL_foot", "FL_thigh"], ["RL_foot"]]',
-        "jump.takeoff.contacts: 'FL_thigh' is in the air",
+        '[["RL_foot", "FL_hip"], ["RL_foot"]]',
+        "jump.takeoff.contacts: 'FL_hip' is in the air",
     ),
     "friction 0": ("friction = 0.6", "friction = 0", "jump.friction: 0.0 is not positive"),
     "no gravity": ("duration = 0.4", "duration = 0.4\ngravity = 0", "flight.gravity: nothing stands without gravity"),

@@ -101,6 +101,8 @@ def make_plan(
             {name: asdict(coupling) for name, coupling in robot.coupled.items()},
             dict(robot.locked),
             dict(robot.meshes),
+            dict(robot.armature),
+            dict(robot.damping),
         ),
         angular_momentum=angular_momentum,
         angular_momentum_bounds=(angular_momentum - 1.0, angular_momentum + 1.0),

@@ -101,7 +101,11 @@ def evaluate(robot: Robot, record: PlanRecord, times, gauss=4) -> Dense:
     for b in range(len(tree.mass)):
         if tree.parent[b] >= 0:
             relative[b] -= tree.turns[tree.parent[b]]
-    return Dense(times, q, dq, ddq, per_body @ relative, orientation, rate[:, 0])
+    rotors = np.zeros(len(robot.joints))
+    for name, armature in record.robot.armature.items():
+        coupling = record.robot.coupled.get(name, {"leader": name, "ratio": 1.0})
+        rotors[robot.joints.index(coupling["leader"])] += armature * coupling["ratio"] ** 2
+    return Dense(times, q, dq, ddq, per_body @ relative + rotors * ddq, orientation, rate[:, 0])
 
 
 def com(record: PlanRecord, t):

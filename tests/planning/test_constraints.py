@@ -131,7 +131,7 @@ class TestEveryBlockHasACase:
 @pytest.fixture(scope="module")
 def problem():
     """A flight of four links with everything that can move: rates at both ends, h free, unequal degrees."""
-    robot = fp.Robot.from_urdf(URDF_FOLDER / "high_jumper.urdf")
+    robot = fp.Robot.from_urdf(URDF_FOLDER / "high_jumper.urdf", armature=0.3)
     start = fp.Posture(1.4, [0.3, -0.2, -2.0], [0.3, -0.5, 0.2], [1.0, 0.0, -2.0])
     goal = fp.Posture(3.4, [0.9, -1.0, -0.7], [0.0, 0.4, -0.3])
     flight = fp.Flight(0.9, "free", fp.Takeoff("foot"), fp.Landing("trunk", 0.8), horizontal_velocity=-2.0)

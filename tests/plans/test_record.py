@@ -159,7 +159,7 @@ DAMAGES = {  # path, value, element that the message names
     "checksum null": (["robot", "sha256"], None, "robot.sha256"),
     "plane as a number": (["robot", "plane"], 5, "robot.plane"),
     "joints as text": (["robot", "joints"], "q1", "robot.joints"),
-    "joints as numbers": (["robot", "joints"], [1, 2], "robot.joints[0]"),
+    "a joint as a number": (["robot", "joints"], [1, "q2"], "robot.joints[0]"),
     "locked as a list": (["robot", "locked"], [1], "robot.locked"),
     "locked at text": (["robot", "locked"], {"j": "x"}, "robot.locked.j"),
     "coupling of other keys": (["robot", "coupled"], {"j": {"to": "q1"}}, "robot.coupled.j.to"),

@@ -87,7 +87,6 @@ REFUSED = {
         'takeoff = { contacts = [["paw"]] }',
         r"jump.takeoff.contacts\[0\]: the robot has no frame",
     ),
-    "a frame of the base": ('landing = { contacts = [["body0"]] }', "jump.landing.*'body0' is on the base"),
     "not a planned joint": ("takeoff = { from = { knee = 0 } }", "jump.takeoff.from: 'knee' is not a planned joint"),
     "a foot that leaves and returns": (
         'takeoff = { contacts = [["foot", "hand"], ["foot"], ["foot", "hand"]] }',

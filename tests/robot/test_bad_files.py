@@ -288,7 +288,7 @@ ASKED = {  # URDF, what the problem file chooses, what it adds, part of the mess
         "",
         'no joint is called "x"',
     ),
-    "coupled by another word": (robot_text(J, links="ab"), 'coupled = "left"', "", "is not 'mirror'"),
+    "coupled by another word": (robot_text(J, links="ab"), 'coupled = "left"', "", "must be 'mirror'"),
     "no name": (robot_text(J, links="ab").replace(' name="sample"', ""), "", "", "<robot>: has no name"),
     "missing mesh": (robot_text(J, links="ab").replace('<link name="b">', MESH), "", BAR, '"nowhere.stl" not found'),
 }

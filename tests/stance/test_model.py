@@ -18,7 +18,7 @@ if find_spec("casadi") is None or robots_folder() is None:
 
 ROBOTS = {
     "go2": ("go2_description/urdf/go2.urdf", {"coupled": "mirror", "reference": "standing"}, "RL_foot"),
-    "bolt": ("bolt_description/robots/bolt.urdf", {"coupled": "mirror"}, "FR_FOOT"),
+    "bolt": ("bolt_description/robots/bolt.urdf", {"coupled": "mirror", "armature": 0.05}, "FR_FOOT"),
     "talos": (
         "talos_data/robots/talos_reduced.urdf",
         {"coupled": "mirror", "plane": "xz", "reference": "half_sitting"},

@@ -19,10 +19,15 @@ if not INSTALLED:
 TALOS = "example-robot-data:talos_data/robots/talos_reduced.urdf"
 
 
+def level(robot: Robot) -> np.ndarray:
+    """The reference posture, its base level."""
+    return np.append(0.0, robot.resting)
+
+
 def test_a_quadruped_stands_on_four_feet_in_two_pairs() -> None:
     robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
-    rear, front = standing_feet(robot, "RL_foot", np.array(robot.resting))
-    (contact,) = contact_at(robot, front, np.array(robot.resting))
+    rear, front = standing_feet(robot, "RL_foot", level(robot))
+    (contact,) = contact_at(robot, front, level(robot))
     assert rear == "RL_foot"
     assert set(contact.names) == {"FL_foot", "FR_foot"}
     assert 0.015 < contact.depth < 0.03
@@ -30,19 +35,19 @@ def test_a_quadruped_stands_on_four_feet_in_two_pairs() -> None:
 
 def test_a_humanoid_stands_on_heel_and_toe() -> None:
     robot = Robot.from_urdf(TALOS, coupled="mirror", plane="xz", reference="half_sitting")
-    toe, heel = contact_at(robot, "leg_left_6_link", np.array(robot.resting))
+    toe, heel = contact_at(robot, "leg_left_6_link", level(robot))
     assert (toe.suffix, heel.suffix, toe.vertical, heel.vertical) == (".toe", ".heel", False, True)
-    places = heights_over_com(robot, [toe.spots[0], heel.spots[0]], 0.0, np.array(robot.resting))
+    places = heights_over_com(robot, [toe.spots[0], heel.spots[0]], level(robot))
     assert 0.15 < places[0].real - places[1].real < 0.3
     assert abs(places[0].imag - toe.depth - places[1].imag + heel.depth) < 1e-9
 
 
 def test_a_standing_posture_is_level_and_balanced() -> None:
     robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
-    wanted = np.array(robot.resting) + np.array([0.1, 0.0, -0.1, 0.1])
+    wanted = level(robot) + np.array([0.0, 0.1, 0.0, -0.1, 0.1])
     contacts = [contact_at(robot, frame, wanted)[0] for frame in ("RL_foot", "FL_foot")]
-    found = standing_posture(robot, contacts, wanted, np.asarray(robot.position_limits))
-    places = heights_over_com(robot, [each.spots[0] for each in contacts], 0.0, found)
+    found = standing_posture(robot, contacts, wanted, np.vstack(((0, 0), robot.position_limits)))
+    places = heights_over_com(robot, [each.spots[0] for each in contacts], found)
     assert abs(np.ptp(places.imag - [each.depth for each in contacts])) < 1e-5
     assert places.real.min() < 0 < places.real.max()
     assert np.abs(found - wanted).max() < 0.2
@@ -50,9 +55,9 @@ def test_a_standing_posture_is_level_and_balanced() -> None:
 
 def test_where_nothing_stands_there_is_no_posture_and_a_reason() -> None:
     robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
-    contacts = [contact_at(robot, frame, np.array(robot.resting))[0] for frame in ("RL_foot", "FL_foot")]
-    narrow = np.array([[0.0, 0.1], [-1.0, -0.9], [1.5, 1.6], [-1.0, -0.9]])
-    assert standing_posture(robot, contacts, np.array(robot.resting), narrow) is None
+    contacts = [contact_at(robot, frame, level(robot))[0] for frame in ("RL_foot", "FL_foot")]
+    narrow = np.array([[0.0, 0.0], [0.0, 0.1], [-1.0, -0.9], [1.5, 1.6], [-1.0, -0.9]])
+    assert standing_posture(robot, contacts, level(robot), narrow) is None
     assert "apart in height" in not_static(robot, contacts, narrow[:, 0])
 
 

@@ -7,7 +7,7 @@ Arb; what follows from them uses the constants of :class:`~floatplan.certificate
 - ``m_j - i n_j = sum_i C_ij conj(zeta_i) zeta_j``; ``D_0 = sum_j m_j`` and ``D_k = sum_j m_j turns_jk`` in (4);
 - (4) and its derivative: ``sum_j m_j phi_j' = h`` and ``sum_j (m_j phi_j'' + n_j phi_j'^2) = 0``;
 - the torque on body i is ``Q_i = Re(conj(zeta_i) sum_j C_ij zeta_j (phi_j'' + i phi_j'^2))``, and on joint k
-  ``tau_k = sum_i turns_ik Q_i``; on motor l, ``sum_i motor_turns_il Q_i``.
+  ``tau_k = sum_i turns_ik Q_i``; on motor l, ``sum_i motor_turns_il Q_i``; Q_i has what turns the motors' rotors too.
 """
 
 from __future__ import annotations
@@ -101,6 +101,8 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Jo
     squared = phi_rate * phi_rate
     acceleration = -((held_twice + twists * squared).sum() * inverse)
     body_torques = _body_torques(robot, cos, sin, turned_twice + acceleration, squared)
+    if robot.rotors is not None:
+        body_torques += ddq.linear(robot.rotors)
     return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)
 
 

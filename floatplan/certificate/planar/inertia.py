@@ -26,6 +26,7 @@ from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.urdf import (
+    Joint,
     Placement,
     Urdf,
     check_roles,
@@ -58,7 +59,8 @@ def kept_robot(path: Path, record: RobotRecord) -> PlanarRobot:
         :func:`~floatplan.certificate.planar.urdf.read_urdf` and :func:`planar_robot`.
     """
     content = recorded_content(path, record.sha256)
-    key = json.dumps([record.sha256, record.plane, record.joints, record.coupled, record.locked])
+    roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
+    key = json.dumps([record.sha256, *roles])
     if key not in _kept:
         robot = planar_robot(read_urdf(content, path), record)
         if len(_kept) >= MOST:
@@ -91,6 +93,9 @@ class PlanarRobot:
         The entries of ``turns`` that are not zero.
     inertia : (m, m)
         C, kg m^2.
+    rotors : (m, n), optional
+        Moments on the bodies that turn the motors' rotors, by the planned accelerations, kg m^2: those of a joint on
+        its body, and against the body before it.
     weights : (m) lists of (m) acb
         Place of each body's own origin relative to the centre of mass: ``sum_b weights[body][b] z_b``.
     frames : link or joint name -> Point
@@ -113,6 +118,7 @@ class PlanarRobot:
     turns: Balls
     turned_by: list[list[tuple[int, Any]]]
     inertia: ComplexBalls
+    rotors: Balls | None
     weights: list[list[Any]]
     frames: Mapping[str, Point]
     carriers: Mapping[str, tuple[str, ...]]
@@ -203,6 +209,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             about = (normals * link.inertia * normals.transpose())[0, 0]
             body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
         weights, inertia = _weights_and_inertia(bodies)
+        rotors = _rotors(bodies, {body_of[joint.child]: joint for joint in urdf.joints if joint.name in signs}, record)
         points = {
             link: Point(body, in_plane(placed[link].translation) - bodies[body].origin)
             for link, body in body_of.items()
@@ -216,6 +223,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             turns=_matrix([body.turns for body in bodies]),
             turned_by=[[(i, turn) for i, turn in enumerate(body.turns) if not turn.is_zero()] for body in bodies],
             inertia=inertia,
+            rotors=_matrix(rotors) if any(rotor != 0 for row in rotors for rotor in row) else None,
             weights=weights,
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
             carriers=_carriers(urdf),
@@ -225,6 +233,17 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             in_plane=in_plane,
             with_collision=frozenset(name for name, link in urdf.links.items() if link.has_collision),
         )
+
+
+def _rotors(bodies: Sequence[_Body], carriers: Mapping[int, Joint], record: RobotRecord) -> list[list[Any]]:
+    """Moments (m, n) that turn rotors: of each joint on the body that it carries, and against the one before."""
+    rotors = [[flint.arb(0)] * len(record.joints) for _ in bodies]
+    for index, joint in carriers.items():
+        body, armature = bodies[index], flint.arb(record.armature.get(joint.name, joint.armature))
+        for k, (turn, above) in enumerate(zip(body.turns, bodies[body.parent].turns, strict=True)):
+            rotors[index][k] += armature * (turn - above)
+            rotors[body.parent][k] -= armature * (turn - above)
+    return rotors
 
 
 def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str, Placement], dict[str, float]]:

@@ -63,7 +63,10 @@ class Follower:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: its child's frame is at ``origin`` times the motion about (or along) ``axis``."""
+    """A joint: its child's frame is at ``origin`` times the motion about (or along) ``axis``.
+
+    ``armature`` is the inertia of its motor's rotor as the joint feels it, kg m^2.
+    """
 
     name: str
     kind: str
@@ -72,6 +75,7 @@ class Joint:
     origin: Placement
     axis: Any
     mimic: Follower | None
+    armature: float
 
 
 @dataclass(frozen=True)
@@ -186,7 +190,9 @@ def _joint(element: Element) -> Joint:
     if mimic is not None:
         multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
         follower = Follower(_text(mimic, "joint"), multiplier, offset)
-    return Joint(name, kind, *ends, _origin(element), direction, follower)
+    dynamics = element.find("dynamics")
+    armature = 0.0 if dynamics is None else float(_number(dynamics.get("armature", "0")))
+    return Joint(name, kind, *ends, _origin(element), direction, follower, armature)
 
 
 def _origin(element: Element) -> Placement:
@@ -255,6 +261,11 @@ def check_roles(urdf: Urdf, record: RobotRecord) -> None:
     for name, coupling in record.coupled.items():
         if not isinstance(coupling, Mapping) or coupling.get("leader") not in record.joints:
             raise InputError("its leader must be a planned joint", element=f"robot.coupled.{name}")
+    for name, armature in record.armature.items():
+        if name not in moving or name in record.locked:
+            raise InputError("is not a joint that is moved", element=f"robot.armature.{name}")
+        if not 0.0 <= armature < math.inf:
+            raise InputError(f"{armature!r} is no inertia", element=f"robot.armature.{name}")
 
 
 def motors_of(urdf: Urdf, record: RobotRecord) -> tuple[str, ...]:

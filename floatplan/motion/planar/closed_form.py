@@ -4,6 +4,7 @@ With E_k = exp(i sigma phi_k) for the absolute angles phi of the bodies, and K_k
 ``h = sum_kj Re(K_kj) phi_j' + sum_k I_k phi_k'`` and the moment that turns body k
 ``F_k = sum_j Re(K_kj (phi_j'' + i sigma phi_j'^2)) + I_k phi_k''``: the Appendix of the paper, (A.1), (A.4) and (A.5),
 as corrected, for any tree. Joint torques gather F over the joint's subtree; the sum over all bodies vanishes in flight.
+Where motors have rotors, what turns those (:attr:`~floatplan.robot.PlanarTree.rotors`) is part of F, and so of torques.
 Gravity, the path of the centre of mass and the orientation do not enter. Derivatives are the kernel's, ``tree.hpp``.
 """
 
@@ -113,7 +114,8 @@ class Dynamics:
         locked_inertia = (by_base.real + self._inertia) @ self._of_bodies
         base_acceleration = -((gathered.real + self._inertia * relative) @ self._of_bodies) / locked_inertia
         gathered += base_acceleration[:, None] * by_base
-        return np.asarray(gathered.real + self._inertia * (relative + base_acceleration[:, None]))
+        moments = np.asarray(gathered.real + self._inertia * (relative + base_acceleration[:, None]))
+        return moments if self._tree.rotors is None else moments + accelerations @ self._tree.rotors.T
 
 
 @lru_cache(maxsize=64)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -268,6 +268,29 @@ def _resting(tree: UrdfTree, posture: Mapping[str, float], mimics: Mapping[str, 
 
 def _warning(text: str, items: Sequence[str]) -> list[str]:
     return [f"{text}: {', '.join(items)}"] if items else []
+
+
+def with_motors(tree: UrdfTree, choice: Choice, asked: Mapping[str, float | Mapping[str, float] | None]) -> UrdfTree:
+    """Return the robot with motors as asked, which come before those of the file; joints that are locked have none.
+
+    ``asked`` are "armature" and "damping" of all motors, or by joint; None is as the file has it.
+
+    Raises
+    ------
+    InputError
+        A joint is unknown or does not move.
+    """
+    joints = {name: tree.joint[name] for name in choice.ratios}
+    for key, given in asked.items():
+        for name in given if isinstance(given, Mapping) else ():
+            where = f'{key} "{name}"'
+            _moving_joint(tree, name, where)
+            if name not in joints:
+                raise InputError("the joint is locked, so that its motor does not turn", element=where)
+        own: Any = given if isinstance(given, Mapping) else {} if given is None else dict.fromkeys(choice.motors, given)
+        joints |= {name: replace(joints[name], **{key: value}) for name, value in own.items()}
+    rest = (replace(joint, armature=None, damping=None, friction=None) for joint in tree.joints)
+    return replace(tree, joints=tuple(joints.get(joint.name, joint) for joint in rest))
 
 
 def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:

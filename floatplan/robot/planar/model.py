@@ -53,6 +53,9 @@ def build_model(tree: UrdfTree, choice: Choice) -> Any:
     model = pin.buildModelFromXML(tostring(robot, encoding="unicode"))
     model.gravity = pin.Motion.Zero()
     model.name = tree.name
+    for joint in tree.joints:
+        if joint.armature:  # Pinocchio adds it to the diagonal of the mass matrix: in RNEA, ABA and CRBA
+            model.armature[model.joints[model.getJointId(joint.name)].idx_v] = joint.armature
     return model
 
 

@@ -42,6 +42,8 @@ class PlanarTree:
         Centre of mass in the body's frame, m.
     inertia : (m,) kg m^2
         About the body's own centre of mass and the plane's normal.
+    armature : (m,) kg m^2
+        Of the rotor that turns with the joint between the body and its parent, as that joint feels it; 0 for body 0.
     turns : (m, n)
         Derivative of each body's absolute angle by the planned positions: entries 0, +-1, or coupling ratios.
     motor_turns : (m, motors)
@@ -58,6 +60,7 @@ class PlanarTree:
     mass: Array
     center: ComplexArray
     inertia: Array
+    armature: Array
     turns: Array
     motor_turns: Array
     offsets: Array
@@ -90,6 +93,21 @@ class PlanarTree:
         """The matrix C (m, m), kg m^2, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' mass centres."""
         weights = self.point_weights(np.arange(len(self.mass)), self.center)
         return _sealed(np.asarray(weights.conj().T @ (self.mass[:, None] * weights)))
+
+    @cached_property
+    def rotors(self) -> Array | None:
+        """Moments (m, n) that turn the bodies' rotors, by the planned accelerations, kg m^2; None where there are none.
+
+        A joint's torque turns its rotor too, by ``armature`` times the joint's acceleration: a moment of the joint's
+        body, against its parent, so that it is in no other joint's torque. Momentum does not count rotors.
+        """
+        if not self.armature.any():
+            return None
+        own = self.armature[1:, None] * (self.turns[1:] - self.turns[self.parent[1:]])
+        moments = np.zeros_like(self.turns)
+        moments[1:] = own
+        np.subtract.at(moments, self.parent[1:], own)
+        return read_only(moments)
 
     @cached_property
     def distinct_turns(self) -> tuple[Array, IntArray]:
@@ -219,6 +237,7 @@ class TreeLayout:
             mass=_sealed(mass),
             center=_sealed(center),
             inertia=_sealed(inertia),
+            armature=read_only([0.0, *(self.tree.carrier[body.name].armature or 0.0 for body in self.bodies[1:])]),
             turns=read_only([body.turns for body in self.bodies]),
             motor_turns=read_only([body.motor_turns for body in self.bodies]),
             offsets=read_only([body.offset for body in self.bodies]),

@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
-from floatplan.robot.urdf.read import number, only, triple
+from floatplan.robot.urdf.read import LARGEST, number, only, triple
 from floatplan.robot.urdf.tree import Inertial, Mimic, Origin, UrdfJoint, UrdfLink, UrdfTree
 
 LARGEST_ANGLE = 1e3  # [rad] limits this large are placeholders: nobody means 159 turns
@@ -24,6 +24,7 @@ LARGEST_TORQUE = 1e4  # [N m] the same
 LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placeholder
 MOST_JOINTS = 150  # [-] Pinocchio's workspace grows as the cube of the joints; thousands exhaust the memory
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+DYNAMICS = ("armature", "damping", "friction")  # attributes of a joint's <dynamics>
 SMALLEST_MASS = 1e-15  # [kg] of a link that has any
 SHORTEST_AXIS = 1e-9  # [-] length as written
 TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: rounding to three digits of a plate, whose moments are on the edge
@@ -118,7 +119,17 @@ def _read_joint(name: str, element: Element, joints: Collection[str]) -> UrdfJoi
     lower, upper, velocity, effort = _read_limits(f"{place}: limit", kind, only(place, element, "limit"))
     origin, axis = read_origin(place, element), _read_axis(place, element, kind)
     mimic = _read_mimic(f"{place}: mimic", name, only(place, element, "mimic"), joints)
-    return UrdfJoint(name, kind, ends[0], ends[1], origin, axis, lower, upper, velocity, effort, mimic)
+    dynamics = only(place, element, "dynamics")
+    given = [] if dynamics is None else [(key, dynamics) for key in DYNAMICS if key in dynamics.attrib]
+    motor = {key: _magnitude(f"{place}: dynamics", each, key, None) for key, each in given}
+    return UrdfJoint(name, kind, ends[0], ends[1], origin, axis, lower, upper, velocity, effort, mimic, **motor)
+
+
+def _magnitude(place: str, element: Element, key: str, default: float | None, largest: float = LARGEST) -> float:
+    value = number(place, element, key, default, largest)
+    if value < 0.0:
+        raise InputError(f"{key} {value:g} is negative", element=place)
+    return value
 
 
 def _read_axis(place: str, element: Element, kind: str) -> Array:
@@ -142,11 +153,8 @@ def _read_limits(place: str, kind: str, limits: Element | None) -> tuple[float, 
         raise InputError(f"lower {lower:g} exceeds upper {upper:g}", element=place)
     if lower == upper == 0.0:
         lower, upper = -math.inf, math.inf
-    bounds = {key: number(place, limits, key, 0.0, math.inf) for key in ("velocity", "effort")}
-    for key, bound in bounds.items():
-        if bound < 0.0:
-            raise InputError(f"{key} {bound:g} is negative", element=place)
-    return lower, upper, bounds["velocity"] or math.inf, bounds["effort"] or math.inf
+    velocity, effort = (_magnitude(place, limits, key, 0.0, math.inf) for key in ("velocity", "effort"))
+    return lower, upper, velocity or math.inf, effort or math.inf
 
 
 def _read_mimic(place: str, name: str, mimic: Element | None, joints: Collection[str]) -> Mimic | None:

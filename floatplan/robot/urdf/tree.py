@@ -61,7 +61,9 @@ class Mimic:
 class UrdfJoint:
     """A joint from ``parent`` to ``child`` with unit ``axis`` (3,) in its own frame.
 
-    ``lower`` and ``upper`` (rad or m), ``velocity`` and ``effort`` are infinite where the file does not give them.
+    ``lower`` and ``upper`` (rad or m), ``velocity`` and ``effort`` are infinite where the file does not give them;
+    ``armature`` (the rotor's inertia as the joint feels it, kg m^2), ``damping`` (N m s/rad) and ``friction`` (N m) are
+    None there.
     """
 
     name: str
@@ -75,6 +77,9 @@ class UrdfJoint:
     velocity: float
     effort: float
     mimic: Mimic | None
+    armature: float | None = None
+    damping: float | None = None
+    friction: float | None = None
 
     @property
     def moves(self) -> bool:

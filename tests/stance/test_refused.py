@@ -1,0 +1,111 @@
+"""Stances that cannot be: each refused with its key and the reason, before anything is solved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from jumps import INSTALLED, go2_problem
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.robot import Robot
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+STANDING = dict(
+    zip(("FL_thigh_joint", "FL_calf_joint", "RL_thigh_joint", "RL_calf_joint"), [0.8, -1.4] * 2, strict=True)
+)
+REFUSED = {
+    "the knee": ([["FL_calf"]], "standing", r"contacts: 'FL_calf' is a point \d+ mm above .*such as 'FL_foot'"),
+    "the hip": ([["FL_thigh"]], "standing", r"contacts: 'FL_thigh' is a point \d+ mm above .*name a foot's frame$"),
+    "a locked joint's link": (
+        [["FL_hip"]],
+        "standing",
+        r"contacts: 'FL_hip' is in the air: 'F[LR]_foot' is \d+ mm lower",
+    ),
+    "a foot twice": ([["RL_foot", "RL_foot"]], "standing", "contacts: 'RL_foot' stands twice"),
+    "a foot and its twin": (
+        [["RL_foot", "RR_foot"]],
+        "standing",
+        "contacts: 'RR_foot' stands twice: with 'RL_foot', 'RR_foot'",
+    ),
+    "a toe of a point": (
+        [["RL_foot.toe"]],
+        "standing",
+        "contacts: 'RL_foot.toe' is no point of a sole; name 'RL_foot'",
+    ),
+    "nothing under the mass": (
+        [["RL_foot"]],
+        STANDING,
+        r"from: the posture is not static: its centre of mass is \d+ mm outside its feet; static is",
+    ),
+    "legs aslant": (
+        None,
+        STANDING | {"FL_thigh_joint": 1.4, "RL_thigh_joint": 1.4},
+        r"from: the posture is not static: its centre of mass is .* its feet",
+    ),
+    "one leg longer": (
+        None,
+        STANDING | {"RL_calf_joint": -1.75},
+        "from: the posture is not static: its feet are .* apart in height",
+    ),
+    "a joint beyond its range": (
+        None,
+        STANDING | {"FL_thigh_joint": 7.0},
+        r"from\.FL_thigh_joint: 7 rad is outside the joint's range, -1\.571 to 3\.491 rad",
+    ),
+}
+
+
+@pytest.mark.parametrize("side", ["takeoff", "landing"])
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_stand_is_refused(name: str, side: str) -> None:
+    contacts, posture, reason = REFUSED[name]
+    sides = {
+        "takeoff": fp.JumpRequest(takeoff=fp.JumpTakeoff(contacts, from_=posture)),
+        "landing": fp.JumpRequest(landing=fp.JumpLanding(contacts, to=posture)),
+    }
+    with pytest.raises(
+        fp.InputError, match=rf"jump\.{side}\.{reason.replace('from', 'from' if side == 'takeoff' else 'to')}"
+    ):
+        fp.jump(go2_problem(), sides[side])
+
+
+def test_durations_of_the_usual_phases_are_as_many() -> None:
+    with pytest.raises(fp.InputError, match=r"jump\.takeoff\.durations: 1 pairs for 2 phases"):
+        fp.jump(go2_problem(), fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=[[0.1, 0.2]])))
+
+
+def test_what_is_kept_is_a_number() -> None:
+    with pytest.raises(fp.InputError, match=r"flight\.angular_momentum: 'free' is no number to keep"):
+        fp.jump(go2_problem(), fp.JumpRequest(fixed=["angular_momentum"]))
+
+
+def test_the_base_s_own_frame_stands_nowhere() -> None:
+    problem = go2_problem()
+    free = replace(problem, flight=replace(problem.flight, takeoff=None))
+    with pytest.raises(fp.InputError, match=r"flight\.takeoff: the frame there is the base's own"):
+        fp.jump(free)
+
+
+def test_shapes_that_are_missing_are_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is wrong with the robot is refused; it is no jump that was not found."""
+
+    def refuse(self: Robot) -> None:
+        raise fp.InputError("a mesh is not to be found", source=self.source)
+
+    monkeypatch.setattr(Robot, "check_shapes", refuse)
+    with pytest.raises(fp.InputError, match=r"go2\.urdf: a mesh is not to be found"):
+        fp.jump(go2_problem())
+
+
+def test_messages_do_not_print_whole_answers() -> None:
+    plan = fp.plan(replace(go2_problem(), flight=fp.Flight(0.4, takeoff=fp.Takeoff("RL_foot"))), starts=1)
+    for call in (fp.jump, fp.plan):
+        with pytest.raises(
+            fp.InputError, match=r"problem: Plan\(.*\) is neither a Problem nor the path of one$"
+        ) as caught:
+            call(plan)
+        assert len(str(caught.value)) < 160
