@@ -19,6 +19,7 @@ HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
 ROOM = 0.01  # [m] that what does not stand keeps from the ground, or half its height where the robot stands
+FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 NAMED = (".heel", ".toe")
 
 
@@ -32,7 +33,7 @@ class Contact:
     suffix : ".heel" or ".toe" for an end of a sole, which has no frame of its own; else nothing
     spots : the points, in the order of the frames
     depth : its height over the ground where it stands, m
-    vertical : whether only its vertical force is used: a heel, whose toe holds the foot
+    vertical : whether it only presses: a heel, whose toe holds the foot, and shares its horizontal force
     """
 
     frames: tuple[str, ...]
@@ -183,22 +184,28 @@ class Watched:
     least: Array
 
 
-def watched_points(robot: Robot, ground: float, y: Array, directions: int, feet: Sequence[Spot]) -> Watched:
+def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, directions: int) -> Watched:
     """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
 
     Parameters
     ----------
+    contacts : on which it stands before the flight or after it; what is inside circles about them is not watched
     ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
     directions : how many; of four the first is between the axes, so that boxes have all their corners
-    feet : points on which it stands before the flight or after it
     """
+    feet = [spot for each in contacts for spot in each.spots]
     kept: dict[tuple[float, ...], list[tuple[Spot, float]]] = {}
-    for shape in robot.hulls([]):
+    for shape in robot.hulls({frame for each in contacts for frame in each.frames}):
         group = kept.setdefault(tuple(robot.tree.turns[shape.body].tolist()), [])
-        group += [((shape.body, shape.start), shape.radius), ((shape.body, shape.end), shape.radius)]
+        own = [(spot[1], each.depth) for each in contacts for spot in each.spots if spot[0] == shape.body]
+        group += [
+            ((shape.body, end), shape.radius)
+            for end in (shape.start, shape.end)
+            if all(abs(end - place) + shape.radius > depth + FITS for place, depth in own)
+        ]
     spots, least = [], []
     ways = np.exp(2j * np.pi * (np.arange(directions) + 0.5) / directions)
-    for members in kept.values():
+    for members in filter(None, kept.values()):
         places = np.array([spot[1] for spot, _ in members])
         radii = np.array([radius for _, radius in members])
         farthest = {int(((places * way.conj()).real + radii).argmax()) for way in ways}

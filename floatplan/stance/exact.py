@@ -9,6 +9,7 @@ All this is done on a fine grid, between which quintics are as good as exact.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -28,6 +29,7 @@ REFINED = 4  # [-] steps of the grid in an interval of the program
 SUBSTEPS = 4  # [-] of the differential equation in a step of the grid
 NEWTON = 8  # [-] steps for the closure of a chain
 CLOSED = 1e-11  # [m]
+FALLING = 0.01  # [m/s^2] times the mass: a force that is less has no ratio
 MET = 1e-9  # [-] what a residual of a junction may be
 
 
@@ -48,6 +50,8 @@ class StanceDynamics:
         drift = ca.jtimes(rate, model.y, model.v)
         self.drift = model.function("drift", [drift])
         self.size = closures(phase)
+        total, _ = balanced(model, phase, np.zeros(2 * len(phase.others)))
+        self.total = model.function("total", total)
 
     def _closure(self, contact: Contact, home: Array) -> Any:
         """Place of a contact less where it stands, m; of a heel its height."""
@@ -98,6 +102,25 @@ class StanceDynamics:
         rest = np.einsum("nij,jn->ni", jacobian, a) + drift
         a[columns] = -np.linalg.solve(own, rest[:, :, None])[:, :, 0].T
         return y, v, a
+
+    def shared(self, grid: Grid, friction: float) -> Array:
+        """Ratios (others, G) with which the anchor's force is in the cone too: the other takes the rest.
+
+        The ends of a sole take the same.
+        """
+        if len(grid.ratios) != 1:
+            return grid.ratios
+        ratio, motion = grid.ratios, (grid.y, grid.v, grid.a)
+        horizontal, vertical = (np.asarray(each) for each in self.total(*motion))
+        if self.phase.others[0].vertical:
+            return np.asarray(horizontal / np.maximum(vertical, FALLING * self.model.robot.mass))
+        none, one = (self.moment(*motion, np.vstack((part * ratio, part + 0 * ratio))) for part in (0.0, 1.0))
+        other = -np.asarray(none) / np.asarray(one - none)
+        own = vertical - other
+        most = friction * np.maximum(own, 0.0)
+        taken = np.clip(horizontal - ratio * other, -most, most)
+        light = other < FALLING * self.model.robot.mass
+        return np.where(light, ratio, (horizontal - taken) / np.where(light, 1.0, other))
 
     def _closed(self, y: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Closure (N, c) and its derivative (N, c, n+1)."""
@@ -221,7 +244,8 @@ def exact_side(program: JumpProgram, solution: Solution, side: str, meeting: tup
             for own, part in zip((y, v, a), parts, strict=True):
                 own[free] += part
         y, v, a = dynamics.close(y, v, a)
-        grids[index] = Grid(nodes.times, y, v, a, nodes.ratios)
+        grid = Grid(nodes.times, y, v, a, nodes.ratios)
+        grids[index] = replace(grid, ratios=dynamics.shared(grid, program.node.bounds.friction))
         inner = 0 if side == "takeoff" else -1
         junction = y[:, [inner]], v[:, [inner]], a[:, [inner]]
     return [grids[index] for index in indices]

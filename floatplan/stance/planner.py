@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,12 +21,15 @@ from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
 from floatplan.stance.program import JumpProgram, Solution
-from floatplan.stance.setup import Room, Setup, corrected, jump_setup
+from floatplan.stance.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
 from floatplan.tables import Range
 
-ROOM = Room(0.9, 0.97, 0.7, 4)  # of the first program; the next depends on what its jump breaks
+ROOMS = (
+    Room(0.9, 0.97, 0.7, 4),
+    Room(0.86, 0.97, 0.8, 4, smooth=50.0),
+)  # of the first program; the next depends on what its jump breaks
 STARTS = 4
-WORK = 150  # [-] times the starts: iterations after which no other is tried
+WORK = 300  # [-] times the starts: iterations after which no other is tried
 MOST_STARTS = Range(1, 1000, "")
 
 
@@ -51,7 +55,7 @@ def jump(
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        How many are tried at most, until one is found: fewer where together they take 150 iterations each.
+        How many are tried at most, until one is found: fewer where together they take 300 iterations each.
     progress : callable, optional
         Told in a few words what is done.
 
@@ -78,24 +82,26 @@ def jump(
         setup = jump_setup(problem, asked)
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    program, spent = setup.program(ROOM), 0
-    for start in range(starts):
+    programs = {room: setup.program(room) for room in ROOMS}
+    spent = 0
+
+    def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
+        found = completed(setup, program, solution, seed)
+        return found, None if found.ok else found.check.figures
+
+    for start, (room, program) in itertools.product(range(starts), programs.items()):
         if spent >= WORK * starts:
             break
         tried = start + 1
-        say(f"start {start + 1} of {starts}")
+        say(f"start {tried} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
         solution = program.solve(program.guess(rng))
         spent += solution.iterations
         if not solution.converged:
             best = min(best, solution.worst)
             continue
-
-        def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
-            found = completed(setup, program, solution, seed)
-            return found, None if found.ok else found.check.figures
-
-        answer = corrected(ROOM, asked, (program, solution), setup.program, complete)
+        most = 0 if room is ROOMS[0] else CORRECTIONS
+        answer = corrected(room, asked, (program, solution), setup.program, complete, most)
         if answer.ok:
             return answer
     if answer is not None:

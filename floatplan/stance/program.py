@@ -160,7 +160,7 @@ class JumpProgram:
             for row, contact in enumerate(phase.others):
                 if contact.vertical:
                     box[:, 2 * row] = 0.0
-                if contact not in inner.contacts:
+                if contact.name not in [each.name for each in inner.contacts]:
                     box[:, 2 * row : 2 * row + 2, seam] = 0.0
         return box
 
@@ -185,7 +185,7 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
-        return *ipopt(raw, total / unit + ROUGHNESS * rough, rows), rows
+        return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""

@@ -141,7 +141,10 @@ class NodeRows:
     watched : what stays above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
+    smooth : weight of steps of accelerations, times the usual one
     """
+
+    smooth = 1.0
 
     def __init__(
         self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
@@ -167,8 +170,9 @@ class NodeRows:
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
         rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, BALANCE)]
         rows += self._closures(phase, drifts)
-        for contact, pair in zip(phase.contacts, [own, *pairs], strict=True):
-            for sign in (1.0, -1.0):
+        heels = sum(pair[1] for contact, pair in zip(phase.others, pairs, strict=True) if contact.vertical)
+        for contact, pair in zip(phase.contacts, [(own[0], own[1] + heels), *pairs], strict=True):
+            for sign in (1.0, -1.0) if not contact.vertical else ():
                 held = (friction * pair[1] + sign * pair[0]) / self.weight
                 rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
@@ -180,8 +184,9 @@ class NodeRows:
             heights = model.places(model.weights(self.watched.spots, anchor))[1]
             pairs_of = enumerate(self.watched.least)
             rows += [(heights[index] - ground, float(least), np.inf, CLEAR) for index, least in pairs_of]
+        standing = [contact.name for contact in phase.contacts]
         for contact in self.feet:
-            if contact not in phase.contacts:
+            if contact.name not in standing:
                 height = model.places(model.weights(contact.spots[:1], anchor))[1]
                 rows.append((height - ground, contact.depth, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])

@@ -48,6 +48,7 @@ class Room:
     torque, velocity, friction : shares of what is allowed
     directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
+    smooth : by which factor steps of accelerations weigh more
     """
 
     torque: float
@@ -55,6 +56,7 @@ class Room:
     friction: float
     directions: int
     finer: float = 1.0
+    smooth: float = 1.0
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -69,7 +71,7 @@ class Room:
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer)
+        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth)
 
 
 Answer = TypeVar("Answer")
@@ -81,6 +83,7 @@ def corrected(
     found: tuple[JumpProgram, Solution],
     program: Callable[[Room], JumpProgram],
     complete: Callable[[JumpProgram, Solution], tuple[Answer, Mapping[str, float] | None]],
+    most: int = CORRECTIONS,
 ) -> Answer:
     """Return what a solution comes to between its nodes; where that fails, of one with more nodes, and stricter.
 
@@ -91,9 +94,10 @@ def corrected(
     found : that program, and its solution
     program : the same with other room
     complete : what a solution comes to, and the figures of its check where they fail
+    most : programs after the first
     """
     answer, figures = complete(*found)
-    for _ in range(CORRECTIONS):
+    for _ in range(most):
         if figures is None:
             break
         room = room.stricter(request, figures)
@@ -139,10 +143,12 @@ class Setup:
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
-        feet = [spot for phase in self.phases for contact in phase.contacts for spot in contact.spots]
-        watched = watched_points(problem.robot, self.ground, rest, room.directions, feet)
+        feet = [contact for phase in self.phases for contact in phase.contacts]
+        watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        return NodeRows(model, phases, watched, bounds, self.standing)
+        node = NodeRows(model, phases, watched, bounds, self.standing)
+        node.smooth = room.smooth
+        return node
 
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
