@@ -62,12 +62,12 @@ class Drawing:
     def __init__(self, name: str) -> None:
         source, *feet = ROBOTS[name]
         self.robot = fp.Robot.from_urdf(f"example-robot-data:{source}", coupled="mirror", reference="standing")
-        wanted = np.array(self.robot.resting)
+        wanted = np.append(0.0, self.robot.resting)
         self.feet: tuple[Contact, ...] = tuple(contact_at(self.robot, each, wanted)[0] for each in feet)
-        limits = np.asarray(self.robot.position_limits)
+        limits = np.vstack((np.zeros(2), self.robot.position_limits))
         found = standing_posture(self.robot, self.feet, wanted, limits)
         assert found is not None
-        self.home = np.append(0.0, found)
+        self.home = found
         self.model = PlanarModel(self.robot, GRAVITY)
         alone = Phase("takeoff", self.feet[:1], 1.0, (1.0, 1.0), 1)
         self.alone = StanceDynamics(self.model, alone, self.home)
@@ -255,7 +255,7 @@ def _flown(plan: Plan, drawing: Drawing) -> tuple[Array, Array] | None:
     spots = [drawing.feet[0].spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
     radii = np.array([drawing.feet[0].depth, *(each.radius for each in shapes for _ in range(2))])
     com = plan.ballistics.gravity * duration**2 / 2 * s * (1 - s)
-    lows = [heights_over_com(robot, spots, float(turned[k]), q[k]).imag - radii + com[k] for k in range(NODES)]
+    lows = [heights_over_com(robot, spots, np.append(turned[k], q[k])).imag - radii + com[k] for k in range(NODES)]
     hits = min(each.min() for each in lows) < lows[0][0] - POINT_FEET
     return None if hits or not ((low < q) & (q < high)).all() else (np.abs(torques).max(axis=0), np.abs(v).max(axis=0))
 
@@ -329,8 +329,8 @@ def _problem(drawing: Drawing, state: tuple[Array, Array, Array], flown: tuple[f
     given = np.isfinite(robot.torque_limits).all()
     limits = fp.Limits(torque="urdf", velocity="urdf") if given else fp.Limits(torque=TORQUE, velocity=FASTEST)
     foot = drawing.feet[0]
-    rest = heights_over_com(robot, foot.spots[:1], 0.0, drawing.home[1:])[0].imag
-    now = heights_over_com(robot, foot.spots[:1], float(y[0]), y[1:])[0].imag
+    rest = heights_over_com(robot, foot.spots[:1], drawing.home)[0].imag
+    now = heights_over_com(robot, foot.spots[:1], y)[0].imag
     return fp.Problem(
         robot,
         fp.Posture(float(y[0]), y[1:], v[1:], a[1:]),

@@ -283,7 +283,7 @@ def _reaching(node: NodeRows, end: str) -> NodeRows:
     if not node.watched.spots:
         return node
     robot, spots = node.model.robot, [anchor.spots[0], *node.watched.spots]
-    heights = heights_over_com(robot, spots, float(y[0]), y[1:]).imag
+    heights = heights_over_com(robot, spots, y).imag
     least = np.minimum(node.watched.least, heights[1:] - heights[0] + anchor.depth - ROUNDING)
     return NodeRows(node.model, node.phases, Watched(node.watched.spots, least), node.bounds, node.ends)
 
