@@ -3,7 +3,8 @@
 The program's joints, interpolated by quintics, are taken as they are. On one point the orientation follows from the
 balance of moments, a differential equation that starts at the flight's end. Where more than the anchor stands, legs
 follow from where their feet are: their joints solve the closure of the chain. What a phase ends with goes into the next
-by a quintic that dies out at its other end; on one point alone, joints are changed a little until the robot stands.
+by a quintic that dies out at its other end; where the flight is, accelerations are first made those of both sides,
+with feet at rest and the robot in free fall; on one point alone, joints are changed a little until the robot stands.
 All this is done on a fine grid, between which quintics are as good as exact.
 """
 
@@ -50,8 +51,12 @@ class StanceDynamics:
         drift = ca.jtimes(rate, model.y, model.v)
         self.drift = model.function("drift", [drift])
         self.size = closures(phase)
-        total, _ = balanced(model, phase, np.zeros(2 * len(phase.others)))
+        none = np.zeros(2 * len(phase.others))
+        total, _ = balanced(model, phase, none)
         self.total = model.function("total", total)
+        alone = self.moment(model.y, model.v, model.a, none)
+        falls = ca.vertcat(*total, alone, ca.mtimes(ca.jacobian(closure, model.y), model.a) + drift)
+        self.falls = model.function("falls", [falls, ca.jacobian(falls, model.a)])
 
     def _closure(self, contact: Contact, home: Array) -> Any:
         """Place of a contact less where it stands, m; of a heel its height."""
@@ -102,6 +107,14 @@ class StanceDynamics:
         rest = np.einsum("nij,jn->ni", jacobian, a) + drift
         a[columns] = -np.linalg.solve(own, rest[:, :, None])[:, :, 0].T
         return y, v, a
+
+    def released(self, y: Array, v: Array, a: Array) -> Array:
+        """Accelerations (n+1,) nearest to ``a`` with which the robot falls freely while its feet are still at rest.
+
+        The centre of mass falls, the angular momentum is constant, and the closure of the chain lasts.
+        """
+        value, ways = (np.asarray(each) for each in self.falls(y, v, a))
+        return np.asarray(a - np.linalg.lstsq(ways, value[:, 0], rcond=None)[0])
 
     def shared(self, grid: Grid, friction: float) -> Array:
         """Ratios (others, G) with which the anchor's force is in the cone too: the other takes the rest.
@@ -191,6 +204,19 @@ def blend(times: Array, near: float, far: float, values: Array) -> tuple[Array, 
     ends[0] = values.T
     curve = BPoly.from_derivatives(np.array([near, far])[order], ends[order])
     return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
+
+
+def released(program: JumpProgram, solution: Solution) -> Solution:
+    """Return a solution in which accelerations are exactly those of stance and of flight, where one meets the other.
+
+    The program's contacts drift a little there, and its forces vanish but for its tolerance.
+    """
+    a = solution.a.copy()
+    for side, home in ((-1, program.ends[0]), (1, program.ends[1])):
+        node = program.starts[program.flight + max(side, 0)]
+        dynamics = StanceDynamics(program.model, program.phases[program.flight + side], home)
+        a[:, node] = dynamics.released(solution.y[:, node], solution.v[:, node], a[:, node])
+    return replace(solution, a=a)
 
 
 def exact_stances(

@@ -16,7 +16,7 @@ from floatplan.pool.threads import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.stance.exact import exact_stances
+from floatplan.stance.exact import exact_stances, released
 from floatplan.stance.flight import flight_problem, planned_flight
 from floatplan.stance.jump import Jump
 from floatplan.stance.model import casadi
@@ -116,6 +116,7 @@ def jump(
 def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
     problem, request = setup.problem, setup.request
+    solution = released(program, solution)
     try:
         plan = planned_flight(flight_problem(problem, program, solution), seed)
     except InputError as error:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from jumps import GO2, INSTALLED
+from jumps import GO2, INSTALLED, go2_problem
 from needed import skip_or_fail
 
+import floatplan as fp
 from floatplan.robot import Robot
 from floatplan.stance.contacts import contact_at, heights_over_com, standing_feet
-from floatplan.stance.exact import blend
-from floatplan.stance.motion import hermite
-from floatplan.stance.phases import not_static, standing_posture
+from floatplan.stance.exact import StanceDynamics, blend
+from floatplan.stance.model import PlanarModel
+from floatplan.stance.motion import Grid, Stance, hermite
+from floatplan.stance.phases import Phase, not_static, standing_posture
+from floatplan.stance.planner import jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -76,3 +80,38 @@ def test_a_blend_dies_out_at_its_other_end(near: float, far: float) -> None:
     found = blend(np.array([near, far]), near, far, values)
     for order, part in enumerate(found):
         np.testing.assert_allclose(part[0], [values[0, order], 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("frames", [("RL_foot", "FL_foot"), ("FL_foot",)])
+def test_released_robots_fall_with_their_feet_at_rest(frames: tuple[str, ...]) -> None:
+    robot, rng = Robot.from_urdf(GO2, coupled="mirror", reference="standing"), np.random.default_rng(0)
+    home = level(robot)
+    contacts = tuple(contact_at(robot, frame, home)[0] for frame in frames)
+    dynamics = StanceDynamics(PlanarModel(robot), Phase("takeoff", contacts, 1.0, (1.0, 1.0), 1), home)
+    drawn = rng.normal(size=(3, 5, 1)) * [[[0.2]], [[3.0]], [[50.0]]]
+    y, v, a = (part[:, 0] for part in dynamics.close(home[:, None] + drawn[0], *drawn[1:]))
+    pushed = dynamics.released(y, v, a)
+    parts = (np.stack((each, each), axis=1) for each in (y, v, pushed))
+    stance = Stance(robot, 9.81, contacts, 0j, Grid(np.array([0.0, 1.0]), *parts, np.zeros((len(frames) - 1, 2))))
+    state, model = stance.at(np.zeros(1)), robot.model
+    motion = [each[0] for each in (state.positions, state.velocities, state.accelerations)]
+    data = model.createData()
+    rate = pin.computeCentroidalMomentumTimeVariation(model, data, *motion)
+    plane = robot.plane
+    falling = [rate.linear @ plane.horizontal, rate.linear @ plane.vertical, rate.angular @ plane.normal]
+    np.testing.assert_allclose(falling, [0.0, -9.81 * robot.mass, 0.0], atol=1e-9)
+    pin.forwardKinematics(model, data, *motion)
+    for joint, local in stance.points.values():
+        at = pin.SE3(np.eye(3), local)
+        velocity, acceleration = data.v[joint], data.a[joint]
+        rests = at.actInv(acceleration).linear + np.cross(at.actInv(velocity).angular, at.actInv(velocity).linear)
+        np.testing.assert_allclose(rests, 0.0, atol=1e-8)
+
+
+@pytest.mark.long
+def test_all_feet_may_leave_and_come_at_once() -> None:
+    both = [("RL_foot", "FL_foot")]
+    problem = go2_problem(turns=0)
+    found = jump(problem, fp.JumpRequest(takeoff=fp.JumpTakeoff(both), landing=fp.JumpLanding(both)), starts=1)
+    assert found.ok
+    assert max(found.check.figures[name] for name in ("takeoff_seam", "landing_seam")) < 1e-8
