@@ -72,7 +72,8 @@ def _record(content: dict[str, Any]) -> PlanRecord:
     if content.get("format") != FORMAT:
         raise InputError(f"{content.get('format')!r} is not {FORMAT!r}", element="format")
     FILE(content, "")
-    robot = RobotRecord(**{**content["robot"], "joints": tuple(content["robot"]["joints"])})
+    lists = {name: tuple(value) for name, value in content["robot"].items() if isinstance(value, list)}
+    robot = RobotRecord(**{**content["robot"], **lists})
     values = {**content, "robot": robot}
     for name in ("centre", "amplitude", "torque_peak", "velocity_peak"):
         values[name] = _numbers(content[name], name, (len(robot.joints),))
@@ -238,7 +239,7 @@ def robot_record(robot: Robot) -> RobotRecord:
         coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
         locked=dict(robot.locked),
         meshes=dict(robot.meshes),
-        resting=robot.resting.tolist(),
+        resting=tuple(robot.resting.tolist()),
         armature=dict(robot.armature),
         damping=dict(robot.damping),
     )

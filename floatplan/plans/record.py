@@ -38,7 +38,7 @@ class RobotRecord:
     meshes: Mapping[str, str] = field(default_factory=dict)
     armature: Mapping[str, float] = field(default_factory=dict)
     damping: Mapping[str, float] = field(default_factory=dict)
-    resting: Sequence[float] = ()
+    resting: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
