@@ -14,6 +14,7 @@ SAME = 1e-6  # relative, of objectives, and of h where it is given; where the se
 FREE = 1e-4  # relative, of h where it is free: it moves as the square root of what it changes of the objective
 ALIKE = 1e-2  # relative, of all; where it ended at some feasible motion, which rounding decides
 FLAT = 1e-3  # relative, of peaks: near an optimum they change far more than the objective does
+STILL = 1e-6  # [N m; rad/s] peaks of joints that do not move are rounding
 
 expected = json.loads(REFERENCES.read_text(encoding="utf-8"))
 
@@ -35,5 +36,5 @@ def test_answer_is_the_reference(name):
         assert found[key] == pytest.approx(wanted[key], rel=same if optimal else ALIKE), key
     for key in ("torque_peak", "velocity_peak"):
         tolerance = FLAT if optimal else ALIKE
-        assert sorted(found[key]) == pytest.approx(sorted(wanted[key]), rel=tolerance), key  # mirrored is as good
+        assert sorted(found[key]) == pytest.approx(sorted(wanted[key]), rel=tolerance, abs=STILL), key  # mirrored
     assert found["clearance_min"] == pytest.approx(wanted["clearance_min"], abs=1e-6)
