@@ -125,10 +125,15 @@ class JumpEntry:
     jump: fp.Jump
     seconds: float
 
+    @property
+    def turn(self) -> float:
+        """Of the base from start to goal, rad."""
+        return self.jump.problem.final.orientation - self.jump.problem.initial.orientation
+
     def row(self) -> list[str]:
         """Cells of the table, under ``JUMP_COLUMNS``."""
         jump, robot, figures = self.jump, self.jump.problem.robot, self.jump.check.figures
-        turn = jump.problem.final.orientation - jump.problem.initial.orientation
+        turn = self.turn
         assert jump.flight is not None
         proved = jump.flight.certificate is not None and jump.flight.certificate.proved
         return [
@@ -136,7 +141,7 @@ class JumpEntry:
             ("back" if turn * robot.plane.turn > 0 else "forwards") if turn else "none",
             f"{jump.duration:.2f}",
             f"{jump.flight.duration:.2f}",
-            *(f"{figures[name]:.2f}" for name in ("torque", "velocity", "friction")),
+            *(f"{figures[name]:.2f}" if figures[name] else "no limit" for name in ("torque", "velocity", "friction")),
             "proved" if proved else "not proved",
             "checked" if jump.check.ok else "not within limits",
             f"{self.seconds:.1f}",
@@ -155,7 +160,7 @@ def main() -> None:
         print(table(JUMP_COLUMNS, [entry.row() for entry in jumps]))
         if not arguments.no_picture:
             with styled():
-                save(rendered(strips(jumps), SHEET_DPI), STRIPS)
+                save(rendered(strips([jump for jump in jumps if jump.turn]), SHEET_DPI), STRIPS)
     if arguments.kind in ("all", "flights"):
         entries = [planned(name, arguments.launch) for name in arguments.names or TITLES]
         print(table(COLUMNS, [entry.row() for entry in entries]))
