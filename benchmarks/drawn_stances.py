@@ -22,7 +22,7 @@ from floatplan.stance.check import judged, stance_figures
 from floatplan.stance.contacts import Contact, contact_at, heights_over_com
 from floatplan.stance.exact import OnePoint, StanceDynamics
 from floatplan.stance.jump_motion import JumpMotion
-from floatplan.stance.model import PlanarModel, casadi
+from floatplan.stance.model import PlanarModel, Spot, casadi
 from floatplan.stance.motion import Grid, Stance, hermite
 from floatplan.stance.phases import Phase, standing_posture
 from floatplan.stance.rows import balanced
@@ -252,7 +252,7 @@ def _flown(plan: Plan, drawing: Drawing) -> tuple[Array, Array] | None:
     torques = plan.dynamics.full_forces(q, v, a, rate) @ robot.transmission
     turned = start.orientation + np.concatenate(([0.0], np.cumsum((rate[1:] + rate[:-1]) / 2))) * duration / (NODES - 1)
     shapes = robot.hulls([])
-    spots = [drawing.feet[0].spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
+    spots = [drawing.feet[0].spots[0], *(Spot(each.body, end) for each in shapes for end in (each.start, each.end))]
     radii = np.array([drawing.feet[0].depth, *(each.radius for each in shapes for _ in range(2))])
     com = plan.ballistics.gravity * duration**2 / 2 * s * (1 - s)
     lows = [heights_over_com(robot, spots, np.append(turned[k], q[k])).imag - radii + com[k] for k in range(NODES)]

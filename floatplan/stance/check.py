@@ -45,9 +45,10 @@ class JumpCheck:
         ``velocity``: shares of the limits; ``held_torque``: of the efforts of joints that are locked. ``range``: least
         distance from the ends of joint ranges, rad. ``friction``: largest ratio of forces; ``slip``: horizontal force
         beyond the cone, and ``pull``: least vertical force, over weight. ``drift``, m, and ``foot_speed``, m/s: of feet
-        that stand. ``ground``: least height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of
-        those that stand, ``level``: by which what stands differs in height; ``obstacles``, ``self_distance``: least
-        distances beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations.
+        that stand; where they roll, of their centres beyond what was rolled, and of the parts on the ground. ``ground``:
+        least height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand,
+        ``circle``: distance from the ground of those that roll, ``level``: by which what stands differs in height;
+        ``obstacles``, ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations.
         ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m, rad, and over
         the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases, s.
         ``torque_step``: where contacts change, over limits.
@@ -108,11 +109,8 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
         lifted = a.copy()
         lifted[1] += stance.gravity
         wrench[row] = pin.rnea(model, data, q, v, lifted)
-        pin.computeJointJacobians(model, data, q)
-        for name, (joint, local) in stance.points.items():
-            at = pin.SE3(np.eye(3), local)
-            frame = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
-            wrench[row] -= state.forces[name][row] @ axes @ frame[:3]
+        for name, _, jacobian in stance.touching(data, q):
+            wrench[row] -= state.forces[name][row] @ axes @ jacobian
     residual = np.abs(wrench[:, :3]) / [weight, weight, weight * height]
     motors = wrench @ robot.transmission
     planned = np.linalg.pinv(robot.selection).T
@@ -137,23 +135,21 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
 
 
 def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]:
-    """Cone, drift and speed of the feet that stand, by forward kinematics."""
+    """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
     robot = stance.robot
-    model, data = robot.model, robot.model.createData()
+    data = robot.model.createData()
     axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     weight = robot.mass * stance.gravity
-    found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf, "drift": 0.0, "foot_speed": 0.0}
-    for name, (joint, local) in stance.points.items():
-        places, speeds = np.empty((2, len(state.times), 2))
-        at = pin.SE3(np.eye(3), local)
-        for row, (q, v) in enumerate(zip(state.positions, state.velocities, strict=True)):
-            pin.computeJointJacobians(model, data, q)
-            places[row] = axes @ (data.oMi[joint] * at).translation
-            jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
-            speeds[row] = axes @ jacobian[:3] @ v
-        found["drift"] = max(found["drift"], float(np.ptp(places, axis=0).max()))
-        found["foot_speed"] = max(found["foot_speed"], float(np.abs(speeds).max()))
-        horizontal, vertical = state.forces[name].T
+    places, speeds, sides = np.empty((3, len(stance.points), len(state.times), 2))
+    for row, (q, v) in enumerate(zip(state.positions, state.velocities, strict=True)):
+        for index, (name, place, jacobian) in enumerate(stance.touching(data, q)):
+            places[index, row], speeds[index, row] = axes @ place, axes @ jacobian @ v
+            sides[index, row] = axes @ data.oMi[stance.points[name][0]].rotation @ robot.plane.horizontal
+    radii = np.array([[radius] for _, _, radius in stance.points.values()])
+    places[:, :, 0] += radii * np.unwrap(np.arctan2(sides[:, :, 1], sides[:, :, 0]))
+    found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf}
+    found |= {"drift": float(np.ptp(places, axis=1).max()), "foot_speed": float(np.abs(speeds).max())}
+    for horizontal, vertical in (each.T for each in state.forces.values()):
         pressed = vertical > LIGHT * weight
         found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
         found["slip"] = max(
@@ -174,9 +170,10 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
     angles = tree.absolute_angles(theta, (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T)
     rotations = tree.rotations(angles)
     com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
-    feet, stands = (
-        {robot.contact_link(robot.frames[frame].link) for on in each for one in on.contacts for frame in one.frames}
-        for each in (jump.stances, [] if stance is None else [stance])
+    own = () if stance is None else stance.contacts
+    feet, stands, rolls = (
+        {robot.contact_link(robot.frames[frame].link) for one in contacts for frame in one.frames}
+        for contacts in ([one for on in jump.stances for one in on.contacts], own, [one for one in own if one.radius])
     )
     found = {"ground": np.inf, "feet": np.inf, "lifted": 0.0}
     for link, hull in robot.link_hulls.items():
@@ -188,6 +185,8 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
         found[kind] = min(found[kind], float(heights.min()))
         if link in stands:
             found["lifted"] = max(found["lifted"], float(heights.min(axis=1).max()))
+        if link in rolls:
+            found["circle"] = max(found.get("circle", 0.0), float(np.abs(heights.min(axis=1)).max()))
     segments = LinkShapes(tree, robot.shapes).place(com, angles)
     links = [shape.link for shape in robot.shapes]
     for pair in jump.problem.self_clearances:
@@ -256,6 +255,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("rest", SEAM, "at its ends it moves by {:.2g}"),
         ("level", SEAM, "what stands is on grounds {:.2g} m apart"),
         ("lifted", LIFTED, "feet that stand are up to {:.2g} m above the ground"),
+        ("circle", POINT_FEET, "outlines of feet that roll are circles to {:.2g} m"),
     ]
     least = [
         ("range", 0.0, "joints keep {:.2g} rad from the ends of their ranges"),

@@ -11,6 +11,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.stance.model import Spot
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
@@ -21,7 +22,7 @@ def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> comple
     """Place of a contact relative to its frame's origin, m."""
     robot = program.model.robot
     home = robot.frames[contact.frame]
-    spots = [contact.spots[0], (home.body, home.local)]
+    spots = [contact.spots[0], Spot(home.body, home.local)]
     place, origin = heights_over_com(robot, spots, y)
     return complex(place - origin)
 
@@ -68,7 +69,7 @@ def _ground(problem: Problem, program: JumpProgram, solution: Solution, ground: 
     shapes = problem.robot.shapes
     for side, node in ((index - 1, program.starts[index]), (index + 1, program.starts[index + 1])):
         anchor = program.phases[side].anchor
-        spots = [anchor.spots[0], *((each.body, end) for each in shapes for end in (each.start, each.end))]
+        spots = [anchor.spots[0], *(Spot(each.body, end) for each in shapes for end in (each.start, each.end))]
         places = heights_over_com(problem.robot, spots, solution.y[:, node]).imag
         lowest = (places[1:] - np.repeat([each.radius for each in shapes], 2)).min()
         depth = max(depth, float(places[0] - anchor.depth - lowest))

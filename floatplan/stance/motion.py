@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray, read_only
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
+from floatplan.stance.model import Spot, spot_weights
 
 BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 
@@ -62,6 +63,7 @@ class JumpState:
         The base's horizontal, vertical place and orientation, then all joints, m and rad.
     forces : point's name -> (N, 2) N, horizontal and vertical, of the points in contact
     torques : (N, nv) N m, inverse dynamics less the forces; the base's first three are what is out of balance
+    points : point's name -> (N, 3) m in the jump's world, where its force acts; NaN where it is not in contact
     """
 
     times: Array
@@ -70,6 +72,7 @@ class JumpState:
     accelerations: Array
     forces: dict[str, Array]
     torques: Array
+    points: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class Stance:
     robot : Robot
     gravity : m/s^2
     contacts : the anchor first
-    place : of the anchor in the jump's world, m, horizontal + i vertical
+    place : of the anchor in the jump's world, m, horizontal + i vertical; one that rolls is there at its body's angle 0
     grid : Grid
     """
 
@@ -95,23 +98,24 @@ class Stance:
         """State at times (N,) s from the jump's start."""
         robot, tree = self.robot, self.robot.tree
         y, v, a = self.grid.at(times)
-        rotations = tree.rotations(tree.absolute_angles(y[0], y[1:].T))
+        angles = tree.absolute_angles(y[0], y[1:].T)
+        rotations = tree.rotations(angles)
         rates, changes = (each[0][:, None] + each[1:].T @ tree.turns.T for each in (v, a))
-        weights = self._from_base(self.contacts[0])[0]
+        turned, rolled = np.split(self._from_base(self.contacts[0])[0], 2)
         first = 1j * tree.turn * rates * rotations
         second = (1j * tree.turn * changes - rates**2) * rotations
-        base = [self.place - rotations @ weights, -(first @ weights), -(second @ weights)]
+        pairs = ((rotations, angles), (first, rates), (second, changes))
+        base = [-(rotation @ turned) - angle @ rolled for rotation, angle in pairs]
+        base[0] += self.place
         full = _full(robot, zip(base, (y[0], v[0], a[0]), (y[1:].T, v[1:].T, a[1:].T), strict=True))
         wrench = self._wrench(full)
         forces = self._forces(times, wrench, rotations)
-        torques = wrench - self._pushed(full[0], forces)
-        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(torques))
+        points, pushed = self._pushed(full[0], forces)
+        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(wrench - pushed), points)
 
     def _from_base(self, contact: Contact) -> ComplexArray:
-        """Weights (points, m) of a contact's points relative to the base's origin."""
-        spots = [*contact.spots, (0, 0j)]
-        bodies, local = np.array([body for body, _ in spots]), np.array([place for _, place in spots])
-        weights = self.robot.tree.point_weights(bodies, local.astype(np.complex128))
+        """Weights (points, 2 m) of a contact's points relative to the base's origin."""
+        weights = spot_weights(self.robot, [*contact.spots, Spot(0, 0j)])
         return np.asarray(weights[:-1] - weights[-1])
 
     def _wrench(self, full: list[Array]) -> Array:
@@ -125,7 +129,8 @@ class Stance:
     def _forces(self, times: Array, wrench: Array, rotations: ComplexArray) -> dict[str, Array]:
         """Forces of all points: the others' by the balance of moments, the anchor's what is left."""
         turn, anchor, others = self.robot.tree.turn, self.contacts[0], self.contacts[1:]
-        arms = {each: (rotations @ self._from_base(each).T).mean(axis=1) for each in self.contacts}
+        weights = {each: np.split(self._from_base(each), 2, axis=1)[0] for each in self.contacts}
+        arms = {each: (rotations @ own.T).mean(axis=1) - 1j * each.radius for each, own in weights.items()}
         left = wrench[:, 0] + 1j * wrench[:, 1]
         moment = wrench[:, 2] - turn * (arms[anchor].conj() * left).imag
         forces: dict[str, Array] = {}
@@ -138,26 +143,38 @@ class Stance:
             forces |= _shared(contact, force)
         return _shared(anchor, left) | forces
 
-    def _pushed(self, positions: Array, forces: dict[str, Array]) -> Array:
-        """Forces (N, nv) of the contacts on all coordinates."""
-        robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
-        axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
-        pushed = np.zeros_like(positions)
+    def _pushed(self, positions: Array, forces: dict[str, Array]) -> tuple[dict[str, Array], Array]:
+        """Points (N, 3) m on the ground, and the forces (N, nv) there on all coordinates."""
+        points, pushed = {name: np.empty((len(positions), 3)) for name in forces}, np.zeros_like(positions)
+        data = self.robot.model.createData()
+        axes = np.stack((self.robot.plane.horizontal, self.robot.plane.vertical))
         for row, q in enumerate(positions):
-            pin.computeJointJacobians(model, data, q)
-            for name, (joint, local) in self.points.items():
-                jacobian = pin.getFrameJacobian(model, data, joint, pin.SE3(np.eye(3), local), pin.LOCAL_WORLD_ALIGNED)
-                pushed[row] += forces[name][row] @ axes @ jacobian[:3]
-        return pushed
+            for name, place, jacobian in self.touching(data, q):
+                points[name][row] = place
+                pushed[row] += forces[name][row] @ axes @ jacobian
+        return points, pushed
 
     @cached_property
-    def points(self) -> dict[str, tuple[int, Array]]:
-        """Pinocchio's joint, and the place (3,) m in it, of each point that stands."""
+    def points(self) -> dict[str, tuple[int, Array, float]]:
+        """Pinocchio's joint, the place (3,) m in it, and the radius, m, of each point that stands."""
         return {
-            name: point_in_joint(self.robot, frame, spot[1])
+            name: (*point_in_joint(self.robot, frame, spot.place), spot.radius)
             for contact in self.contacts
             for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True)
         }
+
+    def touching(self, data: Any, positions: Array) -> Iterator[tuple[str, Array, Array]]:
+        """What of each contact is on the ground at positions (nv,): point's name, place (3,) and Jacobian (3, nv).
+
+        Of a circle that rolls it is the lowest part; ``data`` is of ``robot.model``.
+        """
+        model = self.robot.model
+        pin.computeJointJacobians(model, data, positions)
+        for name, (joint, local, radius) in self.points.items():
+            down = data.oMi[joint].rotation.T @ (radius * np.asarray(self.robot.plane.vertical))
+            at = pin.SE3(np.eye(3), local - down)
+            jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)[:3]
+            yield name, (data.oMi[joint] * at).translation, jacobian
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -209,7 +226,7 @@ def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
     )
     full = _full(robot, parts)
     torques = read_only(plan.dynamics.full_forces(*planned))
-    return JumpState(read_only(times), full[0], full[1], full[2], {}, torques)
+    return JumpState(read_only(times), full[0], full[1], full[2], {}, torques, {})
 
 
 def _full(robot: Robot, parts: Iterable[tuple[ComplexArray, Array, Array]]) -> list[Array]:
@@ -224,13 +241,16 @@ def _full(robot: Robot, parts: Iterable[tuple[ComplexArray, Array, Array]]) -> l
 
 
 def joined(times: Array, parts: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
-    """Put states together: rows of each among times (N,), and points whose forces are zero elsewhere."""
+    """Put states together: rows of each among times (N,), and points whose forces are zero elsewhere, places NaN."""
     size = parts[0][1].positions.shape[1]
     arrays = {name: np.empty((len(times), size)) for name in ("positions", "velocities", "accelerations", "torques")}
     forces = {name: np.zeros((len(times), 2)) for name in names}
+    points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in parts:
         for name, values in arrays.items():
             values[rows] = getattr(state, name)
         for name, force in state.forces.items():
             forces[name][rows] = force
-    return JumpState(read_only(times), forces=forces, **{name: read_only(values) for name, values in arrays.items()})
+            points[name][rows] = state.points[name]
+    told = {name: read_only(values) for name, values in arrays.items()}
+    return JumpState(read_only(times), forces=forces, points=points, **told)

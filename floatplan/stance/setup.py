@@ -21,6 +21,7 @@ from floatplan.stance.contacts import (
     contact_at,
     heights_over_com,
     in_the_air,
+    rolling,
     standing_feet,
     watched_points,
 )
@@ -260,7 +261,7 @@ def _side(
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot, takes_off = problem.robot, side == "takeoff"
     place = f"jump.{side}.contacts"
-    contacts = [_contacts(robot, names, wanted, place) for names in groups]
+    contacts = [_contacts(robot, names, wanted, place, request.feet) for names in groups]
     if any(len(each) > MOST for each in contacts):
         raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
     outer = contacts[0 if takes_off else -1]
@@ -331,16 +332,17 @@ def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[l
     return [feet, [first]], [[last], feet]
 
 
-def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str) -> tuple[Contact, ...]:
+def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, feet: str) -> tuple[Contact, ...]:
     """Contacts of a phase's names; of a sole toe and heel, or the one named."""
     found: list[Contact] = []
     for name in names:
         frame, dot, _ = name.partition(".") if name not in robot.frames else (name, "", "")
         try:
             points = contact_at(robot, frame, wanted)
+            chosen = [each for each in points if not dot or each.name == name]
+            chosen = [rolling(robot, each, wanted) for each in chosen] if feet == "rolling" else chosen
         except InputError as error:
             raise error.within(element=place) from None
-        chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
             raise InputError(f"{name!r} is no point of a sole", element=place, advice=f"name {points[0].name!r}")
         twice = [each for each in found if set(each.names) & {point for one in chosen for point in one.names}]
