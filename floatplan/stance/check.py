@@ -45,13 +45,13 @@ class JumpCheck:
         ``velocity``: shares of the limits; ``held_torque``: of the efforts of joints that are locked. ``range``: least
         distance from the ends of joint ranges, rad. ``friction``: largest ratio of forces; ``slip``: horizontal force
         beyond the cone, and ``pull``: least vertical force, over weight. ``drift``, m, and ``foot_speed``, m/s: of feet
-        that stand; where they roll, of their centres beyond what was rolled, and of the parts on the ground. ``ground``:
-        least height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand,
-        ``circle``: distance from the ground of those that roll, ``level``: by which what stands differs in height;
-        ``obstacles``, ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and accelerations.
-        ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m, rad, and over
-        the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases, s.
-        ``torque_step``: where contacts change, over limits.
+        that stand; where they roll, of centres beyond what was rolled, and of parts on the ground. ``ground``: least
+        height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand, ``circle``:
+        distance from the ground of those that roll, ``level``: by which what stands differs in height; ``obstacles``,
+        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of places, rates and
+        accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
+        rad, and over the time unit; ``rest``: rates and accelerations at both ends, the same; ``gap``: between phases,
+        s. ``torque_step``: where contacts change, over limits.
     sentences : for a person, what does not hold first
     """
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
-from floatplan.robot import Frame, Robot
+from floatplan.robot import Frame, LinkCapsule, Robot
 from floatplan.stance.model import Spot, spot_weights
 from floatplan.tables import POINT_FEET
 
@@ -72,6 +72,21 @@ def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexAr
     return np.asarray(turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:])))
 
 
+def ground_below(robot: Robot, contact: Contact, y: Array) -> float:
+    """Height of the ground on which a contact stands in a posture y (n+1,), over the centre of mass, m."""
+    return float(heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth)
+
+
+def corners(shapes: Iterable[LinkCapsule]) -> list[Spot]:
+    """Ends of shapes, with their radii."""
+    return [Spot(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
+
+
+def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
+    """Heights (spots,) of the lowest points of circles, over the centre of mass in a posture y (n+1,), m."""
+    return np.asarray(heights_over_com(robot, spots, y).imag - [each.radius for each in spots])
+
+
 def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     """Return the contact of a frame, a point; or toe and heel where its link has a sole.
 
@@ -88,12 +103,11 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     if frame not in robot.frames:
         raise InputError(f'no frame "{frame}" is known', advice="name a link or a joint")
     home = robot.frames[frame]
-    spot, corners = Spot(home.body, home.local), _corners(robot, frame)
+    spot, ends = Spot(home.body, home.local), _ends(robot, frame)
     place = heights_over_com(robot, [spot], y)[0]
-    if not corners:
+    if not ends:
         return (_contact(robot, frame, "", spot, 0.0),)
-    found = heights_over_com(robot, corners, y)
-    under = found.imag - [corner.radius for corner in corners]
+    found, under = heights_over_com(robot, ends, y), undersides(robot, ends, y)
     low = np.flatnonzero(under < under.min() + FLAT)
     rear, front = low[found.real[low].argmin()], low[found.real[low].argmax()]
     if found.real[front] - found.real[rear] <= SOLE:
@@ -102,19 +116,17 @@ def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
             reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
             raise InputError(reason, advice=_lower(robot, home, y))
         return (_contact(robot, frame, "", spot, depth),)
-    ends = zip(NAMED, (rear, front), (True, False), strict=True)
     heel, toe = (
-        _contact(robot, frame, name, corners[at]._replace(radius=0.0), float(found[at].imag - under.min()), vertical)
-        for name, at, vertical in ends
+        _contact(robot, frame, name, ends[at]._replace(radius=0.0), float(found[at].imag - under.min()), vertical)
+        for name, at, vertical in zip(NAMED, (rear, front), (True, False), strict=True)
     )
     return toe, heel
 
 
-def _corners(robot: Robot, frame: str) -> list[Spot]:
-    """Ends, with their radii, of the shapes with which a frame's link stands on the ground."""
+def _ends(robot: Robot, frame: str) -> list[Spot]:
+    """Corners with which a frame's link stands on the ground."""
     link = robot.contact_link(robot.frames[frame].link)
-    shapes = [] if link is None else robot.link_hulls[link]
-    return [Spot(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
+    return [] if link is None else corners(robot.link_hulls[link])
 
 
 def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
@@ -127,10 +139,10 @@ def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
     """
     angles = robot.tree.absolute_angles(y[0], y[1:])
     for frame, spot in zip(contact.frames, contact.spots, strict=True):
-        corners, down = _corners(robot, frame), -1j * robot.tree.rotations(-angles)[spot.body]
-        ways = down * np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS))[:, None]
-        reach = np.array([each.place - spot.place for each in corners]) * ways.conj()
-        reach = (reach.real + [each.radius for each in corners]).max(axis=1, initial=0.0)
+        ways = np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS)) * robot.tree.rotations(-angles)[spot.body] * -1j
+        reach = np.zeros(ROLLS)
+        for each in _ends(robot, frame):
+            reach = np.maximum(reach, ((each.place - spot.place) * ways.conj()).real + each.radius)
         off = float(np.abs(reach - contact.depth).max())
         if contact.suffix or not off < min(POINT_FEET, UNROUND * contact.depth):
             round_ = f"no circle about it, by {1e3 * off:.0f} mm" if contact.depth > 0 else "a point"
@@ -178,7 +190,7 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
     They are the limbs' ends that reach as low as it does in the posture ``y`` (n+1,).
     """
     home = robot.frames[frame]
-    heights = {link: _lowest(robot, link, y) for link in robot.limb_ends}
+    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in robot.limb_ends}
     own = min([height for link, height in heights.items() if robot.layout.body_of[link] == home.body], default=None)
     chosen = {tuple(robot.tree.turns[home.body].tolist()): frame}
     for link in sorted(heights, key=lambda link: heights[link]):
@@ -193,22 +205,15 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
 
 def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float = LEVEL) -> str:
     """Which contact is above the ground, by more than ``most``, m, in a posture y (n+1,); for a person."""
-    heights = {link: _lowest(robot, link, y) for link, hull in robot.link_hulls.items() if hull}
+    heights = {link: undersides(robot, corners(hull), y).min() for link, hull in robot.link_hulls.items() if hull}
     if not heights:
         return ""
     lowest = min(heights, key=lambda link: heights[link])
     for contact in contacts:
-        above = heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth - heights[lowest]
+        above = ground_below(robot, contact, y) - heights[lowest]
         if above > most:
             return f"{contact.name!r} is in the air: {lowest!r} is {1e3 * above:.0f} mm lower"
     return ""
-
-
-def _lowest(robot: Robot, link: str, y: Array) -> float:
-    shapes = robot.link_hulls[link]
-    spots = [Spot(each.body, end) for each in shapes for end in (each.start, each.end)]
-    radii = np.repeat([each.radius for each in shapes], 2)
-    return float((heights_over_com(robot, spots, y).imag - radii).min())
 
 
 @dataclass(frozen=True)
@@ -229,27 +234,23 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
     directions : how many; of four the first is between the axes, so that boxes have all their corners
     """
     feet = [spot for each in contacts for spot in each.spots]
-    kept: dict[tuple[float, ...], list[tuple[Spot, float]]] = {}
-    for shape in robot.hulls({frame for each in contacts for frame in each.frames}):
-        group = kept.setdefault(tuple(robot.tree.turns[shape.body].tolist()), [])
-        own = [(spot.place, each.depth) for each in contacts for spot in each.spots if spot.body == shape.body]
-        group += [
-            (Spot(shape.body, end), shape.radius)
-            for end in (shape.start, shape.end)
-            if all(abs(end - place) + shape.radius > depth + FITS for place, depth in own)
-        ]
+    circles = [(spot, each.depth + FITS) for each in contacts for spot in each.spots]
+    kept: dict[tuple[float, ...], list[Spot]] = {}
+    for corner in corners(robot.hulls(dict.fromkeys(frame for each in contacts for frame in each.frames))):
+        group = kept.setdefault(tuple(robot.tree.turns[corner.body].tolist()), [])
+        own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
+        if all(apart + corner.radius > most for apart, most in own):
+            group.append(corner)
     spots, least = [], []
     ways = np.exp(2j * np.pi * (np.arange(directions) + 0.5) / directions)
     for members in filter(None, kept.values()):
-        places = np.array([spot.place for spot, _ in members])
-        radii = np.array([radius for _, radius in members])
+        places, radii = np.array([each.place for each in members]), np.array([each.radius for each in members])
         farthest = {int(((places * way.conj()).real + radii).argmax()) for way in ways}
-        heights = heights_over_com(robot, [spot for spot, _ in members], y).imag - ground
+        heights = undersides(robot, members, y) - ground
         for index in sorted(farthest):
-            above = heights[index] - radii[index]
-            spot = members[index][0]
+            above, spot = heights[index], members[index]
             stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME for foot in feet)
             if above > STANDING and not stands:
-                spots.append(spot)
-                least.append(radii[index] + min(ROOM, above / 2))
+                spots.append(spot._replace(radius=0.0))
+                least.append(spot.radius + min(ROOM, above / 2))
     return Watched(tuple(spots), np.array(least))

@@ -19,7 +19,7 @@ from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
     contact_at,
-    heights_over_com,
+    ground_below,
     in_the_air,
     rolling,
     standing_feet,
@@ -189,7 +189,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
     after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
-    ground = _ground(problem.robot, takeoff_contacts[0][0], posture)
+    ground = ground_below(problem.robot, takeoff_contacts[0][0], posture)
     time = problem.flight.duration
     bounds = [
         *_bounds(request, "takeoff", len(takeoff)),
@@ -227,7 +227,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
         usual = [feet, [frame]] if len(feet) > 1 else [[frame], [toe.name]] if toe.suffix else [[frame]]
         groups = usual if takes_off else usual[::-1]
     contacts, posture = _side(problem, request, side, groups, wanted)
-    ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
+    ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
     unbounded = [None] * (2 * len(contacts) + 1)
     both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
     phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
@@ -298,11 +298,6 @@ def _bounds(request: JumpRequest, side: str, phases: int) -> list[tuple[float, f
         reason = f"{len(given)} pairs for {phases} phases of contacts"
         raise InputError(reason, element=f"jump.{side}.durations", advice="give one for each phase")
     return [None] * phases if given is None else [(low, high) for low, high in given]
-
-
-def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
-    """Height of the ground over the centre of mass, m, standing."""
-    return float(heights_over_com(robot, contact.spots[:1], posture)[0].imag - contact.depth)
 
 
 def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Array | None = None) -> Array:
