@@ -139,14 +139,14 @@ def test_a_program_is_the_same_in_every_process() -> None:
         "print([spot.body for spot in watched_points(robot, feet, -0.3, level, 4).spots])",
     )
     told = {
-        subprocess.run(  # noqa: S603
+        subprocess.run(
             [sys.executable, "-c", "\n".join(lines), GO2],
             env={**os.environ, "PYTHONHASHSEED": seed},
             capture_output=True,
             check=True,
             text=True,
         ).stdout
-        for seed in "0123"
+        for seed in "01"
     }
     assert len(told) == 1
     assert "6" in told.pop()
