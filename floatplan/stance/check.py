@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arrays import Array
 from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances, pair_distances
 from floatplan.problem.jump import JumpRequest
+from floatplan.robot import Robot
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.motion import JumpState, Stance, flight_state
 from floatplan.tables import POINT_FEET
@@ -30,6 +32,7 @@ DERIVATIVE = 1e-3  # [-] by which differences of places disagree with rates
 APART = 1e-5  # [s] instants that are nearer are one
 ROUNDING = 1e-9
 
+Touching = Mapping[str, tuple[Array, Array]]  # places and Jacobians of what is on the ground, by point's name
 Words = tuple[str, str]  # a figure in words, and its limit
 
 
@@ -91,26 +94,26 @@ def stance_figures(jump: JumpMotion) -> dict[str, float]:
         apart = np.abs(times - kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]) > APART
         times = np.sort(np.concatenate((times[apart], kinks)))
         state = stance.at(times)
-        found.append(_dynamics(jump, stance, state))
-        found.append(_feet(stance, state, jump.request.friction))
+        touching = stance.touching(state.positions)
+        found.append(_dynamics(jump, stance, state, touching))
+        found.append(_feet(stance, state, touching, jump.request.friction))
         found.append(_surroundings(jump, state, stance.place.imag - stance.contacts[0].depth, stance))
     return _worst(found)
 
 
-def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, float]:
+def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState, touching: Touching) -> dict[str, float]:
     robot, problem = stance.robot, jump.problem
     weight = robot.mass * stance.gravity
     model, data = robot.model, robot.model.createData()
     standing = pin.centerOfMass(model, data, state.positions[0]) @ robot.plane.vertical
     height = float(standing - stance.place.imag + stance.contacts[0].depth)
     wrench = np.empty_like(state.positions)
-    axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
     for row, (q, v, a) in enumerate(zip(state.positions, state.velocities, state.accelerations, strict=True)):
         lifted = a.copy()
         lifted[1] += stance.gravity
         wrench[row] = pin.rnea(model, data, q, v, lifted)
-        for name, _, jacobian in stance.touching(data, q):
-            wrench[row] -= state.forces[name][row] @ axes @ jacobian
+    for name, (_, jacobians) in touching.items():
+        wrench -= np.einsum("ni,nij->nj", state.forces[name], jacobians)
     residual = np.abs(wrench[:, :3]) / [weight, weight, weight * height]
     motors = wrench @ robot.transmission
     planned = np.linalg.pinv(robot.selection).T
@@ -123,7 +126,7 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     efforts = np.where(robot.model.effortLimit > 0, robot.model.effortLimit, np.inf)
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     found["held_torque"] = float((np.abs(wrench[:, locked]) / efforts[locked]).max(initial=0.0))
-    joints = (state.positions - robot.reference) @ planned
+    joints = _joints(robot, state)
     low, high = np.asarray(problem.position_limits).T
     found["range"] = float(np.minimum(joints - low, high - joints).min())
     for ahead, behind in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
@@ -134,21 +137,19 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> dict[str, f
     return found
 
 
-def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]:
+def _feet(stance: Stance, state: JumpState, touching: Touching, friction: float) -> dict[str, float]:
     """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
-    robot = stance.robot
-    data = robot.model.createData()
-    axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
-    weight = robot.mass * stance.gravity
-    places, speeds, sides = np.empty((3, len(stance.points), len(state.times), 2))
-    for row, (q, v) in enumerate(zip(state.positions, state.velocities, strict=True)):
-        for index, (name, place, jacobian) in enumerate(stance.touching(data, q)):
-            places[index, row], speeds[index, row] = axes @ place, axes @ jacobian @ v
-            sides[index, row] = axes @ data.oMi[stance.points[name][0]].rotation @ robot.plane.horizontal
-    radii = np.array([[radius] for _, _, radius in stance.points.values()])
-    places[:, :, 0] += radii * np.unwrap(np.arctan2(sides[:, :, 1], sides[:, :, 0]))
+    tree, weight = stance.robot.tree, stance.robot.mass * stance.gravity
+    angles = tree.absolute_angles(state.positions[:, 2], _joints(stance.robot, state))
+    drifts, speeds = [], []
+    for contact in stance.contacts:
+        for name, spot in zip(contact.names, contact.spots, strict=True):
+            places, jacobians = touching[name]
+            along = places @ stance.robot.plane.horizontal + tree.turn * spot.radius * angles[:, spot.body]
+            drifts += [np.ptp(along), np.ptp(places @ stance.robot.plane.vertical)]
+            speeds.append(np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max())
     found = {"friction": 0.0, "slip": -np.inf, "pull": np.inf}
-    found |= {"drift": float(np.ptp(places, axis=1).max()), "foot_speed": float(np.abs(speeds).max())}
+    found |= {"drift": float(max(drifts)), "foot_speed": float(max(speeds))}
     for horizontal, vertical in (each.T for each in state.forces.values()):
         pressed = vertical > LIGHT * weight
         found["friction"] = max(found["friction"], float((np.abs(horizontal) / vertical)[pressed].max(initial=0.0)))
@@ -159,6 +160,11 @@ def _feet(stance: Stance, state: JumpState, friction: float) -> dict[str, float]
     return found
 
 
+def _joints(robot: Robot, state: JumpState) -> Array:
+    """Planned joints (N, n), rad."""
+    return (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T
+
+
 def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stance | None = None) -> dict[str, float]:
     """Heights over the ground, m, by the corners of the hulls; least distances from obstacles, and between links.
 
@@ -167,7 +173,7 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
     robot = jump.problem.robot
     tree = robot.tree
     theta, base = state.positions[:, 2], state.positions[:, 0] + 1j * state.positions[:, 1]
-    angles = tree.absolute_angles(theta, (state.positions - robot.reference) @ np.linalg.pinv(robot.selection).T)
+    angles = tree.absolute_angles(theta, _joints(robot, state))
     rotations = tree.rotations(angles)
     com = base - rotations @ tree.point_weights(np.array([0]), np.array([0j]))[0]
     own = () if stance is None else stance.contacts

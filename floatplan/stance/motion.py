@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -101,22 +101,21 @@ class Stance:
         angles = tree.absolute_angles(y[0], y[1:].T)
         rotations = tree.rotations(angles)
         rates, changes = (each[0][:, None] + each[1:].T @ tree.turns.T for each in (v, a))
-        turned, rolled = np.split(self._from_base(self.contacts[0])[0], 2)
+        weights = spot_weights(robot, [self.contacts[0].spots[0], Spot(0, 0j)])
+        turned, rolled = np.split(weights[0] - weights[1], 2)
         first = 1j * tree.turn * rates * rotations
         second = (1j * tree.turn * changes - rates**2) * rotations
         pairs = ((rotations, angles), (first, rates), (second, changes))
         base = [-(rotation @ turned) - angle @ rolled for rotation, angle in pairs]
         base[0] += self.place
         full = _full(robot, zip(base, (y[0], v[0], a[0]), (y[1:].T, v[1:].T, a[1:].T), strict=True))
-        wrench = self._wrench(full)
-        forces = self._forces(times, wrench, rotations)
-        points, pushed = self._pushed(full[0], forces)
-        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(wrench - pushed), points)
-
-    def _from_base(self, contact: Contact) -> ComplexArray:
-        """Weights (points, 2 m) of a contact's points relative to the base's origin."""
-        weights = spot_weights(self.robot, [*contact.spots, Spot(0, 0j)])
-        return np.asarray(weights[:-1] - weights[-1])
+        touching, wrench = self.touching(full[0]), self._wrench(full)
+        forces = self._forces(times, wrench, {name: each[:, :, BASE - 1] for name, (_, each) in touching.items()})
+        torques = wrench.copy()
+        for name, (_, jacobians) in touching.items():
+            torques -= np.einsum("ni,nij->nj", forces[name], jacobians)
+        points = {name: places for name, (places, _) in touching.items()}
+        return JumpState(read_only(times), full[0], full[1], full[2], forces, read_only(torques), points)
 
     def _wrench(self, full: list[Array]) -> Array:
         """Forces (N, nv) on all coordinates that the motion takes, by RNEA, gravity's included."""
@@ -126,33 +125,22 @@ class Stance:
         rows = zip(full[0], full[1], lifted, strict=True)
         return np.array([pin.rnea(model, data, q, v, a) for q, v, a in rows])
 
-    def _forces(self, times: Array, wrench: Array, rotations: ComplexArray) -> dict[str, Array]:
-        """Forces of all points: the others' by the balance of moments, the anchor's what is left."""
-        turn, anchor, others = self.robot.tree.turn, self.contacts[0], self.contacts[1:]
-        weights = {each: np.split(self._from_base(each), 2, axis=1)[0] for each in self.contacts}
-        arms = {each: (rotations @ own.T).mean(axis=1) - 1j * each.radius for each, own in weights.items()}
-        left = wrench[:, 0] + 1j * wrench[:, 1]
-        moment = wrench[:, 2] - turn * (arms[anchor].conj() * left).imag
+    def _forces(self, times: Array, wrench: Array, levers: dict[str, Array]) -> dict[str, Array]:
+        """Forces (N, 2) of all points: the others' by the balance of moments, the anchor's what is left.
+
+        Levers (N, 2) m are the points' velocities where the base alone turns.
+        """
+        means = [np.mean([levers[name] for name in each.names], axis=0) for each in self.contacts]
+        left = wrench[:, :2]
+        moment = wrench[:, 2] - (means[0] * left).sum(axis=1)
         forces: dict[str, Array] = {}
-        for row, contact in enumerate(others):
-            ratio = np.interp(times, self.grid.times, self.grid.ratios[row])
-            arm = arms[contact] - arms[anchor]
-            vertical = moment / (turn * (arm.conj() * (ratio + 1j)).imag)
-            force = vertical * (ratio + 1j)
+        for contact, lever, ratios in zip(self.contacts[1:], means[1:], self.grid.ratios, strict=True):
+            ratio = np.interp(times, self.grid.times, ratios)
+            way = np.stack((ratio, np.ones_like(ratio)), axis=1)
+            force = way * (moment / ((lever - means[0]) * way).sum(axis=1))[:, None]
             left = left - force
             forces |= _shared(contact, force)
-        return _shared(anchor, left) | forces
-
-    def _pushed(self, positions: Array, forces: dict[str, Array]) -> tuple[dict[str, Array], Array]:
-        """Points (N, 3) m on the ground, and the forces (N, nv) there on all coordinates."""
-        points, pushed = {name: np.empty((len(positions), 3)) for name in forces}, np.zeros_like(positions)
-        data = self.robot.model.createData()
-        axes = np.stack((self.robot.plane.horizontal, self.robot.plane.vertical))
-        for row, q in enumerate(positions):
-            for name, place, jacobian in self.touching(data, q):
-                points[name][row] = place
-                pushed[row] += forces[name][row] @ axes @ jacobian
-        return points, pushed
+        return _shared(self.contacts[0], left) | forces
 
     @cached_property
     def points(self) -> dict[str, tuple[int, Array, float]]:
@@ -163,18 +151,21 @@ class Stance:
             for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True)
         }
 
-    def touching(self, data: Any, positions: Array) -> Iterator[tuple[str, Array, Array]]:
-        """What of each contact is on the ground at positions (nv,): point's name, place (3,) and Jacobian (3, nv).
+    def touching(self, positions: Array) -> dict[str, tuple[Array, Array]]:
+        """What of each contact is on the ground at positions (N, nv), of a circle its lowest part: by point's name.
 
-        Of a circle that rolls it is the lowest part; ``data`` is of ``robot.model``.
+        Places (N, 3) m, and Jacobians (N, 2, nv), horizontal and vertical, by Pinocchio.
         """
-        model = self.robot.model
-        pin.computeJointJacobians(model, data, positions)
-        for name, (joint, local, radius) in self.points.items():
-            down = data.oMi[joint].rotation.T @ (radius * np.asarray(self.robot.plane.vertical))
-            at = pin.SE3(np.eye(3), local - down)
-            jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)[:3]
-            yield name, (data.oMi[joint] * at).translation, jacobian
+        robot, model, data = self.robot, self.robot.model, self.robot.model.createData()
+        axes = np.stack((robot.plane.horizontal, robot.plane.vertical))
+        found = {name: (np.empty((len(positions), 3)), np.empty((len(positions), 2, model.nv))) for name in self.points}
+        for row, q in enumerate(positions):
+            pin.computeJointJacobians(model, data, q)
+            for name, (joint, local, radius) in self.points.items():
+                at = pin.SE3(np.eye(3), local - radius * (data.oMi[joint].rotation.T @ axes[1]))
+                jacobian = pin.getFrameJacobian(model, data, joint, at, pin.LOCAL_WORLD_ALIGNED)
+                found[name][0][row], found[name][1][row] = (data.oMi[joint] * at).translation, axes @ jacobian[:3]
+        return found
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -199,9 +190,8 @@ def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array
     return joint, np.asarray(own)
 
 
-def _shared(contact: Contact, force: ComplexArray) -> dict[str, Array]:
-    part = force / len(contact.frames)
-    return {name: np.stack((part.real, part.imag), axis=1) for name in contact.names}
+def _shared(contact: Contact, force: Array) -> dict[str, Array]:
+    return dict.fromkeys(contact.names, force / len(contact.names))
 
 
 def flight_state(plan: Plan, times: Array, takeoff: float) -> JumpState:
