@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from floatplan.arguments import by_name, number
 from floatplan.arrays import Array, BoolArray, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.motion.planar.full_model import FREE_FLYER, FullMotion, free_flyer
+from floatplan.motion.flight import FullMotion, free_flyer
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
@@ -60,7 +60,7 @@ class Exportable(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class WholeMotion:
-    """Base and all J joints at N instants, as :class:`floatplan.motion.planar.full_model.FullMotion` has them."""
+    """Base and all J joints at N instants, as :class:`floatplan.motion.flight.FullMotion` has them."""
 
     joints: tuple[str, ...]
     positions: Array
@@ -159,7 +159,7 @@ class Exported:
             base_position=q[:, :3],
             base_quaternion=q[:, 3:7],
             base_velocity=np.asarray(Rotation.from_quat(q[:, 3:7]).apply(v[:, :3])),
-            base_angular_velocity=v[:, 3:FREE_FLYER],
+            base_angular_velocity=v[:, 3:6],
         )
 
     def contacts(self, times: Array) -> Contacts | None:
