@@ -120,6 +120,9 @@ class JumpRequest(Keyed):
     feet : str
         "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
         these, which the outlines of the feet have to be, roll on the ground without slipping.
+    clearance : float, m
+        What does not stand keeps it from the ground, or half of its height where the robot stands still if that is less:
+        room for a landing that is not as planned. The check asks for none.
     takeoff : JumpTakeoff
         What stands before the flight.
     landing : JumpLanding
@@ -135,6 +138,7 @@ class JumpRequest(Keyed):
     margin: Annotated[Mapping[str, float], Key(check=_margin)] = field(default_factory=lambda: dict(MARGIN))
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
     feet: Annotated[Literal["point", "rolling"], Key()] = "point"
+    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
 

@@ -19,7 +19,6 @@ SOLE = 0.05  # [m] a foot that is shorter is a point
 HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
-ROOM = 0.01  # [m] that what does not stand keeps from the ground, or half its height where the robot stands
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
 UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
@@ -224,15 +223,19 @@ class Watched:
     least: Array
 
 
-def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, directions: int) -> Watched:
+def watched_points(
+    robot: Robot, contacts: Sequence[Contact], line: tuple[float, float], y: Array, directions: int
+) -> Watched:
     """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
 
     Parameters
     ----------
     contacts : on which it stands before the flight or after it; what is inside circles about them is not watched
-    ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
+    line : height of the ground over the centre of mass, m, in the posture ``y`` (n+1,); and what is kept from it, m, or
+        half the height there
     directions : how many; of four the first is between the axes, so that boxes have all their corners
     """
+    ground, clearance = line
     feet = [spot for each in contacts for spot in each.spots]
     circles = [(spot, each.depth + FITS) for each in contacts for spot in each.spots]
     kept: dict[tuple[float, ...], list[Spot]] = {}
@@ -252,5 +255,5 @@ def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: 
             stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME for foot in feet)
             if above > STANDING and not stands:
                 spots.append(spot._replace(radius=0.0))
-                least.append(spot.radius + min(ROOM, above / 2))
+                least.append(spot.radius + min(clearance, above / 2))
     return Watched(tuple(spots), np.array(least))

@@ -29,6 +29,7 @@ from floatplan.tables import Range
 STARTS = 3
 MOST_STARTS = Range(1, 1000, "")
 ROOM = Room(1.0, 1.0, 0.6, 4, 1.4)  # of the nodes: limits are those of the factor
+CLEARANCE = 0.01  # [m] of what does not stand, as the program looks at corners and nodes alone
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 RANGE_ROOM = 0.02  # [rad] inside joint ranges, unless the flight's end is nearer to theirs
 LIMITED = ("torque", "rates")  # how labels of what is divided by the factor begin
@@ -230,7 +231,7 @@ def launch(
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump or JumpRequest()
     end = one_of("takeoff", "landing")(end, "end")
     seed, starts = SEED(seed, "seed"), whole(MOST_STARTS)(starts, "starts")
-    margins = replace(request, margin=dict.fromkeys(request.margin, 1.0))
+    margins = replace(request, margin=dict.fromkeys(request.margin, 1.0), clearance=CLEARANCE)
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup = side_setup(plan.problem, margins, end, np.append(state.orientation, state.positions))
     met = _meeting(plan, setup, end)

@@ -43,7 +43,8 @@ CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node a
 RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
-ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
+ROUGHNESS = 1e-4  # [-] of steps of accelerations, beside the squared torques
+UNSTEADY = 1.0  # [-] of the time on one point, over sqrt(height / g): errors grow by a factor e in as much
 TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
@@ -184,6 +185,8 @@ class JumpProgram:
                 cost = self._add_phase(rows, phase, parts, step, (forces[index], drifts[index]))
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
+            if not phase.others and any(each.others for each in self.phases if each.side == phase.side):
+                total += UNSTEADY * durations[index]
             rough += roughness(parts, unit)
         return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
 

@@ -145,7 +145,7 @@ class Setup:
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
         feet = [contact for phase in self.phases for contact in phase.contacts]
-        watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
+        watched = watched_points(problem.robot, feet, (self.ground, request.clearance), rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
         node = NodeRows(model, phases, watched, bounds, self.standing)
         node.smooth = room.smooth
