@@ -66,6 +66,13 @@ def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexAr
     return np.asarray(tree.point_weights(bodies, local) @ tree.rotations(angles))
 
 
+def from_frame(robot: Robot, contact: Contact, y: Array) -> complex:
+    """Place of a contact relative to its frame's origin, m, in a posture y (n+1,)."""
+    home = robot.frames[contact.frame]
+    place, origin = heights_over_com(robot, [contact.spots[0], (home.body, home.local)], y)
+    return complex(place - origin)
+
+
 def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
     """Return the contact of a frame, a point; or toe and heel where its link has a sole.
 

@@ -10,20 +10,11 @@ from floatplan.planning.planner import plan
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.stance.contacts import Contact, heights_over_com
+from floatplan.stance.contacts import from_frame, heights_over_com
 from floatplan.stance.program import JumpProgram, Solution
 from floatplan.tables import POINT_FEET
 
 DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
-
-
-def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
-    """Place of a contact relative to its frame's origin, m."""
-    robot = program.model.robot
-    home = robot.frames[contact.frame]
-    spots = [contact.spots[0], (home.body, home.local)]
-    place, origin = heights_over_com(robot, spots, y)
-    return complex(place - origin)
 
 
 def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -> Problem:
@@ -39,24 +30,29 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         for node in (first, last)
     )
     before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor
-    ground = _from_frame(program, before, solution.y[:, first]).imag - before.depth
-    height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
+    level = problem.takeoff.position[1]
+    ground = level + from_frame(problem.robot, before, solution.y[:, first]).imag - before.depth
+    height = ground + after.depth - from_frame(problem.robot, after, solution.y[:, last]).imag
     model = program.model
     speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
+    time = float(solution.durations[index])
+    there = [
+        each for each in problem.obstacles if each.window is None or (each.window[0] < time and each.window[1] > 0)
+    ]
     return replace(
         problem,
         start=start,
         goal=goal,
         flight=Flight(
-            float(solution.durations[index]),
+            time,
             angular_momentum=solution.momentum,
-            takeoff=Takeoff(before.frame),
+            takeoff=Takeoff(before.frame, problem.takeoff.position),
             landing=Landing(after.frame, height=height),
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
+        obstacles=(*there, _ground(problem, program, solution, ground)),
         ground=False,
         written=None,
     )

@@ -28,6 +28,7 @@ from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
 from floatplan.stance.program import JumpProgram, Solution, inside
 from floatplan.stance.rows import Bounds, NodeRows
+from floatplan.stance.separation import ROOM, Separation
 
 MOST = 2  # [-] contacts of a phase
 FAR = 0.1  # [m] above what is lowest in the reference posture: no foot is there
@@ -49,6 +50,7 @@ class Room:
     directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
     smooth : by which factor steps of accelerations weigh more
+    apart : beyond margins of obstacles and links, m
     """
 
     torque: float
@@ -57,6 +59,7 @@ class Room:
     directions: int
     finer: float = 1.0
     smooth: float = 1.0
+    apart: float = ROOM
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -71,7 +74,8 @@ class Room:
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth)
+        near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
+        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth, self.apart - near)
 
 
 Answer = TypeVar("Answer")
@@ -102,10 +106,10 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = finer.solve(finer.resampled(found[1], found[0].phases))
-        if not again.converged:
+        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0].separation)
+        if not again[1].converged:
             break
-        found = finer, again
+        found = again
         answer, figures = complete(*found)
     return answer
 
@@ -150,12 +154,19 @@ class Setup:
         node.smooth = room.smooth
         return node
 
+    @property
+    def separation(self) -> Separation:
+        """What the problem keeps apart."""
+        problem = self.problem
+        return Separation(problem.robot, problem.obstacles, problem.self_clearances, problem.takeoff.position)
+
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
         ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
         fixed = self.request.fixed
         return JumpProgram(
             self.node(room),
+            replace(self.separation, room=room.apart),
             [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
             self._momentum,
         )
@@ -196,7 +207,10 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         *_bounds(request, "landing", len(landing)),
     ]
     phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
-    return Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
+    setup = Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
+    setup.separation.check_standing(takeoff_contacts[-1][0], posture)
+    replace(setup.separation, obstacles=()).check_standing(landing_contacts[0][0], rest)
+    return setup
 
 
 def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
