@@ -207,7 +207,7 @@ class Replanner:
         measured.orientation = unwrapped(measured.orientation, expected.beside)
         base = plausible.base(measured, expected)
         if base and plausible.joints(measured, expected):
-            self._recovery.clear()
+            self._recovery.believe(measured)
         elif not (plausible.may_be(measured, expected) and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:
