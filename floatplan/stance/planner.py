@@ -80,9 +80,10 @@ def jump(
     say = progress or (lambda _: None)
     with naming(file):
         setup = jump_setup(problem, asked)
+        programs = {room: setup.program(room) for room in ROOMS}
+        programs[ROOMS[0]].separation.check_standing(programs[ROOMS[0]])
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
-    programs = {room: setup.program(room) for room in ROOMS}
     spent = 0
 
     def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:

@@ -195,7 +195,7 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
-        self.separation.add(self, rows, (y, v, a), durations, raw[size:])
+        self.separation.add(self, rows, (y, v, a, durations), raw[size:])
         return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:

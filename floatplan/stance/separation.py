@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.errors import InputError
-from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
+from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
-from floatplan.stance.contacts import Contact, from_frame, heights_over_com
-from floatplan.stance.model import Spot, casadi
+from floatplan.stance.model import casadi
 from floatplan.stance.motion import hermite
 from floatplan.stance.rows import Rows
 
@@ -45,38 +44,27 @@ class Line:
 
     Attributes
     ----------
-    key : which pair it is
-    name : the same for a person
-    first : index of the capsule
-    other : index of another; or the piece of an obstacle
-    reach : distance of their middle lines at least: radii and margin, m
+    name, asked : which pair, for a person; and what asks for it, as obstacles[0]
+    first, other : indices of the capsule, and of another or, after all of them, of a piece of an obstacle
+    radii, margin : distances of their middle lines, and of their surfaces beyond, m, at least
+    alike : the same for pairs that move alike
     room : beyond that, m
     intervals : (L,) of the program
     angles : (L,) rad, of directions from the other to the capsule, where the program begins
-    rooms : (L,) m, no more than ``room``, nor than there is where the robot stands
+    reach : (L,) m, that middle lines keep: room no more than there is where the robot stands
     """
 
-    key: tuple[int, ...]
     name: str
+    asked: str
     first: int
-    other: int | Obstacle
-    reach: float
+    other: int
+    radii: float
+    margin: float
+    alike: tuple[Any, ...]
     room: float = 0.0
     intervals: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     angles: Array = field(default_factory=lambda: np.zeros(0))
-    rooms: Array = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def normal(self) -> complex | None:
-        """The direction, where there is but one: out of a half-plane."""
-        if not isinstance(self.other, HalfPlane):
-            return None
-        return complex(*self.other.normal) / abs(complex(*self.other.normal))
-
-    def exists(self, since: Array) -> Any:
-        """When (M,) that is, since takeoff, s."""
-        low, high = (None if isinstance(self.other, int) else self.other.window) or (-np.inf, np.inf)
-        return (since >= low) & (since <= high)
+    reach: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,103 +94,136 @@ class Separation:
 
     @property
     def box(self) -> Array:
-        """Bounds (2, size) of directions, rad."""
-        free = np.concatenate([np.zeros(0), *(np.full(line.angles.shape, line.normal is None) for line in self.lines)])
-        bounds: Array = self.angles + TURNS * free * np.array([[-1.0], [1.0]])
+        """Bounds (2, size) of directions, rad: those of half-planes are their normals."""
+        free = [np.full(len(line.angles), not isinstance(self._parts[line.other], HalfPlane)) for line in self.lines]
+        bounds: Array = self.angles + TURNS * np.concatenate([np.zeros(0), *free]) * np.array([[-1.0], [1.0]])
         return bounds
 
     @cached_property
-    def _candidates(self) -> list[tuple[Line, tuple[Any, ...]]]:
-        """All that has to stay apart, and what moves alike there."""
+    def _parts(self) -> list[LinkCapsule | Obstacle]:
+        """The robot's capsules, then the obstacles' pieces."""
+        return [*self.robot.shapes, *(piece for obstacle in self.obstacles for piece in obstacle.pieces)]
+
+    @cached_property
+    def _candidates(self) -> list[Line]:
+        """All that has to stay apart."""
         if not self.obstacles and not self.pairs:
             return []
-        shapes = self.robot.shapes
+        shapes, found = self.robot.shapes, list[Line]()
         turns = [tuple(self.robot.tree.turns[shape.body].tolist()) for shape in shapes]
-        pairs: list[tuple[Line, tuple[Any, ...]]] = []
+        pieces = iter(range(len(shapes), len(self._parts)))
         for index, obstacle in enumerate(self.obstacles):
-            for number, piece in enumerate(obstacle.pieces):
-                for first, shape in enumerate(shapes):
-                    reach = shape.radius + getattr(piece, "radius", 0.0) + obstacle.margin
-                    name = f"{shape.link} clear of obstacle {index}"
-                    line = Line((number, first, index), name, first, piece, reach)
-                    pairs.append((line, (index, number, turns[first])))
-        for index, asked in enumerate(self.pairs):
+            asked = f"obstacles[{index}]"
+            for other, (first, shape) in itertools.product([next(pieces) for _ in obstacle.pieces], enumerate(shapes)):
+                radii = shape.radius + getattr(self._parts[other], "radius", 0.0)
+                name = f"{shape.link} clear of obstacle {index}"
+                found.append(Line(name, asked, first, other, radii, obstacle.margin, (asked, other, turns[first])))
+        for index, pair in enumerate(self.pairs):
+            asked, name = f"self_clearance[{index}]", " clear of ".join(pair.links)
             for first, other in itertools.permutations(range(len(shapes)), 2):
-                if (shapes[first].link, shapes[other].link) == asked.links:
-                    reach = shapes[first].radius + shapes[other].radius + asked.margin
-                    line = Line((first, other, index), " clear of ".join(asked.links), first, other, reach)
-                    pairs.append((line, (index, turns[first], turns[other])))
-        return pairs
+                if (shapes[first].link, shapes[other].link) == pair.links:
+                    radii, alike = shapes[first].radius + shapes[other].radius, (asked, turns[first], turns[other])
+                    found.append(Line(name, asked, first, other, radii, pair.margin, alike))
+        return found
 
-    def _placed(self, program: JumpProgram, guess: Array) -> tuple[Array, Segments]:
-        """Instants (M,) s since takeoff, and where the capsules are then, in the world of the flight."""
-        y, v, a, *_, durations, _ = program.split(guess)
-        robot, index, gravity = self.robot, program.flight, program.model.gravity
-        tree, nodes = robot.tree, program.times(durations.ravel())
-        begin, end = int(program.starts[index]), int(program.starts[index + 1])
-        fine = np.interp(np.arange(INSTANTS * (len(nodes) - 1) + 1) / INSTANTS, np.arange(len(nodes)), nodes)
-        values, since = hermite(nodes, y, v, a)(fine), fine - nodes[begin]
-        angles = tree.absolute_angles(values[:, 0], values[:, 1:])
-        anchors = [program.phases[side].anchor for side in (index - 1, index + 1)]
-        spots = [each.spots[0] for each in anchors]
-        weights = tree.point_weights(np.array([spot[0] for spot in spots]), np.array([spot[1] for spot in spots]))
-        rotations = tree.rotations(angles)
-        before, after = weights @ rotations.T
-        takeoff, landing = INSTANTS * begin, INSTANTS * end
-        first = complex(*self.origin) + from_frame(robot, anchors[0], y[:, begin])
-        rates = 1j * tree.turn * (v[0, begin] + tree.turns @ v[1:, begin])
-        speed = -complex(weights[0] @ (rates * rotations[takeoff]))
-        com = first - before[takeoff] + speed * since - 0.5j * gravity * since**2
-        second = com[landing] + after[landing]
-        com[:takeoff], com[landing:] = first - before[:takeoff], second - after[landing:]
-        return since, LinkShapes(tree, robot.shapes).place(com, angles)
-
-    def _distances(self, since: Array, segments: Segments) -> Iterator[tuple[Line, tuple[Any, ...], Array]]:
-        """All that has to stay apart, with distances (M,) beyond margins, m."""
-        known: dict[tuple[int, ...], Array] = {}
-        for line, alike in self._candidates:
-            other, radii = line.other, segments.radius[line.first]
-            if isinstance(other, int):
-                radii = radii + segments.radius[other]
-                own = (segments.of(np.array([each])) for each in (line.first, other))
-                distances = pair_distances(*own)[:, 0]
-            else:
-                radii = radii + getattr(other, "radius", 0.0)
-                if line.key[::2] not in known:
-                    rows = obstacle_distances(segments, other, since)
-                    known[line.key[::2]] = rows.reshape(len(since), -1, len(segments.radius)).min(axis=1)
-                distances = known[line.key[::2]][:, line.first]
-            yield line, alike, np.where(line.exists(since), distances - (line.reach - radii), np.inf)
-
-    def check_standing(self, contact: Contact, y: Array) -> None:
-        """Refuse what is too near where the robot stands, before the flight or after it.
+    def _placed(
+        self,
+        program: JumpProgram,
+        call: Callable[..., Any],
+        motion: Sequence[Any],
+        chosen: Sequence[int],
+        instants: int,
+    ) -> Iterator[tuple[Any, Any, Any]]:
+        """For each phase times since takeoff (1, N), and x, z (2 C, N) of both ends of C parts, in the flight's world.
 
         Parameters
         ----------
-        contact : on which it stands; its place is known where it is the frame's that takes off
-        y : (n+1,) rad
+        call : evaluates a function of y, v, a
+        motion : y, v, a (n+1, N) and durations (phases, 1): expressions or numbers
+        chosen : C indices of parts, those of the robot first
+        instants : how many there are in an interval
+        """
+        ca, model, index = casadi(), program.model, program.flight
+        *state, durations = motion
+        bodies = [part for part in (self._parts[k] for k in chosen) if isinstance(part, LinkCapsule)]
+        pieces = [part for part in (self._parts[k] for k in chosen) if isinstance(part, Obstacle)]
+        spots = [(part.body, end) for part in bodies for end in _middle_line(part)]
+        anchors = [program.phases[side].anchor for side in (index - 1, index + 1)]
+        takeoff, landing = ([part[:, instants * int(program.starts[index + k])] for part in state] for k in (0, 1))
+        spot, home = anchors[0].spots[0], self.robot.frames[anchors[0].frame]
+        from_frame = model.places(model.weights([spot], (home.body, home.local)))
+        outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
+        x, z, com_x, com_z, vx, vz = call(model.function("takes_off", outputs), *takeoff)
+        over, _ = call(model.function("lands", model.com_from(anchors[1].spots[0])), *landing)
+        x, z = x + self.origin[0], z + self.origin[1]
+        begins = ca.cumsum(ca.vertcat(0.0, durations))
+        for number, phase in enumerate(program.phases):
+            start, stop = (instants * int(each) for each in program.starts[number : number + 2])
+            shares = np.interp(np.arange(stop - start + 1) / instants, np.arange(len(phase.shares)), phase.shares)
+            since = begins[number] - begins[index] + durations[number] * ca.DM(shares).T
+            base = x, z
+            if number == index:
+                base = x + com_x + vx * since, z + com_z + vz * since - model.gravity / 2 * since**2
+            elif number > index:
+                base = x + com_x + vx * durations[index] - over, z - anchors[0].depth + anchors[1].depth
+            places = model.places(model.weights(spots, phase.anchor.spots[0] if phase.contacts else None))
+            own = call(model.function("ends", places), *[part[:, start : stop + 1] for part in state])
+            moved = [ca.repmat(at + 0 * since, len(spots), 1) + each for at, each in zip(base, own, strict=True)]
+            for axis, part in enumerate(moved):
+                ends = [
+                    (end.real, end.imag)[axis] + piece.velocity[axis] * since
+                    for piece in pieces
+                    for end in _middle_line(piece)
+                ]
+                moved[axis] = ca.vertcat(part, *ends)
+            yield since, *moved
+
+    def _measured(self, program: JumpProgram, guess: Array) -> tuple[Array, Segments]:
+        """Instants (M,) s since takeoff, ``INSTANTS`` in each interval, and where all parts are then."""
+        y, v, a, *_, durations, _ = program.split(guess)
+        nodes = program.times(durations.ravel())
+        curve = hermite(nodes, y, v, a)
+        fine = np.interp(np.arange(INSTANTS * (len(nodes) - 1) + 1) / INSTANTS, np.arange(len(nodes)), nodes)
+        motion = [*((curve.derivative(order) if order else curve)(fine).T for order in range(3)), durations]
+        parts = range(len(self._parts))
+        phases = self._placed(program, lambda function, *given: function(*given), motion, parts, INSTANTS)
+        since, x, z = (
+            np.concatenate([np.asarray(each)[:, number > 0 :] for number, each in enumerate(values)], axis=1)
+            for values in zip(*phases, strict=True)
+        )
+        places, radii = (x + 1j * z).T, [getattr(part, "radius", 0.0) for part in self._parts]
+        return since[0], Segments(places[:, ::2], places[:, 1::2], np.array(radii))
+
+    def _distances(self, since: Array, segments: Segments) -> Iterator[tuple[Line, Array]]:
+        """All that has to stay apart, with distances (M,) beyond margins, m; infinite while one is not there."""
+        for line in self._candidates:
+            own, part = segments.of(np.array([line.first])), self._parts[line.other]
+            if isinstance(part, HalfPlane):
+                distances = obstacle_distances(own, part, since).min(axis=1)
+            else:
+                distances = pair_distances(own, segments.of(np.array([line.other])))[:, 0]
+            yield line, np.where(_exists(part, since), distances - line.margin, np.inf)
+
+    def check_standing(self, program: JumpProgram) -> None:
+        """Refuse what is too near where the robot stands, before the flight or after it.
 
         Raises
         ------
         InputError
             Links are too near to one another, or to an obstacle that is always there.
         """
-        robot, home = self.robot, self.robot.frames[contact.frame]
-        if not self._candidates:
-            return
-        place = complex(*self.origin) - heights_over_com(robot, contact.spots[:1], y)[0]
-        segments = LinkShapes(robot.tree, robot.shapes).place(
-            place[None], robot.tree.absolute_angles(y[0], y[1:])[None]
-        )
-        for line, _, distances in self._distances(np.zeros(1), segments):
-            still = isinstance(line.other, int) or not (line.other.window or any(line.other.velocity))
-            known = isinstance(line.other, int) or contact.spots[0] == (home.body, home.local)
-            if still and known and distances[0] < 0:
-                reason = f"where the robot stands, {line.name} is missed by {-distances[0]:.2g} m"
-                table = "self_clearance" if isinstance(line.other, int) else "obstacles"
-                raise InputError(
-                    reason, element=f"{table}[{line.key[-1]}]", advice="change it, its margin or the posture"
-                )
+        anchor = program.phases[program.flight - 1].anchor
+        home, lines = self.robot.frames[anchor.frame], self._candidates
+        known = anchor.spots[0] == (home.body, home.local)  # else the place depends on how the foot is tipped
+        for line, distances in self._distances(*self._measured(program, program.guess())) if lines else ():
+            part, least = self._parts[line.other], distances[0]
+            if isinstance(part, LinkCapsule):
+                least = min(least, distances[-1])
+            elif part.window or any(part.velocity) or not known:
+                continue
+            if least < 0:
+                reason = f"where the robot stands, {line.name} is missed by {-least:.2g} m"
+                raise InputError(reason, element=line.asked, advice="change it, its margin or the posture")
 
     def wider(self, program: JumpProgram, guess: Array) -> list[Separation]:
         """Return what also holds apart what a solution brings too near, on either way around; else nothing.
@@ -214,131 +235,93 @@ class Separation:
         """
         if not self._candidates:
             return []
-        since, segments = self._placed(program, guess)
-        chosen = {line.key: line for line in self.lines}
+        placed = self._measured(program, guess)
+        chosen = {(line.first, line.other): line for line in self.lines}
         nearest: dict[tuple[Any, ...], tuple[float, Line]] = {}
-        for line, alike, distances in self._distances(since, segments):
+        for line, distances in self._distances(*placed):
             least = float(distances.min())
-            if least < nearest.get(alike, (NEAR, line))[0]:
-                nearest[alike] = least, line
+            if least < nearest.get(line.alike, (NEAR, line))[0]:
+                nearest[line.alike] = least, line
         for least, line in nearest.values():
-            room = chosen[line.key].room + NEAR - least if line.key in chosen else self.room
-            chosen[line.key] = replace(line, room=room)
+            key = line.first, line.other
+            room = chosen[key].room + NEAR - least if key in chosen else self.room
+            chosen[key] = replace(line, room=room)
         if not nearest:
             return []
-        ways = (self._directed(program, since, segments, chosen.values(), way) for way in (False, True))
-        return [replace(self, lines=tuple(way)) for way in ways]
+        ways = (self._directed(program, *placed, list(chosen.values()), swapped) for swapped in (False, True))
+        return [replace(self, lines=lines) for lines in ways]
 
     def at(self, program: JumpProgram, guess: Array) -> Separation:
         """Return the same lines for another program, where its variables (size,) begin."""
         if not self.lines:
             return self
-        placed = self._placed(program, guess)
-        return replace(self, lines=tuple(self._directed(program, *placed, self.lines, False)))
+        return replace(self, lines=self._directed(program, *self._measured(program, guess), self.lines, False))
 
     def _directed(
-        self, program: JumpProgram, since: Array, segments: Segments, lines: Any, swapped: bool
-    ) -> Iterator[Line]:
+        self, program: JumpProgram, since: Array, segments: Segments, lines: Sequence[Line], swapped: bool
+    ) -> tuple[Line, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        ways = np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
         first, last = program.starts[program.flight], program.starts[program.flight + 1]
+        found = []
         for line in lines:
-            tried = np.array([line.normal]) if line.normal is not None else ways
-            ends = [
-                np.stack((segments.start[:, each], segments.end[:, each]))
-                if isinstance(each, int)
-                else np.array([place + complex(*each.velocity) * since for place in middle_line(each)])
-                for each in (line.first, line.other)
-            ]
-            apart = (ends[0][:, None] - ends[1][None]).reshape(-1, len(since), 1)
-            gaps = (apart * tried.conj()).real.min(axis=0) - line.reach
+            part, ways = self._parts[line.other], np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+            if isinstance(part, HalfPlane):
+                ways = np.array([complex(*part.normal) / abs(complex(*part.normal))])
+            own, other = (np.stack((segments.start[:, k], segments.end[:, k])) for k in (line.first, line.other))
+            apart = (own[:, None] - other[None]).reshape(4, len(since), 1)
+            gaps = (apart * ways.conj()).real.min(axis=0) - line.radii - line.margin
             within = np.stack([gaps[k : k + len(gaps) - INSTANTS : INSTANTS] for k in range(INSTANTS + 1)]).min(axis=0)
-            angles = np.angle(tried[within.argmax(axis=1)])
-            if line.normal is None:
+            angles = np.angle(ways[within.argmax(axis=1)])
+            if len(ways) > 1:
                 angles = _around(angles, within.max(axis=1), swapped)
-            there = np.stack([line.exists(since[k::INSTANTS][: len(angles)]) for k in range(INSTANTS)]).any(axis=0)
-            intervals = np.flatnonzero(there)
-            rooms = np.full(len(angles), line.room)
+            there = np.flatnonzero(_exists(part, since)[:-1].reshape(-1, INSTANTS).any(axis=1))
+            reach = np.full(len(angles), line.radii + line.margin + line.room)
             for stands, end in ((slice(first), 0), (slice(last, None), -1)):
-                rooms[stands] = np.clip(0.9 * gaps[end].max(), 0.0, line.room)
-            yield replace(line, intervals=intervals, angles=angles[intervals], rooms=rooms[intervals])
+                reach[stands] -= line.room - np.clip(0.9 * gaps[end].max(), 0.0, line.room)
+            found.append(replace(line, intervals=there, angles=angles[there], reach=reach[there]))
+        return tuple(found)
 
-    def add(self, program: JumpProgram, rows: Rows, parts: Sequence[Any], durations: Any, angles: Any) -> None:
+    def add(self, program: JumpProgram, rows: Rows, motion: Sequence[Any], angles: Any) -> None:
         """Rows of the lines at both ends of their intervals.
 
         Parameters
         ----------
         program : whose rows they are
-        parts : y, v, a (n+1, K+1)
-        durations : (phases, 1)
+        motion : y, v, a (n+1, K+1) and durations (phases, 1)
         angles : (size, 1) the directions
         """
         if not self.lines:
             return
-        ca, model = casadi(), program.model
-        shapes = self.robot.shapes
-        capsules = {each for line in self.lines for each in (line.first, line.other) if isinstance(each, int)}
-        spots = [spot for index in sorted(capsules) for spot in capsule_ends(shapes[index])]
+        ca, chosen = casadi(), sorted({each for line in self.lines for each in (line.first, line.other)})
         directions = ca.vertsplit(angles, np.cumsum([0, *[len(line.angles) for line in self.lines]]).tolist())
-        begins = ca.cumsum(ca.vertcat(0.0, durations))
-        bases = self._bases(program, rows, parts, durations[program.flight])
-        for number, phase in enumerate(program.phases):
-            start, stop = (int(each) for each in program.starts[number : number + 2])
-            since = begins[number] - begins[program.flight] + durations[number] * ca.DM(phase.shares).T
-            reference = None if phase.side == "flight" else phase.anchor.spots[0]
-            places = model.function("ends", model.places(model.weights(spots, reference)))
-            own = rows.calls(places, *[part[:, start : stop + 1] for part in parts])
-            base = bases(phase.side, since)
-            x, z = (each + ca.repmat(shift, len(spots), 1) for each, shift in zip(own, base, strict=True))
+        placed = self._placed(program, rows.calls, motion, chosen, 1)
+        for phase, start, (_, x, z) in zip(program.phases, program.starts, placed, strict=False):
             for line, turned in zip(self.lines, directions, strict=True):
-                chosen = np.flatnonzero((line.intervals >= start) & (line.intervals < stop))
-                angle = turned[chosen.tolist()].T
-                for side in (0, 1) if len(chosen) else ():
-                    at = (line.intervals[chosen] - start + side).tolist()
-                    ends = [
-                        [(x[spots.index(spot), at], z[spots.index(spot), at]) for spot in capsule_ends(shapes[each])]
-                        if isinstance(each, int)
-                        else [
-                            (place.real + each.velocity[0] * since[0, at], place.imag + each.velocity[1] * since[0, at])
-                            for place in middle_line(each)
-                        ]
-                        for each in (line.first, line.other)
-                    ]
-                    for (x0, z0), (x1, z1) in itertools.product(*ends):
-                        value = ca.cos(angle) * (x0 - x1) + ca.sin(angle) * (z0 - z1)
-                        kept = ca.DM(line.reach + line.rooms[chosen]).T
-                        rows.add(value - kept, 0.0, np.inf, f"{line.name} ({phase.side})")
-
-    def _bases(self, program: JumpProgram, rows: Rows, parts: Sequence[Any], duration: Any) -> Callable[..., Any]:
-        """Function of a side and times since takeoff: the anchor's place there, in flight the centre of mass's, m."""
-        model, index, gravity = program.model, program.flight, program.model.gravity
-        anchors = [program.phases[side].anchor for side in (index - 1, index + 1)]
-        takeoff, landing = ([part[:, int(program.starts[index + k])] for part in parts] for k in (0, 1))
-        spot, home = anchors[0].spots[0], model.robot.frames[anchors[0].frame]
-        from_frame = model.places(model.weights([spot], (home.body, home.local)))
-        outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
-        x, z, over_x, over_z, vx, vz = rows.calls(model.function("takes_off", outputs), *takeoff)
-        from_com = rows.calls(model.function("lands", model.com_from(anchors[1].spots[0])), *landing)
-        x, z = (each + place for each, place in zip((x, z), self.origin, strict=True))
-        lands = x + over_x + vx * duration - from_com[0], z - anchors[0].depth + anchors[1].depth
-
-        def base(side: str, since: Any) -> tuple[Any, Any]:
-            if side == "flight":
-                return x + over_x + vx * since, z + over_z + vz * since - gravity / 2 * since**2
-            return tuple(each + 0 * since for each in ((x, z) if side == "takeoff" else lands))
-
-        return base
+                own = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
+                angle, reach = turned[own.tolist()].T, ca.DM(line.reach[own]).T
+                ends = [
+                    range(2 * chosen.index(k), 2 * chosen.index(k) + len(set(_middle_line(self._parts[k]))))
+                    for k in (line.first, line.other)
+                ]
+                for side, one, two in itertools.product((0, 1) if len(own) else (), *ends):
+                    at = (line.intervals[own] - start + side).tolist()
+                    value = ca.cos(angle) * (x[one, at] - x[two, at]) + ca.sin(angle) * (z[one, at] - z[two, at])
+                    rows.add(value - reach, 0.0, np.inf, f"{line.name} ({phase.side})")
 
 
-def middle_line(piece: Obstacle) -> list[complex]:
-    """Ends of the middle line of a piece of an obstacle, as it is at takeoff, m; of a half-plane a point."""
-    places = ("start", "end") if isinstance(piece, Bar) else ("center",) if isinstance(piece, Circle) else ("point",)
-    return [complex(*getattr(piece, name)) for name in places]
+def _middle_line(part: LinkCapsule | Obstacle) -> list[complex]:
+    """Both ends of the middle line of a capsule, m, or of a piece of an obstacle at takeoff: points have one twice."""
+    if isinstance(part, LinkCapsule):
+        return [part.start, part.end]
+    if isinstance(part, Bar):
+        return [complex(*part.start), complex(*part.end)]
+    return [complex(*(part.center if isinstance(part, Circle) else part.point))] * 2  # type: ignore[attr-defined]
 
 
-def capsule_ends(shape: LinkCapsule) -> list[Spot]:
-    """Ends of a capsule, one of a disc."""
-    return [(shape.body, end) for end in dict.fromkeys((shape.start, shape.end))]
+def _exists(part: LinkCapsule | Obstacle, since: Array) -> BoolArray:
+    """When (M,) a part is there, since takeoff, s."""
+    low, high = (part.window if isinstance(part, Obstacle) else None) or (-np.inf, np.inf)
+    return np.asarray((since >= low) & (since <= high))
 
 
 def _around(angles: Array, gaps: Array, swapped: bool) -> Array:

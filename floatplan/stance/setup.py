@@ -154,19 +154,15 @@ class Setup:
         node.smooth = room.smooth
         return node
 
-    @property
-    def separation(self) -> Separation:
-        """What the problem keeps apart."""
-        problem = self.problem
-        return Separation(problem.robot, problem.obstacles, problem.self_clearances, problem.takeoff.position)
-
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
-        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
+        problem = self.problem
+        apart = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
         fixed = self.request.fixed
         return JumpProgram(
             self.node(room),
-            replace(self.separation, room=room.apart),
+            Separation(problem.robot, *apart),
             [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
             self._momentum,
         )
@@ -207,10 +203,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         *_bounds(request, "landing", len(landing)),
     ]
     phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
-    setup = Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
-    setup.separation.check_standing(takeoff_contacts[-1][0], posture)
-    replace(setup.separation, obstacles=()).check_standing(landing_contacts[0][0], rest)
-    return setup
+    return Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
 
 
 def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:

@@ -14,7 +14,7 @@ from needed import skip_or_fail
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.stance.planner import ROOMS
-from floatplan.stance.separation import INSTANTS, _around, middle_line
+from floatplan.stance.separation import INSTANTS, _around
 from floatplan.stance.setup import jump_setup
 
 if not INSTALLED:
@@ -73,25 +73,20 @@ def test_rows_are_what_is_measured(name: str) -> None:
     problem = fp.Problem(robot, posture, posture, flight, obstacles=(circle, bar), self_clearances=apart)
     program = jump_setup(problem, fp.JumpRequest()).program(ROOMS[0])
     guess = program.guess(np.random.default_rng(3))
-    chosen = {line.name: line for line, _ in program.separation._candidates if links[0] in line.name}
+    chosen = {line.name: line for line in program.separation._candidates if links[0] in line.name}
     program = program.separated(replace(program.separation, lines=tuple(chosen.values())).at(program, guess))
     _, evaluate, rows = program._solver
     values = np.asarray(evaluate(np.append(guess, program.separation.angles))).ravel()
-    since, segments = program.separation._placed(program, guess)
+    _, segments = program.separation._measured(program, guess)
     landing = program.starts[program.flight + 1]
     assert len(program.separation.lines) == 3
     for line in program.separation.lines:
-        own, other = (
-            np.stack((segments.start[:, each], segments.end[:, each]))
-            if isinstance(each, int)
-            else np.array([place + complex(*each.velocity) * since for place in middle_line(each)])
-            for each in (line.first, line.other)
-        )
+        own, other = (np.stack((segments.start[:, k], segments.end[:, k])) for k in (line.first, line.other))
         least = np.inf
-        for interval, angle, room in zip(line.intervals, line.angles, line.rooms, strict=True):
+        for interval, angle, reach in zip(line.intervals, line.angles, line.reach, strict=True):
             for node in (interval, interval + 1) if interval < landing else ():
                 apart = own[:, None, INSTANTS * node] - other[None, :, INSTANTS * node]
-                least = min(least, (apart * np.exp(-1j * angle)).real.min() - line.reach - room)
+                least = min(least, (apart * np.exp(-1j * angle)).real.min() - reach)
         at = [
             row for row, label in enumerate(rows.labels) if label in (f"{line.name} (takeoff)", f"{line.name} (flight)")
         ]
@@ -117,13 +112,13 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_is_too_near_where_it_stands_is_refused(case: str) -> None:
     given, element = REFUSED[case]
     with pytest.raises(InputError, match=f"{element}: where the robot stands, .* clear of"):
-        jump_setup(replace(go2_problem(), **given), fp.JumpRequest())
+        fp.jump(replace(go2_problem(), **given))
 
 
 def test_an_obstacle_counts_while_it_is_there() -> None:
     """One in the way of the flight, that is gone by then."""
     known, duration = backflip(), backflip().flight.duration
     for window, holds in (((-1.0, 1e-3), True), ((0.0, duration), False)):
-        circle = fp.Circle(center=(-0.1, 0.85), radius=0.05, window=window)
+        circle = fp.Circle(center=(-0.3, 0.5), radius=0.05, window=window)
         check = replace(known, problem=replace(known.problem, obstacles=(circle,))).check
         assert (check.figures["obstacles"] > 0) == holds
