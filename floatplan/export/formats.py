@@ -16,7 +16,7 @@ from floatplan.errors import InputError
 from floatplan.export.ros_bag import mcap_content
 from floatplan.export.table import full_csv, gravity, parquet_content, sample_times, table_text, whole_nanoseconds
 from floatplan.files import write_atomically
-from floatplan.motion.planar.full_model import free_flyer
+from floatplan.motion.flight import free_flyer
 from floatplan.plans.plan import Plan
 
 Content: TypeAlias = Callable[[Plan, float], str | bytes]  # of a file: a plan, and instants per second

@@ -23,7 +23,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import plain
 from floatplan.inflight.replanner import Replanner
-from floatplan.motion.planar.clearance import LinkShapes
+from floatplan.motion.flight import LinkShapes
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool.threads import one_thread
