@@ -23,7 +23,7 @@ from floatplan.errors import InputError
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
-from floatplan.stance.model import casadi
+from floatplan.stance.model import Spot, casadi
 from floatplan.stance.motion import hermite
 from floatplan.stance.rows import Rows
 
@@ -147,11 +147,11 @@ class Separation:
         *state, durations = motion
         bodies = [part for part in (self._parts[k] for k in chosen) if isinstance(part, LinkCapsule)]
         pieces = [part for part in (self._parts[k] for k in chosen) if isinstance(part, Obstacle)]
-        spots = [(part.body, end) for part in bodies for end in _middle_line(part)]
+        spots = [Spot(part.body, end) for part in bodies for end in _middle_line(part)]
         anchors = [program.phases[side].anchor for side in (index - 1, index + 1)]
         takeoff, landing = ([part[:, instants * int(program.starts[index + k])] for part in state] for k in (0, 1))
         spot, home = anchors[0].spots[0], self.robot.frames[anchors[0].frame]
-        from_frame = model.places(model.weights([spot], (home.body, home.local)))
+        from_frame = model.places(model.weights([spot], Spot(home.body, home.local)))
         outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
         x, z, com_x, com_z, vx, vz = call(model.function("takes_off", outputs), *takeoff)
         over, _ = call(model.function("lands", model.com_from(anchors[1].spots[0])), *landing)
@@ -214,7 +214,7 @@ class Separation:
         """
         anchor = program.phases[program.flight - 1].anchor
         home, lines = self.robot.frames[anchor.frame], self._candidates
-        known = anchor.spots[0] == (home.body, home.local)  # else the place depends on how the foot is tipped
+        known = anchor.spots[0] == Spot(home.body, home.local)  # else its place depends on how the foot has turned
         for line, distances in self._distances(*self._measured(program, program.guess())) if lines else ():
             part, least = self._parts[line.other], distances[0]
             if isinstance(part, LinkCapsule):
