@@ -23,8 +23,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.model import casadi
-from floatplan.stance.motion import hermite
-from floatplan.stance.phases import Phase
+from floatplan.stance.motion import hermite, values
+from floatplan.stance.phases import Phase, instants
 from floatplan.stance.rows import (
     BALANCE,
     CLEAR,
@@ -358,7 +358,7 @@ class JumpProgram:
             durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), low, high)
             bumps = np.sin(np.pi * np.linspace(0, 1, self.nodes)[None] * rng.integers(1, 4, (self.size - 1, 1)))
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
-        times = self.times(durations)
+        times = instants(self.phases, durations)
         begin, end = times[self.starts[self.flight - 1]], times[self.starts[self.flight + 2]]
         share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
         turn = self.ends[1, 0] - self.ends[0, 0]
@@ -368,30 +368,15 @@ class JumpProgram:
         rest = [np.zeros(shape) for shape in self._shapes[3:-2]]
         return self.join([y, v, np.zeros_like(y), *rest, durations[:, None], np.zeros((1, 1))])
 
-    def times(self, durations: Array) -> Array:
-        """Instants (K+1,) of the nodes, s, of durations (phases,)."""
-        times = np.zeros(self.nodes)
-        for begin, end, phase, lasts in zip(self.starts, self.starts[1:], self.phases, durations, strict=False):
-            times[begin : end + 1] = times[begin] + lasts * phase.shares
-        return times
-
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
-        old = (solution.y, solution.v, solution.a)
-        parts: list[list[Array]] = [[], [], []]
-        forces, at = [], 0
-        for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
-            columns = slice(at, at + other.intervals + 1)
-            at += other.intervals
-            if own.intervals:
-                curve = hermite(solution.durations[index] * other.shares, *(each[:, columns] for each in old))
-                times = solution.durations[index] * own.shares[:-1]
-                for order, part in enumerate(parts):
-                    part.append((curve.derivative(order) if order else curve)(times).T)
-            rows = [np.interp(own.shares, other.shares, row) for row in solution.forces[index]]
-            forces.append(np.array(rows).reshape(-1, len(own.shares)))
+        curve = hermite(instants(phases, solution.durations), solution.y, solution.v, solution.a)
+        joined = values(curve, instants(self.phases, solution.durations))
+        forces = [
+            np.array([np.interp(own.shares, other.shares, row) for row in rows]).reshape(-1, len(own.shares))
+            for own, other, rows in zip(self.phases, phases, solution.forces, strict=True)
+        ]
         drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -2]]
-        joined = [np.concatenate((*part, each[:, -1:]), axis=1) for part, each in zip(parts, old, strict=True)]
         return self.join([*joined, *forces, *drifts, solution.durations[:, None], np.array([[solution.momentum]])])
 
 

@@ -24,7 +24,8 @@ from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.stance.model import Spot, casadi
-from floatplan.stance.motion import hermite
+from floatplan.stance.motion import hermite, refined, values
+from floatplan.stance.phases import instants
 from floatplan.stance.rows import Rows
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ class Separation:
         call: Callable[..., Any],
         motion: Sequence[Any],
         chosen: Sequence[int],
-        instants: int,
+        steps: int,
     ) -> Iterator[tuple[Any, Any, Any]]:
         """For each phase times since takeoff (1, N), and x, z (2 C, N) of both ends of C parts, in the flight's world.
 
@@ -141,7 +142,7 @@ class Separation:
         call : evaluates a function of y, v, a
         motion : y, v, a (n+1, N) and durations (phases, 1): expressions or numbers
         chosen : C indices of parts, those of the robot first
-        instants : how many there are in an interval
+        steps : in an interval
         """
         ca, model, index = casadi(), program.model, program.flight
         *state, durations = motion
@@ -149,7 +150,7 @@ class Separation:
         pieces = [part for part in (self._parts[k] for k in chosen) if isinstance(part, Obstacle)]
         spots = [Spot(part.body, end) for part in bodies for end in _middle_line(part)]
         anchors = [program.phases[side].anchor for side in (index - 1, index + 1)]
-        takeoff, landing = ([part[:, instants * int(program.starts[index + k])] for part in state] for k in (0, 1))
+        takeoff, landing = ([part[:, steps * int(program.starts[index + k])] for part in state] for k in (0, 1))
         spot, home = anchors[0].spots[0], self.robot.frames[anchors[0].frame]
         from_frame = model.places(model.weights([spot], Spot(home.body, home.local)))
         outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
@@ -158,9 +159,8 @@ class Separation:
         x, z = x + self.origin[0], z + self.origin[1]
         begins = ca.cumsum(ca.vertcat(0.0, durations))
         for number, phase in enumerate(program.phases):
-            start, stop = (instants * int(each) for each in program.starts[number : number + 2])
-            shares = np.interp(np.arange(stop - start + 1) / instants, np.arange(len(phase.shares)), phase.shares)
-            since = begins[number] - begins[index] + durations[number] * ca.DM(shares).T
+            start, stop = (steps * int(each) for each in program.starts[number : number + 2])
+            since = begins[number] - begins[index] + durations[number] * ca.DM(refined(phase.shares, steps)).T
             base = x, z
             if number == index:
                 base = x + com_x + vx * since, z + com_z + vz * since - model.gravity / 2 * since**2
@@ -181,10 +181,8 @@ class Separation:
     def _measured(self, program: JumpProgram, guess: Array) -> tuple[Array, Segments]:
         """Instants (M,) s since takeoff, ``INSTANTS`` in each interval, and where all parts are then."""
         y, v, a, *_, durations, _ = program.split(guess)
-        nodes = program.times(durations.ravel())
-        curve = hermite(nodes, y, v, a)
-        fine = np.interp(np.arange(INSTANTS * (len(nodes) - 1) + 1) / INSTANTS, np.arange(len(nodes)), nodes)
-        motion = [*((curve.derivative(order) if order else curve)(fine).T for order in range(3)), durations]
+        nodes = instants(program.phases, durations.ravel())
+        motion = [*values(hermite(nodes, y, v, a), refined(nodes, INSTANTS)), durations]
         parts = range(len(self._parts))
         phases = self._placed(program, lambda function, *given: function(*given), motion, parts, INSTANTS)
         since, x, z = (
