@@ -47,9 +47,8 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
     speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
     time = float(solution.durations[index])
-    there = [
-        each for each in problem.obstacles if each.window is None or (each.window[0] < time and each.window[1] > 0)
-    ]
+    windows = [(each, each.window or (0.0, time)) for each in problem.obstacles]
+    there = [each for each, (begin, end) in windows if begin < time and end > 0]
     return replace(
         problem,
         start=start,
