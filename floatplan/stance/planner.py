@@ -81,7 +81,8 @@ def jump(
     with naming(file):
         setup = jump_setup(problem, asked)
         programs = {room: setup.program(room) for room in ROOMS}
-        programs[ROOMS[0]].separation.check_standing(programs[ROOMS[0]])
+        first = programs[ROOMS[0]]
+        first.separation.check_standing(first.node, first.motion(first.guess()))
     best: tuple[float, str] = (np.inf, "")
     answer: Jump | None = None
     spent = 0

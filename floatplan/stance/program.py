@@ -98,9 +98,8 @@ class JumpProgram:
     ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
-        self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))
+        self.starts, self.flight = node.starts, node.flight
         self.nodes = int(self.starts[-1]) + 1
-        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
         self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
 
     @cached_property
@@ -195,7 +194,7 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
-        self.separation.add(self, rows, (y, v, a, durations), raw[size:])
+        self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
@@ -321,6 +320,11 @@ class JumpProgram:
         """The same program, with what it keeps apart."""
         return JumpProgram(self.node, separation, self._fixed, self._momentum)
 
+    def motion(self, guess: Array) -> list[Array]:
+        """Values of y, v, a (n+1, K+1) and durations (phases, 1) of a guess (size,)."""
+        y, v, a, *_, durations, _ = self.split(guess)
+        return [y, v, a, durations]
+
     def solved(self, guess: Array, known: Separation | None = None) -> tuple[JumpProgram, Solution]:
         """Solve from a guess; again with lines for all that comes too near, on either way around, until nothing does.
 
@@ -329,13 +333,17 @@ class JumpProgram:
         guess : (size,)
         known : what was kept apart in the program that the guess comes from
         """
-        program = self if known is None else self.separated(replace(self.separation, lines=known.lines).at(self, guess))
+        program = (
+            self
+            if known is None
+            else self.separated(replace(self.separation, lines=known.lines).at(self.node, self.motion(guess)))
+        )
         solution = program.solve(guess)
         for _ in range(EXCHANGES):
             if not solution.converged:
                 break
             before = self.resampled(solution, self.phases)
-            wider = program.separation.wider(self, before)
+            wider = program.separation.wider(self.node, self.motion(before))
             if not wider:
                 break
             for separation in wider:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,7 @@ from floatplan.robot import LinkCapsule, Robot
 from floatplan.stance.model import Spot, casadi
 from floatplan.stance.motion import hermite, refined, values
 from floatplan.stance.phases import instants
-from floatplan.stance.rows import Rows
-
-if TYPE_CHECKING:
-    from floatplan.stance.program import JumpProgram
+from floatplan.stance.rows import NodeRows, Rows
 
 ROOM = 0.005  # [m] beyond margins, at nodes
 NEAR = 0.002  # [m] beyond margins: what is nearer, at nodes or between them, is too near
@@ -129,7 +126,7 @@ class Separation:
 
     def _placed(
         self,
-        program: JumpProgram,
+        node: NodeRows,
         call: Callable[..., Any],
         motion: Sequence[Any],
         chosen: Sequence[int],
@@ -144,13 +141,13 @@ class Separation:
         chosen : C indices of parts, those of the robot first
         steps : in an interval
         """
-        ca, model, index = casadi(), program.model, program.flight
+        ca, model, index = casadi(), node.model, node.flight
         *state, durations = motion
         bodies = [part for part in (self._parts[k] for k in chosen) if isinstance(part, LinkCapsule)]
         pieces = [part for part in (self._parts[k] for k in chosen) if isinstance(part, Obstacle)]
         spots = [Spot(part.body, end) for part in bodies for end in _middle_line(part)]
-        anchors = [program.phases[side].anchor for side in (index - 1, index + 1)]
-        takeoff, landing = ([part[:, steps * int(program.starts[index + k])] for part in state] for k in (0, 1))
+        anchors = [node.phases[side].anchor for side in (index - 1, index + 1)]
+        takeoff, landing = ([part[:, steps * int(node.starts[index + k])] for part in state] for k in (0, 1))
         spot, home = anchors[0].spots[0], self.robot.frames[anchors[0].frame]
         from_frame = model.places(model.weights([spot], Spot(home.body, home.local)))
         outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
@@ -158,8 +155,8 @@ class Separation:
         over, _ = call(model.function("lands", model.com_from(anchors[1].spots[0])), *landing)
         x, z = x + self.origin[0], z + self.origin[1]
         begins = ca.cumsum(ca.vertcat(0.0, durations))
-        for number, phase in enumerate(program.phases):
-            start, stop = (steps * int(each) for each in program.starts[number : number + 2])
+        for number, phase in enumerate(node.phases):
+            start, stop = (steps * int(each) for each in node.starts[number : number + 2])
             since = begins[number] - begins[index] + durations[number] * ca.DM(refined(phase.shares, steps)).T
             base = x, z
             if number == index:
@@ -178,13 +175,13 @@ class Separation:
                 moved[axis] = ca.vertcat(part, *ends)
             yield since, *moved
 
-    def _measured(self, program: JumpProgram, guess: Array) -> tuple[Array, Segments]:
+    def _measured(self, node: NodeRows, motion: Sequence[Any]) -> tuple[Array, Segments]:
         """Instants (M,) s since takeoff, ``INSTANTS`` in each interval, and where all parts are then."""
-        y, v, a, *_, durations, _ = program.split(guess)
-        nodes = instants(program.phases, durations.ravel())
-        motion = [*values(hermite(nodes, y, v, a), refined(nodes, INSTANTS)), durations]
+        y, v, a, durations = motion
+        times = instants(node.phases, durations.ravel())
+        motion = [*values(hermite(times, y, v, a), refined(times, INSTANTS)), durations]
         parts = range(len(self._parts))
-        phases = self._placed(program, lambda function, *given: function(*given), motion, parts, INSTANTS)
+        phases = self._placed(node, lambda function, *given: function(*given), motion, parts, INSTANTS)
         since, x, z = (
             np.concatenate([np.asarray(each)[:, number > 0 :] for number, each in enumerate(values)], axis=1)
             for values in zip(*phases, strict=True)
@@ -202,7 +199,7 @@ class Separation:
                 distances = pair_distances(own, segments.of(np.array([line.other])))[:, 0]
             yield line, np.where(_exists(part, since), distances - line.margin, np.inf)
 
-    def check_standing(self, program: JumpProgram) -> None:
+    def check_standing(self, node: NodeRows, motion: Sequence[Any]) -> None:
         """Refuse what is too near where the robot stands, before the flight or after it.
 
         Raises
@@ -210,10 +207,10 @@ class Separation:
         InputError
             Links are too near to one another, or to an obstacle that is always there.
         """
-        anchor = program.phases[program.flight - 1].anchor
+        anchor = node.phases[node.flight - 1].anchor
         home, lines = self.robot.frames[anchor.frame], self._candidates
         known = anchor.spots[0] == Spot(home.body, home.local)  # else its place depends on how the foot has turned
-        for line, distances in self._distances(*self._measured(program, program.guess())) if lines else ():
+        for line, distances in self._distances(*self._measured(node, motion)) if lines else ():
             part, least = self._parts[line.other], distances[0]
             if isinstance(part, LinkCapsule):
                 least = min(least, distances[-1])
@@ -223,17 +220,17 @@ class Separation:
                 reason = f"where the robot stands, {line.name} is missed by {-least:.2g} m"
                 raise InputError(reason, element=line.asked, advice="change it, its margin or the posture")
 
-    def wider(self, program: JumpProgram, guess: Array) -> list[Separation]:
+    def wider(self, node: NodeRows, motion: Sequence[Any]) -> list[Separation]:
         """Return what also holds apart what a solution brings too near, on either way around; else nothing.
 
         Parameters
         ----------
-        program : that is solved
-        guess : (size,) its solution
+        node : rows of the program
+        motion : y, v, a (n+1, K+1) and durations (phases, 1) of its solution
         """
         if not self._candidates:
             return []
-        placed = self._measured(program, guess)
+        placed = self._measured(node, motion)
         chosen = {(line.first, line.other): line for line in self.lines}
         nearest: dict[tuple[Any, ...], tuple[float, Line]] = {}
         for line, distances in self._distances(*placed):
@@ -246,20 +243,20 @@ class Separation:
             chosen[key] = replace(line, room=room)
         if not nearest:
             return []
-        ways = (self._directed(program, *placed, list(chosen.values()), swapped) for swapped in (False, True))
+        ways = (self._directed(node, *placed, list(chosen.values()), swapped) for swapped in (False, True))
         return [replace(self, lines=lines) for lines in ways]
 
-    def at(self, program: JumpProgram, guess: Array) -> Separation:
-        """Return the same lines for another program, where its variables (size,) begin."""
+    def at(self, node: NodeRows, motion: Sequence[Any]) -> Separation:
+        """Return the same lines for another program, where its motion begins."""
         if not self.lines:
             return self
-        return replace(self, lines=self._directed(program, *self._measured(program, guess), self.lines, False))
+        return replace(self, lines=self._directed(node, *self._measured(node, motion), self.lines, False))
 
     def _directed(
-        self, program: JumpProgram, since: Array, segments: Segments, lines: Sequence[Line], swapped: bool
+        self, node: NodeRows, since: Array, segments: Segments, lines: Sequence[Line], swapped: bool
     ) -> tuple[Line, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        first, last = program.starts[program.flight], program.starts[program.flight + 1]
+        first, last = node.starts[node.flight], node.starts[node.flight + 1]
         found = []
         for line in lines:
             part, ways = self._parts[line.other], np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
@@ -279,12 +276,12 @@ class Separation:
             found.append(replace(line, intervals=there, angles=angles[there], reach=reach[there]))
         return tuple(found)
 
-    def add(self, program: JumpProgram, rows: Rows, motion: Sequence[Any], angles: Any) -> None:
+    def add(self, node: NodeRows, rows: Rows, motion: Sequence[Any], angles: Any) -> None:
         """Rows of the lines at both ends of their intervals.
 
         Parameters
         ----------
-        program : whose rows they are
+        node : rows of the program
         motion : y, v, a (n+1, K+1) and durations (phases, 1)
         angles : (size, 1) the directions
         """
@@ -292,8 +289,8 @@ class Separation:
             return
         ca, chosen = casadi(), sorted({each for line in self.lines for each in (line.first, line.other)})
         directions = ca.vertsplit(angles, np.cumsum([0, *[len(line.angles) for line in self.lines]]).tolist())
-        placed = self._placed(program, rows.calls, motion, chosen, 1)
-        for phase, start, (_, x, z) in zip(program.phases, program.starts, placed, strict=False):
+        placed = self._placed(node, rows.calls, motion, chosen, 1)
+        for phase, start, (_, x, z) in zip(node.phases, node.starts, placed, strict=False):
             for line, turned in zip(self.lines, directions, strict=True):
                 own = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
                 angle, reach = turned[own.tolist()].T, ca.DM(line.reach[own]).T

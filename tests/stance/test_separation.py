@@ -74,10 +74,12 @@ def test_rows_are_what_is_measured(name: str) -> None:
     program = jump_setup(problem, fp.JumpRequest()).program(ROOMS[0])
     guess = program.guess(np.random.default_rng(3))
     chosen = {line.name: line for line in program.separation._candidates if links[0] in line.name}
-    program = program.separated(replace(program.separation, lines=tuple(chosen.values())).at(program, guess))
+    program = program.separated(
+        replace(program.separation, lines=tuple(chosen.values())).at(program.node, program.motion(guess))
+    )
     _, evaluate, rows = program._solver
     values = np.asarray(evaluate(np.append(guess, program.separation.angles))).ravel()
-    _, segments = program.separation._measured(program, guess)
+    _, segments = program.separation._measured(program.node, program.motion(guess))
     landing = program.starts[program.flight + 1]
     assert len(program.separation.lines) == 3
     for line in program.separation.lines:
