@@ -141,7 +141,7 @@ class Separation:
         chosen : C indices of parts, those of the robot first
         steps : in an interval
         """
-        ca, model, index = casadi(), node.model, node.flight
+        ca, model, index = casadi(), node.model, node.flies
         *state, durations = motion
         bodies = [part for part in (self._parts[k] for k in chosen) if isinstance(part, LinkCapsule)]
         pieces = [part for part in (self._parts[k] for k in chosen) if isinstance(part, Obstacle)]
@@ -207,7 +207,7 @@ class Separation:
         InputError
             Links are too near to one another, or to an obstacle that is always there.
         """
-        anchor = node.phases[node.flight - 1].anchor
+        anchor = node.phases[node.flies - 1].anchor
         home, lines = self.robot.frames[anchor.frame], self._candidates
         known = anchor.spots[0] == Spot(home.body, home.local)  # else its place depends on how the foot has turned
         for line, distances in self._distances(*self._measured(node, motion)) if lines else ():
@@ -256,7 +256,7 @@ class Separation:
         self, node: NodeRows, since: Array, segments: Segments, lines: Sequence[Line], swapped: bool
     ) -> tuple[Line, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        first, last = node.starts[node.flight], node.starts[node.flight + 1]
+        first, last = node.starts[node.flies], node.starts[node.flies + 1]
         found = []
         for line in lines:
             part, ways = self._parts[line.other], np.exp(2j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
