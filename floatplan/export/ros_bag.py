@@ -8,16 +8,17 @@ by ``mcap-ros2-support``, whose own writer cannot keep messages for later listen
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional
+from floatplan.export.motion import Contacts, Exported
 from floatplan.export.table import whole_nanoseconds
-from floatplan.plans.plan import Plan
 
 WORLD = "world"  # the frame that the root link flies in; "world_" where a link is called so
 MOST_TRANSFORMS = 1_000_000  # [-] moving links times instants: below 200 MB
@@ -48,7 +49,14 @@ LATCHED = """- history: 1
   avoid_ros_namespace_conventions: false
 """  # kept for who listens later (transient local), as tf2 and RViz ask of these topics; numbers are of the RMW's enums
 
-TOPICS = {  # topic -> type, definition, types that it uses, whether its last message is kept for later listeners
+FORCE = "std_msgs/Header header\ngeometry_msgs/Vector3 vector", (HEADER, TIME, VECTOR)
+LAYOUT = "std_msgs/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset"
+DIMENSION = "std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride"
+NUMBERS = "std_msgs/MultiArrayLayout layout\nfloat64[] data", (LAYOUT, DIMENSION)
+
+# type, definition, types that it uses, whether its last message is kept for later listeners
+Topic: TypeAlias = tuple[str, str, tuple[tuple[str, str], ...], bool]
+TOPICS: dict[str, Topic] = {
     "/robot_description": ("std_msgs/msg/String", "string data", (), True),
     "/tf_static": (*TRANSFORMS, True),
     "/tf": (*TRANSFORMS, False),
@@ -56,11 +64,14 @@ TOPICS = {  # topic -> type, definition, types that it uses, whether its last me
 }
 
 
-def mcap_content(plan: Plan, rate: float) -> bytes:
-    """Return a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf``, ``/joint_states``; time begins at takeoff.
+def mcap_content(exported: Exported, rate: float) -> bytes:
+    """Return a ROS 2 bag: ``/robot_description``, ``/tf_static``, ``/tf``, ``/joint_states``; time begins at the start.
 
     The frame ``world`` has the root link's axes at orientation 0; ``/tf`` has the root link in it, and every link that
     a joint moves in its parent; links that are fixed are in ``/tf_static``. Efforts are the motors' own torques.
+    Where there are contacts, ``/phase`` counts from 0, ``/contacts/POINT/stands`` says whether a point does, and
+    ``/contacts/POINT/force`` is the force on it, N, along the axes of ``world``. ``/gains`` are a row of stiffness and
+    one of damping, N m/rad and N m s/rad, of the joints in the order of ``/joint_states``.
 
     Raises
     ------
@@ -68,21 +79,22 @@ def mcap_content(plan: Plan, rate: float) -> bytes:
         The packages mcap and mcap-ros2-support are not installed, or the rate is wrong.
     """
     writers = import_optional("mcap.writer", name="the package mcap", element="format", extra="mcap")
-    tree = plan.robot.file_tree
-    nanoseconds = whole_nanoseconds(plan, rate)
+    tree = exported.robot.file_tree
+    nanoseconds = whole_nanoseconds(exported.duration, rate)
     fixed, moving = ([joint for joint in tree.joints if joint.moves is moves] for moves in (False, True))
     if len(nanoseconds) * len(moving) > MOST_TRANSFORMS:
-        reason = f"{rate} Hz for {plan.duration} s are more than {MOST_TRANSFORMS} transforms"
+        reason = f"{rate} Hz for {exported.duration} s are more than {MOST_TRANSFORMS} transforms"
         raise InputError(reason, element="rate", advice="give a lower rate")
-    motion = plan.full_motion(nanoseconds / 1e9)
+    times = nanoseconds / 1e9
+    motion = exported.at(times)
     world = WORLD
     while world in tree.links:
         world += "_"
     stream = io.BytesIO()
     writer = writers.Writer(stream)
     writer.start(profile="ros2", library="floatplan")
-    write = {topic: _topic(writer, topic) for topic in TOPICS}
-    write["/robot_description"](0, {"data": plan.robot.xml})
+    write = {topic: _topic(writer, topic, kind) for topic, kind in TOPICS.items()}
+    write["/robot_description"](0, {"data": exported.robot.xml})
     places = (_transform(0, joint.parent, joint.child, pin.SE3ToXYZQUAT(joint.origin.placement)) for joint in fixed)
     write["/tf_static"](0, {"transforms": list(places)})
     bases = np.concatenate((motion.base_position, motion.base_quaternion), axis=1)
@@ -96,14 +108,40 @@ def mcap_content(plan: Plan, rate: float) -> bytes:
         quantities = {"position": motion.positions, "velocity": motion.velocities, "effort": motion.motor_torques}
         state = {name: values[index].tolist() for name, values in quantities.items()}
         write["/joint_states"](instant, {"header": _header(instant, ""), "name": list(motion.joints), **state})
+    contacts = exported.contacts(times)
+    if contacts is not None:
+        _write_contacts(writer, contacts, nanoseconds.tolist(), world)
+    if exported.gains is not None:
+        size = len(motion.joints)
+        sizes = (("kp, kd", 2, 2 * size), ("joint", size, size))
+        rows = [{"label": label, "size": count, "stride": stride} for label, count, stride in sizes]
+        content = {"layout": {"dim": rows, "data_offset": 0}, "data": exported.gains.ravel().tolist()}
+        _topic(writer, "/gains", ("std_msgs/msg/Float64MultiArray", *NUMBERS, True))(0, content)
     writer.finish()
     return stream.getvalue()
 
 
-def _topic(writer: Any, topic: str) -> Callable[[int, Mapping[str, Any]], None]:
+def _write_contacts(writer: Any, contacts: Contacts, instants: list[int], world: str) -> None:
+    """Write who stands, and the forces, at instants, ns."""
+    phase = _topic(writer, "/phase", ("std_msgs/msg/Int32", "int32 data", (), False))
+    points = []
+    for name in contacts.names:
+        place = "/contacts/" + re.sub(r"\W", "_", name, flags=re.ASCII)
+        stands = _topic(writer, f"{place}/stands", ("std_msgs/msg/Bool", "bool data", (), False))
+        force = _topic(writer, f"{place}/force", ("geometry_msgs/msg/Vector3Stamped", *FORCE, False))
+        points.append((stands, force))
+    for index, instant in enumerate(instants):
+        phase(instant, {"data": int(contacts.phase[index])})
+        for (stands, force), stand, vector in zip(points, contacts.stand[index], contacts.forces[index], strict=True):
+            stands(instant, {"data": bool(stand)})
+            numbers = dict(zip("xyz", vector.tolist(), strict=True))
+            force(instant, {"header": _header(instant, world), "vector": numbers})
+
+
+def _topic(writer: Any, topic: str, kind: Topic) -> Callable[[int, Mapping[str, Any]], None]:
     """Begin a topic; return what writes a message of an instant, ns, into it."""
     encoders = import_optional("mcap_ros2._dynamic", name="mcap-ros2-support", element="format", extra="mcap")
-    name, fields, uses, kept = TOPICS[topic]
+    name, fields, uses, kept = kind
     rule = "=" * 80
     text = "\n".join([fields, *(f"{rule}\nMSG: {used}\n{definition}" for used, definition in uses)])
     schema = writer.register_schema(name, "ros2msg", text.encode())

@@ -220,8 +220,8 @@ class Plan(PlannedMotion):
         Parameters
         ----------
         form : str
-            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap" or "unitree"; see
-            ``floatplan export --help``.
+            "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree" or "unitree-sdk";
+            see ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory.
         rate : float, optional

@@ -165,6 +165,16 @@ class PlannedMotion:
         """Torques (..., nv), N m: 0 on the base, then each joint's own, also of coupled and locked ones."""
         return self._in_file(times, flight.free_flyer(self.robot).torques)
 
+    @property
+    def phases(self) -> tuple[()]:
+        """None: nothing of a flight alone is about contacts, as :attr:`floatplan.Jump.phases` are."""
+        return ()
+
+    def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
+        """Return no forces: nothing touches the ground at times within the flight, s; see :meth:`Jump.forces`."""
+        self._within(times)
+        return {}
+
     @one_thread
     def _in_file(self, times: npt.ArrayLike, quantity: Callable[[flight.FullMotion], Array]) -> Array:
         """A quantity (N, size) at times of any shape, in that shape."""
