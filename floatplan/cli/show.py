@@ -1,15 +1,20 @@
-"""The commands that show a plan and hand it on: ``show`` and ``export``."""
+"""The commands that show a plan or a jump, and hand a plan on: ``show`` and ``export``."""
 
 from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path
 from floatplan.cli.progress import progress
+from floatplan.errors import naming
+from floatplan.files import read_json
+
+if TYPE_CHECKING:
+    from floatplan.view.jumps import Shown
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
@@ -17,11 +22,11 @@ Output = Annotated[
 
 
 def show(
-    plan_file: PlanFile,
+    plan_file: Annotated[str, typer.Argument(metavar="FILE.json", help="A plan file, or a jump's.")],
     scene: Annotated[
-        bool, typer.Option("--scene", help="The flight in 3-D with the robot's meshes, one page.")
+        bool, typer.Option("--scene", help="The motion in 3-D with the robot's meshes, one page.")
     ] = False,
-    png: Annotated[bool, typer.Option("--png", help="The figures and the kinogram as PNG.")] = False,
+    png: Annotated[bool, typer.Option("--png", help="The figures as PNG: curves, kinogram or moments.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.")] = False,
     gif: Annotated[bool, typer.Option("--gif", help="A film, GIF.")] = False,
     mp4: Annotated[bool, typer.Option("--mp4", help="A film, MP4; needs ffmpeg.")] = False,
@@ -34,18 +39,22 @@ def show(
     open_page: OpenPage = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
+    """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
     from floatplan.plans.plan import load_plan
 
-    plan = load_plan(plan_file, urdf)
+    plan = _load(plan_file, urdf)
     other = None if compare is None else load_plan(compare)
     directory = Path(plan_file).parent if output is None else output
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+    files = []
     with progress("drawing", quiet) as bar:
-        files = [] if scene or formats or films else [plan.show(directory / REPORT, browse=False)]
+        if not (scene or formats or films):
+            from floatplan.view.report.report import write_report
+
+            files.append(write_report(plan, directory / REPORT))
         if scene:
             from floatplan.view.scene.scene import write_scene
 
@@ -54,7 +63,10 @@ def show(
             from floatplan.view.figures.figures import save_figures
 
             files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
+        for name in films:
+            from floatplan.view.figures.animation import animate
+
+            files.append(animate(plan, directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
             print_path(path)
@@ -62,6 +74,21 @@ def show(
         for path in files:
             if path.suffix == ".html":
                 webbrowser.open(path.resolve().as_uri())
+
+
+def _load(path: str, urdf: str | None) -> Shown:
+    """The plan of a file, or its jump, by the format that it names."""
+    content = read_json(Path(path), kind="a plan or jump file")
+    if not (isinstance(content, dict) and str(content.get("format")).startswith("floatplan.jump/")):
+        from floatplan.plans.plan import load_plan
+
+        return load_plan(path, urdf)
+    from floatplan.stance.jump_file import load_jump
+    from floatplan.view.jumps import JumpView
+
+    jump = load_jump(path, urdf)
+    with naming(path):
+        return JumpView(jump)
 
 
 def export(

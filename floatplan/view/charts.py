@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.plan import Plan
 from floatplan.tables import JOINT_LIMITS, LimitRow
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import robot_size
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
@@ -22,17 +23,17 @@ NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest 
 
 @dataclass(frozen=True, eq=False)
 class SampledPlan:
-    """A plan, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
+    """A plan or jump, its states at the instants of the curves, and the sampled quantities (N,) by key, SI.
 
-    Those of joint, motor or obstacle i end in ``.i``.
+    Those of joint, motor or obstacle i end in ``.i``. A jump has those of :meth:`JumpView.columns` too.
     """
 
-    plan: Plan
+    plan: Shown
     state: FlightState
     columns: dict[str, Array]
 
     @classmethod
-    def of(cls, plan: Plan, times: Array, beside: Plan | None = None) -> SampledPlan:
+    def of(cls, plan: Shown, times: Array, beside: Shown | None = None) -> SampledPlan:
         """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
         state, beside = plan.at(times), beside or plan
         inertia = plan.dynamics.momentum_map(state.positions)
@@ -54,6 +55,8 @@ class SampledPlan:
         columns |= {f"motor_torques.{index}": torques[name] for index, name in motors if name in torques}
         for index, obstacle in enumerate(beside.problem.obstacles):
             columns[f"clearance.{index}"] = plan.clearances(times, [obstacle])
+        if isinstance(plan, JumpView):
+            columns |= plan.columns(times)
         return cls(plan, state, columns)
 
     @property
@@ -75,6 +78,7 @@ class Curve:
     proved : largest magnitude that is proved; of clearances the least value; infinite where none is
     ends : where the problem has it start and end
     linestyle : dotted of a follower
+    whole : what shares are shares of, for a person
     """
 
     name: str
@@ -85,6 +89,7 @@ class Curve:
     proved: float = np.inf
     ends: tuple[float, float] | None = None
     linestyle: str = "-"
+    whole: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +110,10 @@ class Panel:
     ----------
     label : in front of the unit
     interval : of its quantity that is marked: (9)
-    range : ends of the axis of distances, where what is far away is cut off; their ``margins`` are marked
+    range : ends of the axis of distances, where what is far away is cut off
+    margins, mark : values that are marked, of distances and of shares, and what they are called
+    always : whether limits are drawn that are far away
+    sides : on which limits are drawn
     """
 
     label: str
@@ -113,6 +121,9 @@ class Panel:
     interval: tuple[float, float] | None = None
     range: tuple[float, float] | None = None
     margins: Sequence[float] = ()
+    mark: str = "margin"
+    always: bool = False
+    sides: Sequence[float] = (1.0, -1.0)
 
     def lines(self, peak: float) -> tuple[list[ReferenceLine], list[ReferenceLine]]:
         """Return margins, limits and interval, and those of them that are left out: they would flatten the curves.
@@ -123,12 +134,12 @@ class Panel:
         curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
-        drawn = [ReferenceLine("margin", ALARM, np.array(margin)) for margin in self.margins]
+        drawn = [ReferenceLine(self.mark, ALARM, np.array(margin)) for margin in self.margins]
         left: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
             if np.isfinite(limit.min()):
-                lines = [ReferenceLine("limit", curve.colour, side * limit, curve.part) for side in (1.0, -1.0)]
-                (drawn if limit.min() <= NEAR * peak else left).extend(lines)
+                lines = [ReferenceLine("limit", curve.colour, side * limit, curve.part) for side in self.sides]
+                (drawn if self.always or limit.min() <= NEAR * peak else left).extend(lines)
         if self.interval is not None:
             near = max(map(abs, self.interval)) <= NEAR * peak
             (drawn if near else left).extend(ReferenceLine(INTERVAL, INK, np.array(end)) for end in self.interval)
@@ -164,9 +175,12 @@ class Chart:
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
 
-    Curves of another plan may be drawn beside them.
+    Curves of another plan may be drawn beside them. A jump has charts of forces, friction, shares of limits, height of
+    the centre of mass, angles and clearance.
     """
     plan = sampled.plan
+    if isinstance(plan, JumpView):
+        return _of_jump(sampled, plan)
     joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
     ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
     keys = ["orientation", *(f"positions.{joint}" for joint in joints)]
@@ -182,12 +196,82 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
     return [*drawn, _clearance(sampled, other)] if plan.problem.obstacles else drawn
 
 
-def is_crowded(plan: Plan) -> bool:
+def _of_jump(sampled: SampledPlan, view: JumpView) -> list[Chart]:
+    """Forces, what is used of friction and limits, height, angles, what has no limit, clearance."""
+    robot, problem, margin = view.robot, view.problem, view.jump.request.margin
+    contacts = list(enumerate(zip(view.contacts, view.colours, strict=True)))
+    forces = [Curve(name, f"force_z.{index}", colour) for index, (name, colour) in contacts]
+    friction = [Curve(name, f"friction.{index}", colour, limit=1.0) for index, (name, colour) in contacts]
+    angles = ["orientation", *(f"positions.{joint}" for joint in range(len(robot.joints)))]
+    motors, rates = _motors(sampled), _of_parts(view, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    torque_limits = dict(zip(robot.motors, problem.motor_torque_limits.tolist(), strict=True))
+    stall = dict(zip(robot.motors, problem.motor_stall.tolist(), strict=True))
+    rate_limits = dict(zip(robot.joints, problem.velocity_limits.tolist(), strict=True))
+    efforts = dict(zip(robot.locked, view.held_efforts.tolist(), strict=True))
+    free = [curve for curve in motors if np.isinf(torque_limits[curve.name])]
+    fast = [curve for curve in rates if np.isinf(rate_limits[curve.name])]
+    friction_used = Panel("|Fx| over μ Fz", friction, always=True, sides=(1.0,))
+    drawn = [
+        Chart("forces", "Vertical forces", "N", [Panel("vertical force", forces)], of_each=False),
+        Chart("friction", "Friction used", "%", [friction_used], factor=100, of_each=False),
+        _uses("torque_use", "Torque over limit", motors, torque_limits, margin["torque"]),
+        _uses("curve_use", "Torque and rate over the motors' curves", motors, stall, margin["torque"], sides=(1.0,)),
+        _uses("held_use", "Torque of held joints over effort", _held(sampled, efforts), efforts),
+        _uses("rate_use", "Rate over limit", rates, rate_limits, margin["velocity"], unit="rad/s"),
+        Chart("com_height", "Height of the centre of mass", "m", [Panel("height", [Curve("CM", "com_height", INK)])]),
+        Chart("configuration", "Angles", "deg", [Panel("angle", _of_parts(view, angles))], factor=180 / np.pi),
+        Chart("torques", "Torques without limit", "N m", [Panel("torque", free)]),
+        Chart("rates", "Rates without limit", "rad/s", [Panel("joints", fast)]),
+    ]
+    if problem.obstacles:
+        drawn.append(_clearance(sampled, None))
+    return [chart for chart in drawn if chart.curves]
+
+
+def _uses(
+    name: str,
+    title: str,
+    curves: Sequence[Curve],
+    limits: Mapping[str, float],
+    margin: float | None = None,
+    *,
+    unit: str = "N m",
+    sides: Sequence[float] = (1.0, -1.0),
+) -> Chart:
+    """Shares of limits, by name and in the order of the columns; ``margin`` is the share that may be used."""
+    order = list(limits)
+    shares = [
+        replace(
+            curve,
+            name=curve.name if curve.part else f"{curve.name} ({limits[curve.name]:.4g} {unit})",
+            key=f"{name}.{order.index(curve.name)}",
+            limit=1.0,
+            whole=f"{limits[curve.name]:.4g} {unit}",
+        )
+        for curve in curves
+        if np.isfinite(limits[curve.name])
+    ]
+    margins = [] if margin is None else [side * margin for side in sides]
+    panel = Panel("share", shares, margins=margins, mark="margin of stances", always=True, sides=sides)
+    return Chart(name, title, "%", [panel], factor=100)
+
+
+def _held(sampled: SampledPlan, efforts: Mapping[str, float]) -> list[Curve]:
+    """The locked joints that take most of their efforts; of those that do alike, such as left and right, one."""
+    uses = [(name, sampled.columns[f"held_use.{index}"]) for index, name in enumerate(efforts)]
+    kept: list[tuple[str, Array]] = []
+    for name, use in sorted(uses, key=lambda each: -float(np.abs(each[1]).max())):
+        if np.isfinite(efforts[name]) and not any(_alike(use, other) for _, other in kept):
+            kept.append((name, use))
+    return [Curve(name, "", colour) for (name, _), colour in zip(kept, OBSTACLES, strict=False)]
+
+
+def is_crowded(plan: Shown) -> bool:
     """Whether a robot has more parts than there are hues that everyone can tell apart."""
     return len(plan.robot.joints) + 1 > len(OKABE_ITO)
 
 
-def _of_parts(plan: Plan, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
+def _of_parts(plan: Shown, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
     """Curves of the last of base and joints, with what more they have."""
     first = len(plan.robot.joints) + 1 - len(keys)
     names, colours = ("orientation", *plan.robot.joints), palette(len(plan.robot.joints) + 1)
@@ -197,7 +281,7 @@ def _of_parts(plan: Plan, keys: Sequence[str], **more: Sequence[Any]) -> list[Cu
     ]
 
 
-def _limited(plan: Plan, row: LimitRow) -> Chart:
+def _limited(plan: Shown, row: LimitRow) -> Chart:
     """What a row of the table limits: that of the joints, and of the base where it has one."""
     keys = [f"{row.quantity}.{index}" for index in range(len(plan.robot.joints))]
     peaks = None if plan.certificate is None else getattr(plan.certificate, f"{row.key}_peak", None)
@@ -222,9 +306,7 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
     limits = np.minimum(plan.problem.motor_torque_limits, available)
     proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
     torques = sampled.state.motor_torques
-    followed = torques[:, leaders]
-    apart = np.minimum(np.abs(torques - followed).max(axis=0), np.abs(torques + followed).max(axis=0))
-    differ = apart > ALIKE * np.abs(followed).max(axis=0)
+    alike = [_alike(torques[:, motor], torques[:, leader]) for motor, leader in enumerate(leaders)]
     return [
         Curve(
             name=name,
@@ -236,8 +318,14 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
             linestyle=":" if motor >= joints else "-",
         )
         for motor, name in enumerate(motors)
-        if motor < joints or differ[motor]
+        if motor < joints or not alike[motor]
     ]
+
+
+def _alike(values: Array, others: Array) -> bool:
+    """Whether a quantity (N,) is nearly another one, or its mirror image."""
+    apart = min(float(np.abs(values - side * others).max()) for side in (1, -1))
+    return apart <= ALIKE * float(np.abs(others).max())
 
 
 def _momentum(plan: Plan) -> Chart:

@@ -7,7 +7,7 @@ import math
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,9 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
-from floatplan.plans.plan import Plan
+from floatplan.view.figures.moments import draw_forces
 from floatplan.view.figures.snapshots import FLATTEST, TALLEST, draw_ground, draw_obstacle, draw_posture, frame_box
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
 
@@ -32,21 +33,21 @@ COLOURS = 64  # [-] of a GIF
 
 
 def animate(
-    plan: Plan,
+    plan: Shown,
     path: str | Path = "flight.gif",
     *,
     speed: float = SPEED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a film of a flight, whole or not at all.
+    """Write a film of a flight or jump, whole or not at all.
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan or JumpView
     path : path
         Ends in ``.gif`` or ``.mp4``.
     speed : float
-        Of the film against the flight: 0.5 is slow motion.
+        Of the film against the motion: 0.5 is slow motion.
     progress : callable, optional
         Told how many pictures are drawn, and of how many.
 
@@ -68,10 +69,15 @@ def animate(
     if path.suffix == ".mp4" and ffmpeg is None:
         raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
     drawn = pictures(plan, speed, progress)
-    return write_atomically(path, _gif(drawn) if path.suffix == ".gif" else _mp4(str(ffmpeg), drawn))
+    if path.suffix == ".mp4":
+        return write_atomically(path, _mp4(str(ffmpeg), drawn))
+    middle = len(drawn) // 2  # in the flight, when no force acts
+    return write_atomically(path, _gif(drawn, [0, middle, -1] if isinstance(plan, JumpView) else [middle]))
 
 
-def pictures(plan: Plan, speed: float = SPEED, progress: Callable[[int, int], None] | None = None) -> list[Image.Image]:
+def pictures(
+    plan: Shown, speed: float = SPEED, progress: Callable[[int, int], None] | None = None
+) -> list[Image.Image]:
     """Draw the film's pictures; what stays is drawn once."""
     count = max(2, round(plan.duration / speed * FRAME_RATE) + 1)
     times = np.linspace(0.0, plan.duration, count)
@@ -88,7 +94,7 @@ def pictures(plan: Plan, speed: float = SPEED, progress: Callable[[int, int], No
         return drawn
 
 
-def _stage(plan: Plan) -> tuple[Figure, Axes]:
+def _stage(plan: Shown) -> tuple[Figure, Axes]:
     """Return a figure with ground, standing obstacles and path."""
     low, high = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     shape = min(max((high - low).imag / (high - low).real, FLATTEST), TALLEST)
@@ -98,7 +104,7 @@ def _stage(plan: Plan) -> tuple[Figure, Axes]:
     axes = figure.add_axes((0, 0, 1, 1))
     frame_box(axes, low, high)
     axes.set_axis_off()
-    draw_ground(axes, postures(plan, snapshot_times(plan)))
+    draw_ground(axes, plan, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
     for obstacle in plan.problem.obstacles:
@@ -107,13 +113,15 @@ def _stage(plan: Plan) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _picture(figure: Figure, axes: Axes, plan: Plan, time: float) -> Image.Image:
+def _picture(figure: Figure, axes: Axes, plan: Shown, time: float) -> Image.Image:
     before = set(axes.get_children())
     for obstacle in plan.problem.obstacles:
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
             draw_obstacle(axes, obstacle, np.array([time]))
     draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
+    if isinstance(plan, JumpView):
+        draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
     axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
     added = [artist for artist in axes.get_children() if artist not in before]
     for artist in sorted(added, key=lambda artist: artist.get_zorder()):
@@ -122,10 +130,10 @@ def _picture(figure: Figure, axes: Axes, plan: Plan, time: float) -> Image.Image
     return Image.fromarray(np.array(figure.canvas.buffer_rgba())).convert("RGB")  # type: ignore[attr-defined]
 
 
-def _gif(frames: list[Image.Image]) -> bytes:
-    """All pictures have the palette of the middle one, so that their colours do not flicker."""
-    middle = frames[len(frames) // 2]
-    palette = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
+def _gif(frames: list[Image.Image], telling: Sequence[int]) -> bytes:
+    """All pictures have one palette, that of some which have all colours, so that their colours do not flicker."""
+    chosen = Image.fromarray(np.concatenate([np.asarray(frames[index]) for index in telling]))
+    palette = chosen.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     pause = round(1000 / FRAME_RATE)
     stream = io.BytesIO()

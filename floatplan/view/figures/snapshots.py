@@ -21,16 +21,17 @@ from matplotlib.ticker import MultipleLocator
 from floatplan.arrays import Array
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
+from floatplan.view.jumps import Shown
 from floatplan.view.outlines import (
     Postures,
     box_around,
     com_path,
-    ground_lines,
+    goal_posture,
+    grounds,
     obstacle_outlines,
     obstacle_times,
     pairs,
     picture_box,
-    posture_at,
     postures,
     snapshot_times,
     stadium,
@@ -67,15 +68,15 @@ def snapshots(plan: Plan) -> Figure:
 
 def draw_surroundings(axes: Axes, plan: Plan, placed: Postures, instant: float | None = None) -> None:
     """Draw ground and obstacles onto axes in metres; obstacles that move at one instant, or several."""
-    draw_ground(axes, placed)
+    draw_ground(axes, plan, placed)
     for obstacle in plan.problem.obstacles:
         times = obstacle_times(obstacle, plan.duration) if instant is None else np.array([instant])
         draw_obstacle(axes, obstacle, times)
 
 
-def draw_ground(axes: Axes, placed: Postures) -> None:
+def draw_ground(axes: Axes, plan: Shown, placed: Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing."""
-    lines = ground_lines(placed)
+    lines = grounds(plan, placed)
     for height, low, high in lines:
         if len(lines) == 1:
             axes.axhline(height, color=INK, linewidth=0.9, zorder=1)
@@ -101,7 +102,7 @@ def draw_flight(axes: Axes, plan: Plan, placed: Postures, strengths: Sequence[fl
     """Draw path, postures and goal onto axes in metres."""
     count = len(placed.times)
     draw_path(axes, plan, placed)
-    goal = posture_at(plan, plan.problem.final, plan.duration)
+    goal = goal_posture(plan)
     draw_posture(axes, goal, 0, strength=0.0, zorder=3 + count - 1.5, rings=((INK, 4.6), ("white", 3.2)))
     for index, strength in enumerate(strengths or np.linspace(PALEST, 1, count)):
         rings = ((INK, 1.4),) if index == 0 else (("white", 1.0),)
@@ -176,7 +177,7 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
     legend_above(figure, [*entries, (Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal")])
 
 
-def plan_names(plan: Plan, compare: Plan) -> tuple[str, str]:
+def plan_names(plan: Shown, compare: Shown) -> tuple[str, str]:
     """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
     many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
     if (many > 0) != (few > 0):
@@ -229,7 +230,7 @@ def kinogram(plan: Plan) -> Figure:
     They stand so near one another that none touches its neighbours.
     """
     placed = postures(plan, kinogram_times(plan))
-    goal = posture_at(plan, plan.problem.final, plan.duration)
+    goal = goal_posture(plan)
     low, high = pairs(placed.low - placed.com), pairs(placed.high - placed.com)
     low[-1] = np.minimum(low[-1], pairs(goal.low - goal.com))
     high[-1] = np.maximum(high[-1], pairs(goal.high - goal.com))

@@ -17,16 +17,17 @@ from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import Row, proof_rows, raised, result_rows, utilisation_table
-from floatplan.plans.verdicts import TONES
+from floatplan.plans.presentation import Row, proof_rows, result_rows, utilisation_table
+from floatplan.plans.verdicts import TONES, Certificate
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.view.charts import Chart, ReferenceLine, SampledPlan
+from floatplan.view.charts import Chart, Curve, ReferenceLine, SampledPlan
+from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import (
     box_around,
     drawn_part,
     drawn_radius,
-    ground_lines,
+    grounds,
     obstacle_outlines,
     pairs,
     picture_box,
@@ -43,19 +44,24 @@ BOX_PAD = 0.02  # [-] room around what is drawn
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
-    plan, final = sampled.plan, sampled.plan.problem.final
+    plan = sampled.plan
     placed = postures(plan, snapshot_times(plan))
-    com = plan.ballistics.positions(np.array([plan.duration]))[0]
     box = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
         **scene_data(plan.problem),
         "ghosts": rounded(placed.times),
-        "goal": {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()},
-        "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
+        "goal": None if isinstance(plan, JumpView) else _goal(plan),
+        "ground": [[level, low.real, high.real] for level, low, high in grounds(plan, placed)],
         "box": pairs(np.array(box_around(np.array(box), BOX_PAD))).ravel().tolist(),
     }
+
+
+def _goal(plan: Plan) -> dict[str, Any]:
+    """The posture that a plan is to reach, where its flight ends."""
+    final, com = plan.problem.final, plan.ballistics.positions(np.array([plan.duration]))[0]
+    return {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()}
 
 
 def sample_grid(duration: float) -> Array:
@@ -74,7 +80,9 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     lines: list[ReferenceLine] = []
     beyond: list[str] = []
     for panel in chart.panels:
-        drawn, left = panel.lines(max(float(np.abs(sampled.columns[curve.key]).max()) for curve in panel.curves))
+        drawn, left = panel.lines(
+            max(float(np.fmax.reduce(np.abs(sampled.columns[curve.key]))) for curve in panel.curves)
+        )
         lines += drawn
         if left and panel.interval is not None:
             beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
@@ -85,7 +93,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
     series = [
         {"name": curve.name, "colour": to_hex(curve.colour), "key": curve.key, "part": curve.part}
-        | ({} if curve.limit is None else {"limit": _limit(float(np.min(curve.limit)), chart.unit)})
+        | ({} if curve.limit is None else {"limit": _limit(curve, chart.unit)})
         for curve in chart.curves
     ]
     return data | {
@@ -106,9 +114,10 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     }
 
 
-def _limit(least: float, unit: str) -> str:
+def _limit(curve: Curve, unit: str) -> str:
     """A curve's least limit in words, for when it is chosen."""
-    return f"of {least:.4g} {unit}" if np.isfinite(least) else "no limit"
+    least = float(np.min(curve.limit)) if curve.limit is not None else np.inf
+    return f"of {curve.whole or f'{least:.4g} {unit}'}" if np.isfinite(least) else "no limit"
 
 
 def scene_data(problem: Problem) -> dict[str, Any]:
@@ -184,9 +193,6 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
 
     ``stances`` is what is said of those before and after the flight, if anything.
     """
-    certificate = plan.certificate
-    proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
-    findings = ((), []) if certificate is None else certificate.table()
     tables: list[dict[str, Any]] = [
         {"title": "Problem", "rows": plan.problem.rows()},
         {
@@ -195,20 +201,26 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
             "tone": "good" if plan.ok else "bad",
             "note": plan.explanation,
         },
-        {
-            "title": "Proved",
-            "rows": [*proof, _replayed(plan.record.replay)],
-            "tone": "open" if certificate is None else TONES[certificate.verdict],
-            "findings": findings,
-        },
+        {"title": "Proved", **proved(plan, plan.certificate)},
         {"title": "Use of limits", "rows": [], "motors": utilisation_table(plan.utilisation)},
     ]
-    if plan.warnings:
-        warned = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
-        tables.append({"title": "Warnings", "rows": warned, "tone": "open"})
-    for table in tables:
-        table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
-    return tables
+    return [*tables, *warned(plan)]
+
+
+def proved(plan: Plan, certificate: Certificate | None) -> dict[str, Any]:
+    """Return the table of what was proved of a plan, and all findings of its certificate."""
+    proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
+    return {
+        "rows": [*proof, _replayed(plan.record.replay)],
+        "tone": "open" if certificate is None else TONES[certificate.verdict],
+        "findings": ((), []) if certificate is None else certificate.table(),
+    }
+
+
+def warned(plan: Plan) -> list[dict[str, Any]]:
+    """Return the table of a plan's warnings, if there are any."""
+    rows = [Row(f"{warning.kind} {warning.subject}", warning.message) for warning in plan.warnings]
+    return [{"title": "Warnings", "rows": rows, "tone": "open"}] if rows else []
 
 
 def _replayed(replay: Mapping[str, Any] | None) -> Row:

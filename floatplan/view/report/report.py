@@ -20,10 +20,14 @@ from typing import Any
 from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import Row, plan_verdict
+from floatplan.plans.presentation import Row, plan_verdict, raised
+from floatplan.plans.verdicts import Tone
 from floatplan.problem.file import problem_text
+from floatplan.problem.problem import Problem
 from floatplan.view.charts import SampledPlan, charts
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections
+from floatplan.view.report.jump import jump_data, jump_sections, jump_tone
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
 SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
@@ -31,18 +35,18 @@ ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
 
-def report(plan: Plan, path: str | Path | None = None, stances: Sequence[Row] = ()) -> str:
-    """Return the page of a plan, as HTML.
+def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> str:
+    """Return the page of a plan or a jump, as HTML.
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan or JumpView
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
         What is said of the stances before and after the flight, if anything.
     """
-    title = f"{plan.problem.name}: {plan_verdict(plan)[0]}"
+    title = f"{plan.problem.name}: {_verdict(plan)[0]}"
     return page("report.html", title, STYLES, SCRIPTS, report_data(plan, path, stances)).decode()
 
 
@@ -76,7 +80,7 @@ def _script(name: str) -> str:
     return f"/*\n{asset('uplot/LICENSE')}\n*/\n{asset(name)}" if name.startswith("uplot") else asset(name)
 
 
-def write_report(plan: Plan, path: str | Path, stances: Sequence[Row] = ()) -> Path:
+def write_report(plan: Shown, path: str | Path, stances: Sequence[Row] = ()) -> Path:
     """Write the page of a plan, whole or not at all; arguments as of :func:`report`."""
     return write_atomically(path, report(plan, path, stances))
 
@@ -88,22 +92,31 @@ def notebook_frame(plan: Plan) -> str:
     return f'<iframe srcdoc="{content}" style="{style}" title="flight"></iframe>'
 
 
-def report_data(plan: Plan, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
+def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    word, tone = plan_verdict(plan)
-    problem = plan.problem
+    word, tone = _verdict(plan)
+    problem, motion = plan.problem, motion_data(sampled)
+    if isinstance(plan, JumpView):
+        asked, record, tables = plan.jump.problem, plan.flight.record, jump_sections(plan)
+        motion |= jump_data(plan)
+        question = f"{plan.duration:.3g} s from standing to standing, {plan.flight.duration:.3g} s of it in flight"
+    else:
+        asked, record, tables = problem, plan.record, sections(plan, stances)
+        question = f"{problem.flight.duration:g} s of flight"
+    for table in tables:
+        table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     data: dict[str, Any] = plain(
         {
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},
-            "question": f"{problem.robot.name}, {problem.flight.duration:g} s of flight",
-            "motion": motion_data(sampled),
+            "question": f"{problem.robot.name}, {question}",
+            "motion": motion,
             "charts": [chart_data(chart, sampled) for chart in charts(sampled)],
-            "sections": sections(plan, stances),
-            "problem": _problem_file(plan, path),
-            "own_problem": problem.file_text is not None,
-            "version": plan.record.floatplan,
+            "sections": tables,
+            "problem": _problem_file(asked, path),
+            "own_problem": asked.file_text is not None,
+            "version": record.floatplan,
         }
     )
     return data
@@ -131,11 +144,15 @@ def asset(name: str) -> str:
     return files("floatplan.view.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
-def _problem_file(plan: Plan, path: str | Path | None) -> str:
+def _verdict(plan: Shown) -> tuple[str, Tone]:
+    return (plan.jump.verdict, jump_tone(plan.jump)) if isinstance(plan, JumpView) else plan_verdict(plan)
+
+
+def _problem_file(problem: Problem, path: str | Path | None) -> str:
     """The problem file as its user wrote it; else the problem as it was resolved."""
-    if plan.problem.file_text is not None:
-        return plan.problem.file_text
+    if problem.file_text is not None:
+        return problem.file_text
     try:
-        return problem_text(plan.problem, Path("problem.toml") if path is None else Path(path))
+        return problem_text(problem, Path("problem.toml") if path is None else Path(path))
     except InputError as error:
         return f"# {error}\n"

@@ -1,4 +1,4 @@
-"""The scene: a flight in three dimensions, with the robot's own meshes, as one page that works without a network.
+"""The scene: a flight or a jump in three dimensions, with the robot's meshes, one page that works without a network.
 
 The page is viser's player. World axes are those of the root link at orientation zero; the plane of the motion is drawn
 where the base is. The robot has one node for each body of the tree, and what is drawn of it hangs from these.
@@ -20,22 +20,23 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.files import write_atomically
-from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
+from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import (
     Poses,
     Postures,
     body_poses,
     com_path,
-    ground_lines,
+    grounds,
     obstacle_outlines,
     picture_box,
     postures,
     robot_size,
     snapshot_times,
 )
+from floatplan.view.scene.forces import ForceNodes
 from floatplan.view.scene.meshes import (
     Mesh,
     capsule,
@@ -65,8 +66,8 @@ LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
 
-def write_scene(plan: Plan, path: str | Path) -> Path:
-    """Write the scene of a plan as one HTML file, whole or not at all.
+def write_scene(plan: Shown, path: str | Path) -> Path:
+    """Write the scene of a plan or a jump as one HTML file, whole or not at all.
 
     Raises
     ------
@@ -76,8 +77,8 @@ def write_scene(plan: Plan, path: str | Path) -> Path:
     return write_atomically(path, scene(plan))
 
 
-def scene(plan: Plan) -> str:
-    """Return the scene of a plan as HTML; errors as :func:`write_scene`."""
+def scene(plan: Shown) -> str:
+    """Return the scene of a plan or a jump as HTML; errors as :func:`write_scene`."""
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
@@ -95,13 +96,16 @@ def scene(plan: Plan) -> str:
             slab = obstacle_slab(plan, obstacle, low, high)
             moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
         look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
-        add_grounds(server, plan.robot.plane, low, high, ground_lines(placed))
+        add_grounds(server, plan.robot.plane, low, high, grounds(plan, placed))
         _add_trails(server, plan)
+        forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
         serializer = server.get_scene_serializer()
         for index, time in enumerate(times.tolist()):
-            if index:  # the page's clock is the flight's: from takeoff to landing
+            if index:  # the page's clock is the motion's
                 serializer.insert_sleep(plan.duration / (frames - 1))
             bodies.put(poses, index)
+            if forces is not None:
+                forces.put(index)
             for each in moved:
                 move_obstacle(*each, time)
         return str(serializer.as_html())
@@ -154,11 +158,16 @@ def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -
         node.visible = bool(low <= instant <= high)
 
 
-def _add_trails(server: Any, plan: Plan) -> None:
-    placed = postures(plan, np.linspace(0.0, plan.duration, 121))
-    names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
-    paths = placed.com, placed.takeoff, placed.landing
-    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
+def _add_trails(server: Any, plan: Shown) -> None:
+    times = np.linspace(0.0, plan.duration, 121)
+    placed = postures(plan, times)
+    if isinstance(plan, JumpView):
+        names, paths, colours = [*plan.contacts], plan.feet(times), plan.colours
+    else:
+        names = list(dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame)))
+        paths, colours = [placed.takeoff, placed.landing], list(TRAILS[1:])
+    trails = zip(("CM", *names), (placed.com, *paths), (TRAILS[0], *colours), strict=False)
+    for index, (name, path, colour) in enumerate(trails):
         pairs = segments(plan.robot.plane, path)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
         server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
@@ -170,7 +179,7 @@ def segments(plane: Plane, path: ComplexArray) -> Array:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
+def obstacle_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
     """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
 
     A half-plane reaches beside all of the box from ``low`` to ``high``.
@@ -178,7 +187,7 @@ def obstacle_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -
     return joined([_piece_slab(plan, piece, low, high) for piece in obstacle.pieces])
 
 
-def _piece_slab(plan: Plan, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
+def _piece_slab(plan: Shown, obstacle: Obstacle, low: complex, high: complex) -> Mesh:
     size = robot_size(plan)
     if not isinstance(obstacle, HalfPlane):
         return prism(plan.robot.plane, obstacle_outlines(obstacle, 0.0, 0.0)[0], WIDTH * size)

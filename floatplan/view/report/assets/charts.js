@@ -19,8 +19,10 @@ class Chart {
     this.explainLines(title);
     const body = figure.appendChild(make("div", "plot"));
     this.plot = new uPlot(this.options(body.clientWidth), this.table(), body);
+    this.plot.root.setAttribute("role", "img");
+    this.plot.root.setAttribute("aria-label", `${spec.title} over time, ${spec.unit}`);
     this.head = this.plot.over.appendChild(make("div", "playhead"));
-    this.follow(onSeek);
+    follow(this.plot.over, this.motion.duration, onSeek);
     this.choose(null);
     paint(() => this.plot.redraw());
     new ResizeObserver(() => {
@@ -54,7 +56,7 @@ class Chart {
   choose(part) {
     this.part = part;
     const { lines, series } = this.spec;
-    const own = series.some((one) => one.part === part);
+    const own = part !== null && series.some((one) => one.part === part);
     lines.forEach((line, index) => {
       const seen = line.part === null || (own ? line.part === part : !this.many);
       this.plot.setSeries(index + 1, { show: seen });
@@ -97,6 +99,7 @@ class Chart {
       legend: { show: false },
       cursor: { show: false },
       padding: [8, 22, 0, 0],
+      hooks: { drawClear: [(plot) => this.shadeFlight(plot)] },
       scales: { x: { time: false, range: [0, this.motion.duration] }, y: range ? { range } : {} },
       axes: [
         { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
@@ -111,19 +114,13 @@ class Chart {
     };
   }
 
-  follow(onSeek) {
-    const over = this.plot.over;
-    const seek = (event) => {
-      const box = over.getBoundingClientRect();
-      onSeek(((event.clientX - box.left) / box.width) * this.motion.duration);
-    };
-    over.addEventListener("pointerdown", (event) => {
-      over.setPointerCapture(event.pointerId);
-      seek(event);
-    });
-    over.addEventListener("pointermove", (event) => {
-      if (over.hasPointerCapture(event.pointerId)) seek(event);
-    });
+  /* The flight of a jump, behind its curves. */
+  shadeFlight(plot) {
+    for (const { begin, end } of this.motion.flights) {
+      const [left, right] = [begin, end].map((time) => plot.valToPos(time, "x", true));
+      plot.ctx.fillStyle = tone("air");
+      plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
+    }
   }
 
   draw(time) {
@@ -137,6 +134,64 @@ class Chart {
       readout.textContent = value === null ? "–" : shown(this.spec.factor * value);
     });
   }
+}
+
+/* What stands when: a band for each point, over the same time as the curves below. */
+class Bands {
+  constructor(motion, holder, onSeek) {
+    this.phases = motion.data.phases;
+    this.duration = motion.duration;
+    const figure = holder.appendChild(make("figure", "chart"));
+    const title = figure.appendChild(make("figcaption"));
+    title.append(make("strong", "", "On the ground"));
+    const body = figure.appendChild(make("div", "bands"));
+    this.readouts = motion.data.frames.map(({ name, colour }) => {
+      const [entry, value] = [make("span", "entry"), make("b", "value")];
+      entry.append(swatch("bar", colour), make("span", "", name), value);
+      title.append(entry);
+      const row = body.appendChild(make("div", "band"));
+      for (const phase of this.phases) if (phase.contacts.includes(name)) this.span(row, phase, colour);
+      return [name, value];
+    });
+    title.appendChild(make("span", "entry")).append(make("i", "swatch air"), make("span", "", "in flight"));
+    for (const flight of motion.flights) this.span(body, flight).classList.add("air");
+    const told = this.phases.map(({ kind, contacts, begin, end }) => {
+      return `${begin.toFixed(3)} to ${end.toFixed(3)} s: ${contacts.join(" and ") || kind}`;
+    });
+    body.setAttribute("role", "img");
+    body.setAttribute("aria-label", `On the ground, ${told.join("; ")}`);
+    this.head = body.appendChild(make("div", "playhead"));
+    follow(body, this.duration, onSeek);
+  }
+
+  span(row, { begin, end }, colour) {
+    const bar = row.appendChild(make("i"));
+    bar.style.left = `${(100 * begin) / this.duration}%`;
+    bar.style.width = `${(100 * (end - begin)) / this.duration}%`;
+    if (colour) paint(() => bar.style.setProperty("--colour", shade(colour)));
+    return bar;
+  }
+
+  draw(time) {
+    this.head.style.left = `${(100 * time) / this.duration}%`;
+    const { contacts } = this.phases.find(({ end }) => time <= end) || this.phases.at(-1);
+    for (const [name, value] of this.readouts) value.textContent = contacts.includes(name) ? "stands" : "–";
+  }
+}
+
+/* Dragging along something that is as wide as the motion is long seeks. */
+function follow(over, duration, onSeek) {
+  const seek = (event) => {
+    const box = over.getBoundingClientRect();
+    onSeek(((event.clientX - box.left) / box.width) * duration);
+  };
+  over.addEventListener("pointerdown", (event) => {
+    over.setPointerCapture(event.pointerId);
+    seek(event);
+  });
+  over.addEventListener("pointermove", (event) => {
+    if (over.hasPointerCapture(event.pointerId)) seek(event);
+  });
 }
 
 /* A number in five places, so that it does not dance while it changes. */
