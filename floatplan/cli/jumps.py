@@ -69,8 +69,7 @@ def jump(
         from floatplan.view.jumps import JumpView
         from floatplan.view.report.report import write_report
 
-        with progress("writing", quiet):
-            files.append(write_report(JumpView(found), directory / REPORT))
+        files.append(write_report(JumpView(found, found.check, found.verdict), directory / REPORT))
     words = (found, files, time.perf_counter() - began, program())
     proved = found.flight is not None and found.flight.certificate is not None and found.flight.certificate.proved
     ok = found.ok and proved

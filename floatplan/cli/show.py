@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,9 +12,6 @@ from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path
 from floatplan.cli.progress import progress
 from floatplan.errors import naming
 from floatplan.files import read_json
-
-if TYPE_CHECKING:
-    from floatplan.view.jumps import Shown
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
@@ -43,7 +40,17 @@ def show(
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
     from floatplan.plans.plan import load_plan
 
-    plan = _load(plan_file, urdf)
+    content = read_json(Path(plan_file), kind="a plan or jump file")
+    plan: Any
+    if isinstance(content, dict) and str(content.get("format")).startswith("floatplan.jump/"):
+        from floatplan.stance.jump_file import load_jump
+        from floatplan.view.jumps import JumpView
+
+        jump = load_jump(plan_file, urdf)
+        with naming(plan_file):
+            plan = JumpView(jump, jump.check, jump.verdict)
+    else:
+        plan = load_plan(plan_file, urdf)
     other = None if compare is None else load_plan(compare)
     directory = Path(plan_file).parent if output is None else output
     check_directory(directory)
@@ -74,21 +81,6 @@ def show(
         for path in files:
             if path.suffix == ".html":
                 webbrowser.open(path.resolve().as_uri())
-
-
-def _load(path: str, urdf: str | None) -> Shown:
-    """The plan of a file, or its jump, by the format that it names."""
-    content = read_json(Path(path), kind="a plan or jump file")
-    if not (isinstance(content, dict) and str(content.get("format")).startswith("floatplan.jump/")):
-        from floatplan.plans.plan import load_plan
-
-        return load_plan(path, urdf)
-    from floatplan.stance.jump_file import load_jump
-    from floatplan.view.jumps import JumpView
-
-    jump = load_jump(path, urdf)
-    with naming(path):
-        return JumpView(jump)
 
 
 def export(

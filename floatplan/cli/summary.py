@@ -211,16 +211,18 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
 
 def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str) -> RenderableType:
     """Return the result of ``floatplan jump``, for reading; ``program`` is what users type."""
-    from floatplan.view.report.jump import PHASES, STANCES, check_lines, jump_tone, phase_lines
+    from floatplan.view.jumps import JumpView
+    from floatplan.view.report.data import PHASES, STANCES, check_lines, phase_lines
 
     name, took = jump.problem.name, f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
-    broken, held = check_lines(jump)
+    view = JumpView(jump, jump.check, jump.verdict)
+    broken, held = check_lines(view)
     written = [Row(path.stem, escaped(str(path))) for path in files]
     return Group(
-        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump_tone(jump)]}"),
-        _table(PHASES, phase_lines(jump)),
+        Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[view.tone]}"),
+        _table(PHASES, phase_lines(view)),
         *(Text(", ".join(words), "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
         _table(STANCES, held),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,7 +78,6 @@ class Curve:
     proved : largest magnitude that is proved; of clearances the least value; infinite where none is
     ends : where the problem has it start and end
     linestyle : dotted of a follower
-    whole : what shares are shares of, for a person
     """
 
     name: str
@@ -89,7 +88,6 @@ class Curve:
     proved: float = np.inf
     ends: tuple[float, float] | None = None
     linestyle: str = "-"
-    whole: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,19 +109,14 @@ class Panel:
     label : in front of the unit
     interval : of its quantity that is marked: (9)
     range : ends of the axis of distances, where what is far away is cut off
-    margins, mark : values that are marked, of distances and of shares, and what they are called
-    always : whether limits are drawn that are far away
-    sides : on which limits are drawn
+    fixed : margins, and other lines that are drawn however far away they are
     """
 
     label: str
     curves: Sequence[Curve]
     interval: tuple[float, float] | None = None
     range: tuple[float, float] | None = None
-    margins: Sequence[float] = ()
-    mark: str = "margin"
-    always: bool = False
-    sides: Sequence[float] = (1.0, -1.0)
+    fixed: Sequence[ReferenceLine] = ()
 
     def lines(self, peak: float) -> tuple[list[ReferenceLine], list[ReferenceLine]]:
         """Return margins, limits and interval, and those of them that are left out: they would flatten the curves.
@@ -134,12 +127,12 @@ class Panel:
         curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
             curves, limits = [Curve("", "", INK)], limits[:1]
-        drawn = [ReferenceLine(self.mark, ALARM, np.array(margin)) for margin in self.margins]
+        drawn = [*self.fixed]
         left: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
             if np.isfinite(limit.min()):
-                lines = [ReferenceLine("limit", curve.colour, side * limit, curve.part) for side in self.sides]
-                (drawn if self.always or limit.min() <= NEAR * peak else left).extend(lines)
+                lines = [ReferenceLine("limit", curve.colour, side * limit, curve.part) for side in (1.0, -1.0)]
+                (drawn if limit.min() <= NEAR * peak else left).extend(lines)
         if self.interval is not None:
             near = max(map(abs, self.interval)) <= NEAR * peak
             (drawn if near else left).extend(ReferenceLine(INTERVAL, INK, np.array(end)) for end in self.interval)
@@ -153,7 +146,7 @@ class Chart:
     Attributes
     ----------
     name : of its figure
-    title, unit : for a person
+    title, unit : for a person; bands, which are there or not, have no unit
     panels : axes, the tallest first
     factor : from SI to ``unit``
     of_each : whether each curve has a picture of its own where they are too many for one
@@ -175,95 +168,67 @@ class Chart:
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
     """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
 
-    Curves of another plan may be drawn beside them. A jump has charts of forces, friction, shares of limits, height of
-    the centre of mass, angles and clearance.
+    Curves of another plan may be drawn beside them. A jump has what stands, forces, shares of limits and the height of
+    the centre of mass in the place of momentum and inertia.
     """
     plan = sampled.plan
-    if isinstance(plan, JumpView):
-        return _of_jump(sampled, plan)
     joints, limits = range(len(plan.robot.joints)), plan.problem.joint_limits
     ends = [(state.orientation, *state.positions) for state in (plan.problem.initial, plan.problem.final)]
     keys = ["orientation", *(f"positions.{joint}" for joint in joints)]
     angles = _of_parts(plan, keys, ends=list(zip(*ends, strict=True)))
-    inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
     drawn = [
         Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
         *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()),
         Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
-        _momentum(plan),
-        Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)]),
     ]
+    if isinstance(plan, JumpView):
+        drawn = [*_of_jump(sampled, plan), *drawn]
+    else:
+        inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
+        drawn += [_momentum(plan), Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)])]
     return [*drawn, _clearance(sampled, other)] if plan.problem.obstacles else drawn
 
 
 def _of_jump(sampled: SampledPlan, view: JumpView) -> list[Chart]:
-    """Forces, what is used of friction and limits, height, angles, what has no limit, clearance."""
+    """What stands, forces, what is used of friction and of limits, height."""
     robot, problem, margin = view.robot, view.problem, view.jump.request.margin
-    contacts = list(enumerate(zip(view.contacts, view.colours, strict=True)))
-    forces = [Curve(name, f"force_z.{index}", colour) for index, (name, colour) in contacts]
-    friction = [Curve(name, f"friction.{index}", colour, limit=1.0) for index, (name, colour) in contacts]
-    angles = ["orientation", *(f"positions.{joint}" for joint in range(len(robot.joints)))]
-    motors, rates = _motors(sampled), _of_parts(view, [f"velocities.{joint}" for joint in range(len(robot.joints))])
-    torque_limits = dict(zip(robot.motors, problem.motor_torque_limits.tolist(), strict=True))
-    stall = dict(zip(robot.motors, problem.motor_stall.tolist(), strict=True))
-    rate_limits = dict(zip(robot.joints, problem.velocity_limits.tolist(), strict=True))
-    efforts = dict(zip(robot.locked, view.held_efforts.tolist(), strict=True))
-    free = [curve for curve in motors if np.isinf(torque_limits[curve.name])]
-    fast = [curve for curve in rates if np.isinf(rate_limits[curve.name])]
-    friction_used = Panel("|Fx| over μ Fz", friction, always=True, sides=(1.0,))
+    stands, forces, friction = (
+        [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(view.colours.items())]
+        for key in ("stands", "force_z", "friction")
+    )
+    limits, efforts = np.minimum(problem.motor_torque_limits, problem.motor_stall), np.array([*view.efforts.values()])
+    rates = _of_parts(view, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    by_use = sorted(enumerate(view.efforts), key=lambda each: -largest(sampled.columns[f"held_use.{each[0]}"]))
+    held = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
+    cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", INK, np.array(1.0))])
     drawn = [
+        Chart("contacts", "On the ground", "", [Panel("", stands)], of_each=False),
         Chart("forces", "Vertical forces", "N", [Panel("vertical force", forces)], of_each=False),
-        Chart("friction", "Friction used", "%", [friction_used], factor=100, of_each=False),
-        _uses("torque_use", "Torque over limit", motors, torque_limits, margin["torque"]),
-        _uses("curve_use", "Torque and rate over the motors' curves", motors, stall, margin["torque"], sides=(1.0,)),
-        _uses("held_use", "Torque of held joints over effort", _held(sampled, efforts), efforts),
-        _uses("rate_use", "Rate over limit", rates, rate_limits, margin["velocity"], unit="rad/s"),
+        Chart("friction", "Friction used", "%", [cone], factor=100, of_each=False),
+        _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits, margin["torque"]),
+        _shares("held_use", "Torque of held joints over effort", held, tuple(view.efforts), efforts),
+        _shares("rate_use", "Rate over limit", rates, robot.joints, problem.velocity_limits, margin["velocity"]),
         Chart("com_height", "Height of the centre of mass", "m", [Panel("height", [Curve("CM", "com_height", INK)])]),
-        Chart("configuration", "Angles", "deg", [Panel("angle", _of_parts(view, angles))], factor=180 / np.pi),
-        Chart("torques", "Torques without limit", "N m", [Panel("torque", free)]),
-        Chart("rates", "Rates without limit", "rad/s", [Panel("joints", fast)]),
     ]
-    if problem.obstacles:
-        drawn.append(_clearance(sampled, None))
     return [chart for chart in drawn if chart.curves]
 
 
-def _uses(
-    name: str,
-    title: str,
-    curves: Sequence[Curve],
-    limits: Mapping[str, float],
-    margin: float | None = None,
-    *,
-    unit: str = "N m",
-    sides: Sequence[float] = (1.0, -1.0),
+def _shares(
+    name: str, title: str, curves: list[Curve], order: tuple[str, ...], limits: Array, margin: float = 1.0
 ) -> Chart:
-    """Shares of limits, by name and in the order of the columns; ``margin`` is the share that may be used."""
-    order = list(limits)
-    shares = [
-        replace(
-            curve,
-            name=curve.name if curve.part else f"{curve.name} ({limits[curve.name]:.4g} {unit})",
-            key=f"{name}.{order.index(curve.name)}",
-            limit=1.0,
-            whole=f"{limits[curve.name]:.4g} {unit}",
-        )
-        for curve in curves
-        if np.isfinite(limits[curve.name])
-    ]
-    margins = [] if margin is None else [side * margin for side in sides]
-    panel = Panel("share", shares, margins=margins, mark="margin of stances", always=True, sides=sides)
-    return Chart(name, title, "%", [panel], factor=100)
+    """Shares of limits, of what has one; ``order`` is that of columns and limits, ``margin`` what stances may use."""
+    places = [(curve, order.index(curve.name)) for curve in curves]
+    limited = [(curve, index) for curve, index in places if np.isfinite(limits[index])]
+    shares = [replace(curve, key=f"{name}.{index}", limit=None, proved=np.inf) for curve, index in limited]
+    ends = {"limit": (INK, 1.0)} | ({"margin of stances": (ALARM, margin)} if margin < 1.0 else {})
+    signed = [(name, colour, side * end) for name, (colour, end) in ends.items() for side in (1.0, -1.0)]
+    lines = [ReferenceLine(name, colour, np.array(value)) for name, colour, value in signed]
+    return Chart(name, title, "%", [Panel("share", shares, fixed=lines)], factor=100)
 
 
-def _held(sampled: SampledPlan, efforts: Mapping[str, float]) -> list[Curve]:
-    """The locked joints that take most of their efforts; of those that do alike, such as left and right, one."""
-    uses = [(name, sampled.columns[f"held_use.{index}"]) for index, name in enumerate(efforts)]
-    kept: list[tuple[str, Array]] = []
-    for name, use in sorted(uses, key=lambda each: -float(np.abs(each[1]).max())):
-        if np.isfinite(efforts[name]) and not any(_alike(use, other) for _, other in kept):
-            kept.append((name, use))
-    return [Curve(name, "", colour) for (name, _), colour in zip(kept, OBSTACLES, strict=False)]
+def largest(values: Array) -> float:
+    """Largest magnitude of a sampled quantity (N,), of what is known of it."""
+    return float(np.fmax.reduce(np.abs(values)))
 
 
 def is_crowded(plan: Shown) -> bool:
@@ -306,7 +271,9 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
     limits = np.minimum(plan.problem.motor_torque_limits, available)
     proved = {} if plan.certificate is None else plan.certificate.motor_torque_peak
     torques = sampled.state.motor_torques
-    alike = [_alike(torques[:, motor], torques[:, leader]) for motor, leader in enumerate(leaders)]
+    followed = torques[:, leaders]
+    apart = np.minimum(np.abs(torques - followed).max(axis=0), np.abs(torques + followed).max(axis=0))
+    differ = apart > ALIKE * np.abs(followed).max(axis=0)
     return [
         Curve(
             name=name,
@@ -318,14 +285,8 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
             linestyle=":" if motor >= joints else "-",
         )
         for motor, name in enumerate(motors)
-        if motor < joints or not alike[motor]
+        if motor < joints or differ[motor]
     ]
-
-
-def _alike(values: Array, others: Array) -> bool:
-    """Whether a quantity (N,) is nearly another one, or its mirror image."""
-    apart = min(float(np.abs(values - side * others).max()) for side in (1, -1))
-    return apart <= ALIKE * float(np.abs(others).max())
 
 
 def _momentum(plan: Plan) -> Chart:
@@ -360,8 +321,9 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     ]
     plans = [sampled] if other is None else [sampled, other]
     values = np.array([each.columns[curve.key] for each in plans for curve in curves])
-    margins = sorted({obstacle.margin for obstacle in plan.problem.obstacles})
-    largest = values.max(where=np.isfinite(values), initial=0.0)
-    top = min(1.05 * largest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0
-    panel = Panel("clearance", curves, range=(min(1.1 * values.min(), -0.06 * top), top), margins=margins)
+    margins = np.unique([obstacle.margin for obstacle in plan.problem.obstacles])
+    fixed = [ReferenceLine("margin", ALARM, margin) for margin in margins]
+    farthest = values.max(where=np.isfinite(values), initial=0.0)
+    top = min(1.05 * farthest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0
+    panel = Panel("clearance", curves, range=(min(1.1 * values.min(), -0.06 * top), top), fixed=fixed)
     return Chart("clearance", "Clearance", "m", [panel], of_each=False)

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from typing import Any, Protocol, TypeAlias
+from functools import cached_property
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from floatplan.arrays import Array, BoolArray, ComplexArray
+from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.clearance import LinkShapes
 from floatplan.motion.planar.full_model import PinocchioDynamics
 from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
-from floatplan.problem.jump import JumpRequest
-from floatplan.problem.parts import Obstacle
+from floatplan.plans.verdicts import Tone, verdict_in_words
+from floatplan.problem.parts import Obstacle, Posture
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.stance.check import LIGHT, JumpCheck
 from floatplan.stance.contacts import Contact
-from floatplan.stance.jump_motion import JumpPhase
-from floatplan.stance.motion import JumpState, Stance
-from floatplan.view.style import CONTACTS
+from floatplan.stance.jump_motion import JumpMotion
+from floatplan.view.style import CONTACTS, round_below
 
 UNKNOWN = complex(np.nan, np.nan)
 SAMPLES = 601  # [-] instants among which forces are largest
@@ -33,60 +32,33 @@ ARROW = 0.8  # [-] length of the largest force as drawn, over the greatest heigh
 CONE = 0.3  # [-] of a friction cone as drawn, over the same
 
 
-class CheckedJump(Protocol):
-    """A jump with its check: :class:`floatplan.stance.jump.Jump`, which knows the planner that pictures do not know."""
-
-    @property
-    def problem(self) -> Problem: ...  # noqa: D102
-    @property
-    def request(self) -> JumpRequest: ...  # noqa: D102
-    @property
-    def flight(self) -> Plan | None: ...  # noqa: D102
-    @property
-    def stances(self) -> tuple[Stance, ...]: ...  # noqa: D102
-    @property
-    def phases(self) -> tuple[JumpPhase, ...]: ...  # noqa: D102
-    @property
-    def takeoff_time(self) -> float: ...  # noqa: D102
-    @property
-    def duration(self) -> float: ...  # noqa: D102
-    @property
-    def ok(self) -> bool: ...  # noqa: D102
-    @property
-    def explanation(self) -> str: ...  # noqa: D102
-    @property
-    def verdict(self) -> str: ...  # noqa: D102
-    @property
-    def check(self) -> JumpCheck: ...  # noqa: D102
-    def at(self, times: npt.ArrayLike) -> JumpState: ...  # noqa: D102
-
-
 @dataclass(frozen=True, eq=False)
 class JumpView:
-    """A jump with the members that pictures use of a plan; its clock begins with the jump, that of obstacles too.
+    """A jump, and what was found out about it, with the members that pictures use of a plan.
 
-    Attributes
-    ----------
-    jump : Jump
-
-    Raises
-    ------
-    InputError
-        No jump was found, so that there is nothing to show.
+    Its clock begins with the jump, that of its obstacles too. Raises :class:`InputError` where no jump was found.
     """
 
-    jump: CheckedJump
+    jump: JumpMotion
+    check: JumpCheck
+    verdict: str
+    certificate: ClassVar[None] = None  # of all of it: its flight has one
 
     def __post_init__(self) -> None:
-        """Refuse what has no motion."""
         if self.jump.flight is None:
-            raise InputError(f"no jump was found, so there is nothing to show: {self.jump.explanation}")
+            raise InputError(f"{self.verdict}, so there is nothing to show")
 
     @property
     def flight(self) -> Plan:
         """The flight in its middle."""
         assert self.jump.flight is not None
         return self.jump.flight
+
+    @property
+    def tone(self) -> Tone:
+        """Of the verdict."""
+        flight = self.flight
+        return verdict_in_words(flight.ok, flight.certificate, bool(flight.warnings))[1] if self.check.ok else "bad"
 
     @property
     def robot(self) -> Robot:
@@ -98,17 +70,25 @@ class JumpView:
         """From standing to standing, s."""
         return self.jump.duration
 
-    @cached_property
-    def problem(self) -> Problem:
-        """That of the flight, with the limits and obstacles of the jump."""
-        asked = self.jump.problem
-        obstacles = tuple(_later(each, self.jump.takeoff_time) for each in asked.obstacles)
-        return replace(self.flight.problem, name=asked.name, limits=asked.limits, obstacles=obstacles)
+    @property
+    def flown(self) -> tuple[float, float]:
+        """Takeoff and landing, s."""
+        return self.jump.takeoff_time, self.jump.takeoff_time + self.flight.duration
 
-    @cached_property
+    @property
     def dynamics(self) -> PinocchioDynamics:
         """The robot's rigid-body dynamics."""
-        return PinocchioDynamics(self.robot)
+        return self.flight.dynamics
+
+    @cached_property
+    def problem(self) -> Problem:
+        """That of the flight, with name, limits and obstacles of the jump, its duration and its ends."""
+        asked, found, ends = self.jump.problem, self.flight.problem, self.at([0.0, self.duration])
+        start, goal = map(Posture, ends.orientation.tolist(), ends.positions)
+        obstacles = tuple(_later(each, self.jump.takeoff_time) for each in asked.obstacles)
+        flight = replace(found.flight, duration=self.duration)
+        own = replace(found, name=asked.name, limits=asked.limits, start=start, goal=goal)
+        return replace(own, flight=flight, obstacles=obstacles)
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:
@@ -117,173 +97,121 @@ class JumpView:
         return {" + ".join(contact.names): contact for contact in contacts}
 
     @property
-    def colours(self) -> list[str]:
-        """Of the contacts."""
-        return [CONTACTS[index % len(CONTACTS)] for index in range(len(self.contacts))]
+    def colours(self) -> dict[str, str]:
+        """Of the contacts, by their names."""
+        return {name: CONTACTS[index % len(CONTACTS)] for index, name in enumerate(self.contacts)}
 
-    @cached_property
-    def flight_span(self) -> tuple[float, float]:
-        """Takeoff and landing, s."""
-        return next((phase.begin, phase.end) for phase in self.jump.phases if phase.kind == "flight")
+    @property
+    def efforts(self) -> dict[str, float]:
+        """What the locked joints can hold, N m; infinite where the file does not say."""
+        model = self.robot.model
+        efforts = {name: float(model.effortLimit[model.idx_vs[model.getJointId(name)]]) for name in self.robot.locked}
+        return {name: effort if effort > 0 else np.inf for name, effort in efforts.items()}
 
-    @cached_property
+    @property
     def ground(self) -> float:
         """Height of the ground, m."""
         return min(stance.place.imag - stance.contacts[0].depth for stance in self.jump.stances)
 
     @cached_property
-    def _largest(self) -> tuple[float, float, Array]:
-        """Greatest height of the centre of mass, m, largest force on a contact, N, and the sum (N,) of all, N."""
+    def samples(self) -> tuple[Array, Array, Array]:
+        """Even instants (N,), s, heights (N,) of the centre of mass, m, and sizes (N, contacts) of forces, N."""
         times = np.linspace(0.0, self.duration, SAMPLES)
-        sizes = np.nan_to_num(np.abs(np.stack(list(self.forces(self.jump.at(times)).values()))))
-        return float(self.com(times)[:, 1].max() - self.ground), float(sizes.max()), sizes.sum(axis=0)
+        return times, self.at(times).com_position[:, 1] - self.ground, np.abs(np.nan_to_num(self.forces(times)))
 
     @property
-    def largest(self) -> tuple[float, float]:
-        """Greatest height of the centre of mass over the ground, m, and largest force, N, of all feet together."""
-        return self._largest[0], float(self._largest[2].max())
+    def height(self) -> float:
+        """Greatest height of the centre of mass over the ground, m."""
+        return float(self.samples[1].max())
 
     @property
     def metres_per_newton(self) -> float:
         """Of forces as drawn."""
-        height, force, _ = self._largest
-        return ARROW * height / force
+        return ARROW * self.height / float(self.samples[2].max())
+
+    @property
+    def scale(self) -> str:
+        """What forces and cones as drawn mean, for a person."""
+        force, friction = round_below(0.3 / self.metres_per_newton), self.jump.request.friction
+        return f"force: {force:g} N are {force * self.metres_per_newton:.2g} m; cone: friction {friction:g}"
 
     @property
     def cone(self) -> ComplexArray:
         """Corners (3,) of a friction cone as drawn, m, its tip at 0."""
         side = complex(self.jump.request.friction, 1.0)
-        return np.array([0j, side, -side.conjugate()], np.complex128) / abs(side) * CONE * self._largest[0]
+        return np.array([0j, side, -side.conjugate()], np.complex128) / abs(side) * CONE * self.height
 
     def moments(self, flying: int = 2) -> Array:
         """Instants (4 + flying,), s: standing, largest force, some in flight, largest force again, standing."""
-        times, sizes = np.linspace(0.0, self.duration, SAMPLES), self._largest[2]
-        begin, end = self.flight_span
-        pushes, catches = (np.where(side, sizes, -1.0).argmax() for side in (times < begin, times > end))
-        flown = np.linspace(begin, end, flying + 2)[1:-1].tolist()
-        return np.array([0.0, times[pushes], *flown, times[catches], self.duration])
+        (times, _, sizes), (begin, end) = self.samples, self.flown
+        before, after = (times[(side * sizes.sum(axis=1)).argmax()] for side in (times < begin, times > end))
+        return np.array([0.0, before, *np.linspace(begin, end, flying + 2)[1:-1], after, self.duration])
 
     def at(self, times: npt.ArrayLike) -> FlightState:
-        """State (N,) at times (N,), s, as a plan has it; the angular momentum is that about the centre of mass."""
-        return self._state(self.jump.at(times))
-
-    def _state(self, state: JumpState) -> FlightState:
-        robot, tree = self.robot, self.robot.tree
-        planned = np.linalg.pinv(robot.selection).T
+        """State (N,) at times (N,), s, as a plan has it."""
+        state, robot, tree = self.jump.at(times), self.robot, self.robot.tree
+        planned, base = np.linalg.pinv(robot.selection).T, tree.point_weights(np.array([0]), np.array([0j]))[0]
         joints, rates = (state.positions - robot.reference) @ planned, state.velocities @ planned
-        turned, base = state.velocities[:, 2], tree.point_weights(np.array([0]), np.array([0j]))[0]
-        rotations = tree.rotations(tree.absolute_angles(state.positions[:, 2], joints))
+        orientation, turned = state.positions[:, 2], state.velocities[:, 2]
+        rotations = tree.rotations(tree.absolute_angles(orientation, joints))
         spun = 1j * tree.turn * (turned[:, None] + rates @ tree.turns.T) * rotations
-        com, speed = (
-            _planar(values[:, :2]) - arms @ base
-            for values, arms in ((state.positions, rotations), (state.velocities, spun))
-        )
+        arms, speeds = (np.stack((each.real, each.imag), axis=1) for each in (rotations @ base, spun @ base))
         inertia = self.dynamics.momentum_map(joints)
         return FlightState(
-            times=state.times,
-            orientation=state.positions[:, 2],
-            orientation_rate=turned,
-            positions=joints,
-            velocities=rates,
-            accelerations=state.accelerations @ planned,
-            torques=state.torques @ robot.selection,
-            motor_torques=state.torques @ robot.transmission,
-            com_position=np.stack((com.real, com.imag), axis=1),
-            com_velocity=np.stack((speed.real, speed.imag), axis=1),
-            base_position=state.positions[:, :2],
-            angular_momentum=inertia[:, 0] * turned + np.einsum("ki,ki->k", inertia[:, 1:], rates),
+            *(state.times, orientation, turned, joints, rates, state.accelerations @ planned),
+            *(state.torques @ robot.selection, state.torques @ robot.transmission),
+            *(state.positions[:, :2] - arms, state.velocities[:, :2] - speeds, state.positions[:, :2]),
+            inertia[:, 0] * turned + (inertia[:, 1:] * rates).sum(axis=1),
         )
-
-    def orientation(self, times: Array) -> Array:
-        """Orientation (N,) rad at times (N,)."""
-        return self.at(times).orientation
-
-    def joint_motion(self, times: Array) -> tuple[Array, Array, Array]:
-        """Positions, velocities, accelerations (N, n) at times (N,)."""
-        state = self.at(times)
-        return state.positions, state.velocities, state.accelerations
-
-    def com(self, times: Array) -> Array:
-        """Centre of mass (N, 2) m at times (N,)."""
-        return self.at(times).com_position
 
     def clearances(self, times: Array, obstacles: Sequence[Obstacle]) -> Array:
         """Least distance (N,) m between any link and any of the obstacles that exist then; infinite where none does."""
-        state, shapes = self.at(times), LinkShapes(self.robot.tree, self.robot.shapes)
-        angles = self.robot.tree.absolute_angles(state.orientation, state.positions)
-        segments = shapes.place(_planar(state.com_position), angles)
-        return reduce(np.minimum, (least_distances(segments, each, times) for each in obstacles))
+        state, tree = self.at(times), self.robot.tree
+        angles, com = tree.absolute_angles(state.orientation, state.positions), state.com_position @ [1, 1j]
+        segments = LinkShapes(tree, self.robot.shapes).place(np.asarray(com, np.complex128), angles)
+        return np.asarray(np.min([least_distances(segments, each, times) for each in obstacles], axis=0))
 
-    def forces(self, state: JumpState) -> dict[str, ComplexArray]:
-        """Forces (N,) N of each contact, of all its points together, horizontal + i vertical; NaN where none stands."""
-        forces = {name: _planar(values) for name, values in state.forces.items()}
-        return {
-            name: np.where(self._stands(contact, state.times), sum(forces[each] for each in contact.names), UNKNOWN)
-            for name, contact in self.contacts.items()
-        }
+    def forces(self, times: Array) -> ComplexArray:
+        """Forces (N, contacts) N, of all points together, horizontal + i vertical; NaN where none acts."""
+        forces = {name: values @ [1, 1j] for name, values in self.jump.at(times).forces.items()}
+        whole = np.stack([sum(forces[name] for name in each.names) for each in self.contacts.values()], axis=1)
+        return np.where(whole == 0, UNKNOWN, whole)
 
-    def feet(self, times: Array) -> list[ComplexArray]:
-        """Places (N,) m of each contact's first point at times (N,), standing or not: where its force acts."""
+    def feet(self, times: Array) -> ComplexArray:
+        """Places (N, contacts) m of the contacts' first points, where their forces act."""
         tree, state = self.robot.tree, self.at(times)
         rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
-        spots = [contact.spots[0] for contact in self.contacts.values()]
-        weights = tree.point_weights(
-            np.array([body for body, _ in spots]), np.array([place for _, place in spots], np.complex128)
-        )
-        return [*(_planar(state.com_position)[:, None] + rotations @ weights.T).T]
+        bodies, places = zip(*(contact.spots[0] for contact in self.contacts.values()), strict=True)
+        weights = tree.point_weights(np.array(bodies), np.array(places, np.complex128))
+        return np.asarray((state.com_position @ [1, 1j])[:, None] + rotations @ weights.T)
 
-    def _stands(self, contact: Contact, times: Array) -> BoolArray:
-        """Whether (N,) a contact stands at times (N,); at a change of contacts as in the phase before."""
-        phases = self.jump.phases
-        standing = np.array([contact.names[0] in phase.contacts for phase in phases])
-        return np.asarray(standing[np.searchsorted([phase.end for phase in phases[:-1]], times)])
+    def columns(self, times: Array) -> dict[str, Array]:
+        """Sampled quantities (N,) by key, SI; those of contact, joint, motor or locked joint i end in ``.i``.
 
-    def columns(self, times: Array) -> Mapping[str, Array]:
-        """Sampled quantities (N,) of a jump beside those of a plan: forces, N, height, m, and shares of limits.
-
-        ``force_x``, ``force_z`` and ``friction`` of contacts, ``torque_use`` and ``curve_use`` of motors, ``rate_use``
-        of joints and ``held_use`` of locked ones, by index; 0 where nothing limits. Torques have their signs.
+        ``torque_use``, of a motor's limit or of its torque-speed curve, whichever is nearer, ``rate_use``, ``held_use``
+        and ``friction`` are shares: 0 where nothing limits.
         """
-        jump, problem, robot = self.jump.at(times), self.jump.problem, self.robot
-        state = self._state(jump)
-        found: dict[str, Any] = {"com_height": state.com_position[:, 1] - self.ground}
-        least = LIGHT * robot.mass * problem.flight.gravity
-        for index, force in enumerate(self.forces(jump).values()):
-            found[f"force_x.{index}"], found[f"force_z.{index}"] = force.real, force.imag
-            cone = self.jump.request.friction * np.where(force.imag > least, force.imag, np.nan)
-            found[f"friction.{index}"] = np.abs(force.real) / cone
-        motors = state.motor_torques
-        speeds = np.abs(state.velocities @ robot.motor_ratios.T)
-        uses = {
-            "torque_use": motors / problem.motor_torque_limits,
-            "curve_use": (np.abs(motors) + problem.motor_slope * speeds) / problem.motor_stall,
+        jump, problem, robot = self.jump.at(times), self.problem, self.robot
+        state, forces = self.at(times), self.forces(times)
+        motors, speeds = state.motor_torques, np.abs(state.velocities @ robot.motor_ratios.T)
+        of_curve = (np.abs(motors) + problem.motor_slope * speeds) / problem.motor_stall
+        light = LIGHT * robot.mass * problem.flight.gravity
+        cones = self.jump.request.friction * np.where(forces.imag > light, forces.imag, np.nan)
+        rows = [robot.model.idx_vs[robot.model.getJointId(name)] for name in robot.locked]
+        columns = {
+            "stands": np.where(np.isnan(forces), np.nan, -np.arange(len(self.contacts))),
+            "force_x": forces.real,
+            "force_z": forces.imag,
+            "friction": np.abs(forces.real) / cones,
+            "torque_use": np.sign(motors) * np.maximum(np.abs(motors) / problem.motor_torque_limits, of_curve),
             "rate_use": state.velocities / problem.velocity_limits,
-            "held_use": jump.torques[:, self.held_rows] / self.held_efforts,
+            "held_use": jump.torques[:, rows] / [*self.efforts.values()],
         }
-        return found | {f"{name}.{index}": each for name, use in uses.items() for index, each in enumerate(use.T)}
-
-    @property
-    def certificate(self) -> None:
-        """Nothing is proved of all of a jump."""
-
-    @cached_property
-    def held_rows(self) -> list[int]:
-        """Coordinates of the locked joints in ``robot.model``."""
-        model = self.robot.model
-        return [model.joints[model.getJointId(name)].idx_v for name in self.robot.locked]
-
-    @property
-    def held_efforts(self) -> Array:
-        """What the locked joints can hold (l,), N m; infinite where the file does not say."""
-        efforts = self.robot.model.effortLimit[self.held_rows]
-        return np.where(efforts > 0, efforts, np.inf)
+        found = {f"{name}.{index}": each for name, all_of in columns.items() for index, each in enumerate(all_of.T)}
+        return found | {"com_height": state.com_position[:, 1] - self.ground}
 
 
 Shown: TypeAlias = Plan | JumpView
-
-
-def _planar(values: Array) -> ComplexArray:
-    return np.asarray(values[:, 0] + 1j * values[:, 1])
 
 
 def _later(obstacle: Obstacle, delay: float) -> Obstacle:

@@ -80,9 +80,15 @@ class Postures:
 
 def postures(plan: Shown, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
-    return placed_robot(
-        plan.problem, times, com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
-    )
+    return placed_robot(plan.problem, times, *coordinates(plan, times))
+
+
+def coordinates(plan: Shown, times: Array) -> tuple[ComplexArray, Array, Array]:
+    """Return centre of mass (K,) m, orientation (K,) and positions (K, n) rad at times (K,), s."""
+    if isinstance(plan, JumpView):
+        state = plan.at(times)
+        return np.asarray(state.com_position @ [1, 1j]), state.orientation, state.positions
+    return com_path(plan, times), plan.orientation(times), plan.joint_motion(times)[0]
 
 
 def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
@@ -91,13 +97,6 @@ def posture_at(plan: Shown, state: JointState, time: float) -> Postures:
     return placed_robot(
         plan.problem, times, com_path(plan, times), np.array([state.orientation]), state.positions[None]
     )
-
-
-def goal_posture(plan: Shown) -> Postures:
-    """Return the robot at its goal, its centre of mass where the motion ends; a jump ends there."""
-    if isinstance(plan, JumpView):
-        return postures(plan, np.array([plan.duration]))
-    return posture_at(plan, plan.problem.final, plan.duration)
 
 
 def placed_robot(problem: Problem, times: Array, com: ComplexArray, orientation: Array, positions: Array) -> Postures:
@@ -150,7 +149,7 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
 
 def com_path(plan: Shown, times: Array) -> ComplexArray:
     """Places (K,) of the centre of mass at times (K,), m."""
-    places = plan.com(times) if isinstance(plan, JumpView) else plan.ballistics.positions(times)
+    places = plan.at(times).com_position if isinstance(plan, JumpView) else plan.ballistics.positions(times)
     return np.asarray(places @ [1, 1j])
 
 
@@ -211,14 +210,6 @@ def drawn_part(robot: Robot) -> IntArray:
     return part[[shape.body for shape in robot.shapes]]
 
 
-def grounds(plan: Shown, placed: Postures) -> list[tuple[float, complex, complex]]:
-    """Return the ground as :func:`ground_lines` does; of a jump the one that it stands on."""
-    if not isinstance(plan, JumpView):
-        return ground_lines(placed)
-    left, right = placed.low.real.min(), placed.high.real.max()
-    return [(plan.ground, complex(left, plan.ground), complex(right, plan.ground))]
-
-
 def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
     """Find the ground that a flight leaves and comes back to.
 
@@ -276,7 +267,7 @@ OUTLINES: dict[str, Callable[[Any, float], ComplexArray]] = {
 
 def picture_box(plan: Shown, placed: Postures) -> tuple[complex, complex]:
     """Corners of what a picture must hold, m: postures, goal, and obstacles with bounds wherever they are drawn."""
-    goal = goal_posture(plan)
+    goal = posture_at(plan, plan.problem.final, plan.duration)
     outlines = [
         outline
         for obstacle in plan.problem.obstacles

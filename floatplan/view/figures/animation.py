@@ -7,7 +7,7 @@ import math
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,15 @@ from PIL import Image
 
 from floatplan.errors import FloatplanError, InputError
 from floatplan.files import write_atomically
-from floatplan.view.figures.moments import draw_forces
-from floatplan.view.figures.snapshots import FLATTEST, TALLEST, draw_ground, draw_obstacle, draw_posture, frame_box
+from floatplan.view.figures.snapshots import (
+    FLATTEST,
+    TALLEST,
+    draw_forces,
+    draw_ground,
+    draw_obstacle,
+    draw_posture,
+    frame_box,
+)
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
 from floatplan.view.style import GREY, INK, new_figure, styled
@@ -69,10 +76,8 @@ def animate(
     if path.suffix == ".mp4" and ffmpeg is None:
         raise InputError("ffmpeg is not installed", element="mp4", advice="install it, or write a .gif")
     drawn = pictures(plan, speed, progress)
-    if path.suffix == ".mp4":
-        return write_atomically(path, _mp4(str(ffmpeg), drawn))
-    middle = len(drawn) // 2  # in the flight, when no force acts
-    return write_atomically(path, _gif(drawn, [0, middle, -1] if isinstance(plan, JumpView) else [middle]))
+    told = 0 if isinstance(plan, JumpView) else len(drawn) // 2  # where it stands, forces are drawn
+    return write_atomically(path, _gif(drawn, told) if path.suffix == ".gif" else _mp4(str(ffmpeg), drawn))
 
 
 def pictures(
@@ -104,7 +109,7 @@ def _stage(plan: Shown) -> tuple[Figure, Axes]:
     axes = figure.add_axes((0, 0, 1, 1))
     frame_box(axes, low, high)
     axes.set_axis_off()
-    draw_ground(axes, plan, postures(plan, snapshot_times(plan)))
+    draw_ground(axes, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
     for obstacle in plan.problem.obstacles:
@@ -130,10 +135,9 @@ def _picture(figure: Figure, axes: Axes, plan: Shown, time: float) -> Image.Imag
     return Image.fromarray(np.array(figure.canvas.buffer_rgba())).convert("RGB")  # type: ignore[attr-defined]
 
 
-def _gif(frames: list[Image.Image], telling: Sequence[int]) -> bytes:
-    """All pictures have one palette, that of some which have all colours, so that their colours do not flicker."""
-    chosen = Image.fromarray(np.concatenate([np.asarray(frames[index]) for index in telling]))
-    palette = chosen.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
+def _gif(frames: list[Image.Image], told: int) -> bytes:
+    """All pictures have the palette of one, so that their colours do not flicker."""
+    palette = frames[told].quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
     shown = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     pause = round(1000 / FRAME_RATE)
     stream = io.BytesIO()

@@ -20,9 +20,8 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
-from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, is_crowded
-from floatplan.view.figures.moments import moments
-from floatplan.view.figures.snapshots import comparison, kinogram, plan_names, snapshots
+from floatplan.view.charts import INTERVAL, Chart, Panel, SampledPlan, charts, is_crowded, largest
+from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
 from floatplan.view.jumps import JumpView, Shown
 from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
 
@@ -34,7 +33,8 @@ ROW_HEIGHT = 0.72  # [in] of them
 FRAME_HEIGHT = 0.62  # [in] of their time axis and legend
 SMALL = 5.6  # [pt]
 THINNER = 0.8  # [-] their lines and marks
-FLYING = 0.07  # [-] strength of what marks a jump's flight
+FLYING: dict[str, Any] = {"color": "#f0f0f0", "linewidth": 0}
+BAND = 6.0  # [pt] of what is there or not
 LONGEST_NAME = 18  # [letters] of a title
 OTHER = 0.75  # [-] strength of a second plan's colours
 DASHED: dict[str, Any] = {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0}
@@ -182,32 +182,26 @@ def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | No
 
 
 def draw_panel(
-    axes: Axes,
-    chart: Chart,
-    panel: Panel,
-    sampled: SampledPlan,
-    other: SampledPlan | None = None,
-    thinner: float = 1.0,
+    axes: Axes, chart: Chart, panel: Panel, sampled: SampledPlan, other: SampledPlan | None = None, thinner: float = 1.0
 ) -> Marks:
     """Draw the curves of a panel onto axes with all that belongs to them; return the legend's entries for that."""
 
     def scaled(style: dict[str, Any]) -> dict[str, Any]:
         return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
 
-    view = sampled.plan
-    peak = 0.0
+    peak, width = 0.0, 1.3 if chart.unit else BAND
     marks: Marks = {}
-    if isinstance(view, JumpView):
-        axes.axvspan(*view.flight_span, color=faded(INK, FLYING), linewidth=0, zorder=0.3)
-        marks["in flight"] = Patch(color=faded(INK, FLYING))
+    if isinstance(sampled.plan, JumpView):
+        axes.axvspan(*sampled.plan.flown, zorder=0.3, **FLYING)
+        marks["in flight"] = Patch(**FLYING)
     for each in _both(sampled, other):
         for curve in panel.curves:
             if curve.key in each.columns:
                 values = chart.factor * each.columns[curve.key]
-                style = DASHED if each is other else {"linestyle": curve.linestyle, "linewidth": 1.3}
+                style = DASHED if each is other else {"linestyle": curve.linestyle, "linewidth": width}
                 colour = faded(curve.colour, OTHER if each is other else 1.0)
                 axes.plot(each.times, values, color=colour, **scaled(style))
-                peak = max(peak, float(np.fmax.reduce(np.abs(values))))
+                peak = max(peak, largest(values))
     if panel.label:
         axes.set_ylabel(f"{panel.label} ({chart.unit})")
     if panel.range is not None:
@@ -215,6 +209,8 @@ def draw_panel(
         axes.axhspan(panel.range[0], 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
     elif chart.name == "configuration":
         axes.yaxis.set_major_locator(_angle_ticks(axes))
+    elif not chart.unit:
+        axes.set_yticks([])
     else:
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
     drawn, left = panel.lines(peak / chart.factor)
@@ -237,9 +233,8 @@ def draw_panel(
         if curve.proved < np.inf if panel.range is None else curve.proved <= panel.range[1]:
             for side in (1, -1) if panel.range is None else (1,):
                 axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(PROVED))
-            marks["proved peak" if panel.range is None else "proved minimum"] = Line2D(
-                [], [], color=INK, **scaled(PROVED)
-            )
+            name = "proved peak" if panel.range is None else "proved minimum"
+            marks[name] = Line2D([], [], color=INK, **scaled(PROVED))
         if curve.ends is not None:  # a dot where it starts and a ring where it should end
             start, goal = chart.factor * np.array(curve.ends)
             axes.plot(0, start, color=curve.colour, **scaled(START))

@@ -17,17 +17,19 @@ from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import plain
 from floatplan.plans.plan import Plan
-from floatplan.plans.presentation import Row, proof_rows, result_rows, utilisation_table
-from floatplan.plans.verdicts import TONES, Certificate
+from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
+from floatplan.plans.verdicts import TONES
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.view.charts import Chart, Curve, ReferenceLine, SampledPlan
+from floatplan.stance.check import judged
+from floatplan.view.charts import Chart, ReferenceLine, SampledPlan, largest
 from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import (
     box_around,
+    com_path,
     drawn_part,
     drawn_radius,
-    grounds,
+    ground_lines,
     obstacle_outlines,
     pairs,
     picture_box,
@@ -39,29 +41,26 @@ from floatplan.view.style import OBSTACLES, TRAILS, palette
 FEWEST_SAMPLES, MOST_SAMPLES = 601, 2401  # [-] samples of a flight; odd, so that its middle is one
 SAMPLE_RATE = 300  # [Hz]
 DIGITS = 11  # [-] of the numbers in the page, which compares with the plan to 1e-6
+PHASES = ("phase", "s", "from", "to", "on the ground")  # titles of tables
+STANCES = ("stances", "limit")
 BOX_PAD = 0.02  # [-] room around what is drawn
 
 
 def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     """Return all that moves: duration, columns (names to samples), robot, frames, obstacles, ghosts, ground, box."""
-    plan = sampled.plan
+    plan, final = sampled.plan, sampled.plan.problem.final
     placed = postures(plan, snapshot_times(plan))
+    com = pairs(com_path(plan, np.array([plan.duration])))[0]
     box = picture_box(plan, postures(plan, np.linspace(0.0, plan.duration, 65)))
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
         **scene_data(plan.problem),
         "ghosts": rounded(placed.times),
-        "goal": None if isinstance(plan, JumpView) else _goal(plan),
-        "ground": [[level, low.real, high.real] for level, low, high in grounds(plan, placed)],
+        "goal": {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()},
+        "ground": [[level, low.real, high.real] for level, low, high in ground_lines(placed)],
         "box": pairs(np.array(box_around(np.array(box), BOX_PAD))).ravel().tolist(),
     }
-
-
-def _goal(plan: Plan) -> dict[str, Any]:
-    """The posture that a plan is to reach, where its flight ends."""
-    final, com = plan.problem.final, plan.ballistics.positions(np.array([plan.duration]))[0]
-    return {"orientation": final.orientation, "positions": final.positions.tolist(), "com": com.tolist()}
 
 
 def sample_grid(duration: float) -> Array:
@@ -80,9 +79,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     lines: list[ReferenceLine] = []
     beyond: list[str] = []
     for panel in chart.panels:
-        drawn, left = panel.lines(
-            max(float(np.fmax.reduce(np.abs(sampled.columns[curve.key]))) for curve in panel.curves)
-        )
+        drawn, left = panel.lines(max(largest(sampled.columns[curve.key]) for curve in panel.curves))
         lines += drawn
         if left and panel.interval is not None:
             beyond.append("monotonic joints: h from {:.4g} to {:.4g}".format(*panel.interval))
@@ -93,7 +90,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         data["starts"], data["goals"] = zip(*(curve.ends for curve in chart.curves if curve.ends), strict=True)
     series = [
         {"name": curve.name, "colour": to_hex(curve.colour), "key": curve.key, "part": curve.part}
-        | ({} if curve.limit is None else {"limit": _limit(curve, chart.unit)})
+        | ({} if curve.limit is None else {"limit": _limit(float(np.min(curve.limit)), chart.unit)})
         for curve in chart.curves
     ]
     return data | {
@@ -114,10 +111,9 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     }
 
 
-def _limit(curve: Curve, unit: str) -> str:
+def _limit(least: float, unit: str) -> str:
     """A curve's least limit in words, for when it is chosen."""
-    least = float(np.min(curve.limit)) if curve.limit is not None else np.inf
-    return f"of {curve.whole or f'{least:.4g} {unit}'}" if np.isfinite(least) else "no limit"
+    return f"of {least:.4g} {unit}" if np.isfinite(least) else "no limit"
 
 
 def scene_data(problem: Problem) -> dict[str, Any]:
@@ -193,6 +189,7 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
 
     ``stances`` is what is said of those before and after the flight, if anything.
     """
+    certificate = plan.certificate
     tables: list[dict[str, Any]] = [
         {"title": "Problem", "rows": plan.problem.rows()},
         {
@@ -201,20 +198,17 @@ def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
             "tone": "good" if plan.ok else "bad",
             "note": plan.explanation,
         },
-        {"title": "Proved", **proved(plan, plan.certificate)},
+        {"title": "Proved", **proved(plan), "findings": certificate.table() if certificate else ((), [])},
         {"title": "Use of limits", "rows": [], "motors": utilisation_table(plan.utilisation)},
     ]
     return [*tables, *warned(plan)]
 
 
-def proved(plan: Plan, certificate: Certificate | None) -> dict[str, Any]:
-    """Return the table of what was proved of a plan, and all findings of its certificate."""
+def proved(plan: Plan) -> dict[str, Any]:
+    """Return the table of what was proved of a plan."""
     proof = proof_rows(plan) or [Row("certificate", "none in the plan file; floatplan certify --save makes one")]
-    return {
-        "rows": [*proof, _replayed(plan.record.replay)],
-        "tone": "open" if certificate is None else TONES[certificate.verdict],
-        "findings": ((), []) if certificate is None else certificate.table(),
-    }
+    tone = "open" if plan.certificate is None else TONES[plan.certificate.verdict]
+    return {"rows": [*proof, _replayed(plan.record.replay)], "tone": tone}
 
 
 def warned(plan: Plan) -> list[dict[str, Any]]:
@@ -229,3 +223,58 @@ def _replayed(replay: Mapping[str, Any] | None) -> Row:
     landed = "lands at the goal" if replay.get("landed") else "lands elsewhere"
     error = short(replay.get("orientation_error"))
     return Row("replay", f"{replay.get('engine')}: {landed}, orientation off by {error} rad")
+
+
+def phase_lines(view: JumpView) -> list[list[str]]:
+    """Cells of a jump's phases, under ``PHASES``."""
+    return [
+        [each.kind, *(f"{at:.3f}" for at in (each.end - each.begin, each.begin, each.end)), ", ".join(each.contacts)]
+        for each in view.jump.phases
+    ]
+
+
+def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
+    """Cells of what a jump's check found, under ``STANCES``: what does not hold, and what does."""
+    told = {name: value for name, value in view.check.figures.items() if name != "torque_speed" or value > 0}
+    broken, held = judged(view.jump.request, told)
+    return [[f"not within limits: {words}", limit] for words, limit in broken], [[*words] for words in held]
+
+
+def jump_sections(view: JumpView) -> list[dict[str, Any]]:
+    """Return the tables of a jump's report, as those of a plan's."""
+    request, force, (broken, held) = view.jump.request, view.samples[2].sum(axis=1).max(), check_lines(view)
+    weights = force / (view.robot.mass * view.problem.flight.gravity)
+    shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
+    asked = [Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
+    result = [
+        Row("height", f"centre of mass up to {view.height:.3g} m above the ground"),
+        Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
+    ]
+    lines, tone = (STANCES, [*broken, *held]), "bad" if broken else "good"
+    return [
+        {"title": "Problem", "rows": [*view.jump.problem.rows(), *asked]},
+        {"title": "Result", "rows": result, "tone": view.tone, "motors": (PHASES, phase_lines(view))},
+        {"title": "Flight", **proved(view.flight)},
+        {"title": "Stances", "rows": [], "tone": tone, "motors": lines, "note": CHECKED},
+        *warned(view.flight),
+    ]
+
+
+def jump_data(view: JumpView) -> dict[str, Any]:
+    """Return what the picture of a jump has beside a flight's.
+
+    ``frames``, the points that stand, each with the columns of its ``force``; when it has ``flown``, from and to, s; a
+    friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
+    """
+    frames = [
+        {
+            "name": name,
+            "role": "stands",
+            "colour": view.colours[name],
+            "force": [f"force_x.{index}", f"force_z.{index}"],
+        }
+        | {"body": contact.spots[0][0], "at": rounded(pairs(contact.spots[0][1]))}
+        for index, (name, contact) in enumerate(view.contacts.items())
+    ]
+    told = {"scale": view.scale, "metres_per_newton": view.metres_per_newton}
+    return {"frames": frames, "flown": view.flown, "cone": rounded(pairs(view.cone)), **told}

@@ -21,13 +21,11 @@ from floatplan.errors import InputError
 from floatplan.files import plain, write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, plan_verdict, raised
-from floatplan.plans.verdicts import Tone
 from floatplan.problem.file import problem_text
 from floatplan.problem.problem import Problem
 from floatplan.view.charts import SampledPlan, charts
 from floatplan.view.jumps import JumpView, Shown
-from floatplan.view.report.data import chart_data, motion_data, sample_grid, sections
-from floatplan.view.report.jump import jump_data, jump_sections, jump_tone
+from floatplan.view.report.data import chart_data, jump_data, jump_sections, motion_data, sample_grid, sections
 
 STYLES = ("uplot/uPlot.min.css", "report.css")
 SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "stage.js", "charts.js", "player.js", "report.js")
@@ -46,8 +44,8 @@ def report(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] =
     stances : sequence of Row
         What is said of the stances before and after the flight, if anything.
     """
-    title = f"{plan.problem.name}: {_verdict(plan)[0]}"
-    return page("report.html", title, STYLES, SCRIPTS, report_data(plan, path, stances)).decode()
+    data = report_data(plan, path, stances)
+    return page("report.html", f"{data['name']}: {data['verdict']['word']}", STYLES, SCRIPTS, data).decode()
 
 
 def page(
@@ -95,15 +93,15 @@ def notebook_frame(plan: Plan) -> str:
 def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[Row] = ()) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    word, tone = _verdict(plan)
-    problem, motion = plan.problem, motion_data(sampled)
+    motion = motion_data(sampled)
     if isinstance(plan, JumpView):
-        asked, record, tables = plan.jump.problem, plan.flight.record, jump_sections(plan)
+        word, tone, flight, problem = plan.verdict, plan.tone, plan.flight, plan.jump.problem
+        tables = jump_sections(plan)
         motion |= jump_data(plan)
-        question = f"{plan.duration:.3g} s from standing to standing, {plan.flight.duration:.3g} s of it in flight"
+        question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
     else:
-        asked, record, tables = problem, plan.record, sections(plan, stances)
-        question = f"{problem.flight.duration:g} s of flight"
+        (word, tone), flight, problem, tables = plan_verdict(plan), plan, plan.problem, sections(plan, stances)
+        question = f"{plan.duration:g} s of flight"
     for table in tables:
         table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     data: dict[str, Any] = plain(
@@ -114,9 +112,9 @@ def report_data(plan: Shown, path: str | Path | None = None, stances: Sequence[R
             "motion": motion,
             "charts": [chart_data(chart, sampled) for chart in charts(sampled)],
             "sections": tables,
-            "problem": _problem_file(asked, path),
-            "own_problem": asked.file_text is not None,
-            "version": record.floatplan,
+            "problem": _problem_file(problem, path),
+            "own_problem": problem.file_text is not None,
+            "version": flight.record.floatplan,
         }
     )
     return data
@@ -142,10 +140,6 @@ def policy(scripts: Sequence[str]) -> str:
 def asset(name: str) -> str:
     """Return a file that the pages are made of."""
     return files("floatplan.view.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
-
-
-def _verdict(plan: Shown) -> tuple[str, Tone]:
-    return (plan.jump.verdict, jump_tone(plan.jump)) if isinstance(plan, JumpView) else plan_verdict(plan)
 
 
 def _problem_file(problem: Problem, path: str | Path | None) -> str:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
@@ -28,15 +29,14 @@ from floatplan.view.outlines import (
     Poses,
     Postures,
     body_poses,
-    com_path,
-    grounds,
+    coordinates,
+    ground_lines,
     obstacle_outlines,
     picture_box,
     postures,
     robot_size,
     snapshot_times,
 )
-from floatplan.view.scene.forces import ForceNodes
 from floatplan.view.scene.meshes import (
     Mesh,
     capsule,
@@ -57,6 +57,7 @@ SECTIONS = (12, 8)  # [-] of a capsule, along and around its axis
 FINE_SECTIONS = (16, 16)  # [-] the same where nobody waits for it
 SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
 GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
+ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
 POSE_RATE = 60.0  # [Hz] of the page
 SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
@@ -82,7 +83,8 @@ def scene(plan: Shown) -> str:
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
     times = np.linspace(0.0, plan.duration, frames)
-    poses = body_poses(plan.robot, plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times))
+    com, orientation, positions = coordinates(plan, times)
+    poses = body_poses(plan.robot, orientation, positions, com)
     placed = postures(plan, snapshot_times(plan))
     low, high = picture_box(plan, placed)
     with silence():  # a local server: viser records what is sent to it
@@ -96,7 +98,7 @@ def scene(plan: Shown) -> str:
             slab = obstacle_slab(plan, obstacle, low, high)
             moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
         look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
-        add_grounds(server, plan.robot.plane, low, high, grounds(plan, placed))
+        add_grounds(server, plan.robot.plane, low, high, ground_lines(placed))
         _add_trails(server, plan)
         forces = ForceNodes(server, plan, times) if isinstance(plan, JumpView) else None
         serializer = server.get_scene_serializer()
@@ -159,15 +161,10 @@ def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -
 
 
 def _add_trails(server: Any, plan: Shown) -> None:
-    times = np.linspace(0.0, plan.duration, 121)
-    placed = postures(plan, times)
-    if isinstance(plan, JumpView):
-        names, paths, colours = [*plan.contacts], plan.feet(times), plan.colours
-    else:
-        names = list(dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame)))
-        paths, colours = [placed.takeoff, placed.landing], list(TRAILS[1:])
-    trails = zip(("CM", *names), (placed.com, *paths), (TRAILS[0], *colours), strict=False)
-    for index, (name, path, colour) in enumerate(trails):
+    placed = postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpView) else 121))
+    names = dict.fromkeys((plan.problem.takeoff.frame, plan.problem.landing.frame))
+    paths = placed.com, placed.takeoff, placed.landing
+    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
         pairs = segments(plan.robot.plane, path)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
         server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
@@ -338,3 +335,34 @@ class RobotNodes:
         turns = turned(self._robot.plane, poses.angles[index])
         for frame, point, turn in zip(self.frames, points, turns, strict=True):
             frame.position, frame.wxyz = point, turn
+
+
+class ForceNodes:
+    """An arrow in a scene for each point that stands, left and right, at instants (N,) of a jump."""
+
+    def __init__(self, server: Any, view: JumpView, times: Array) -> None:
+        plane, contacts, self._nodes = view.robot.plane, view.contacts.values(), list[tuple[Any, Array]]()
+        look = {name: size * view.height for name, size in ARROW.items()}
+        scale = view.metres_per_newton * max(len(contact.names) for contact in contacts)
+        feet, forces = view.feet(times).T, view.forces(times).T
+        for contact, colour, foot, force in zip(contacts, view.colours.values(), feet, forces, strict=True):
+            ends = np.stack((foot, foot + scale / len(contact.names) * force), axis=1)[..., None]
+            for name in contact.names:
+                places = ends.real * plane.horizontal + ends.imag * plane.vertical + across(view, name) * plane.normal
+                arrow = server.scene.add_arrows(f"/forces/{name}", np.zeros((1, 2, 3)), rgb_bytes(colour), **look)
+                self._nodes.append((arrow, places))
+
+    def put(self, index: int) -> None:
+        """Show what acts at an instant; what is shorter than an arrow's head is left out."""
+        for arrow, ends in self._nodes:
+            arrow.visible = bool(np.linalg.norm(ends[index, 1] - ends[index, 0]) > arrow.head_length)
+            if arrow.visible:
+                arrow.points = ends[index : index + 1].astype(np.float32)
+
+
+def across(view: JumpView, name: str) -> float:
+    """How far out of the plane a point that stands is, m, along the plane's normal."""
+    joint, local = next(stance.points[name] for stance in view.jump.stances if name in stance.points)
+    data = view.robot.model.createData()
+    pin.forwardKinematics(view.robot.model, data, view.robot.reference.copy())
+    return float(data.oMi[joint].act(local) @ view.robot.plane.normal)

@@ -2,6 +2,7 @@
 /* The curves: one uPlot each, a line that follows the time, and the values at it. Dragging along a curve seeks. */
 
 const CHART_HEIGHT = 168;
+const BAND = 17; // px of the height of what is there or not
 const MANY = 6; // curves, from which on the legend beside the robot names them, and captions only the chosen one
 const ASIDE = 22; // percent: strength of curves that are not chosen
 
@@ -18,15 +19,18 @@ class Chart {
     if (this.many) title.append(make("span", "beyond choose", "choose a joint in the legend"));
     this.explainLines(title);
     const body = figure.appendChild(make("div", "plot"));
+    this.bands = spec.unit === "";
+    this.height = this.bands ? BAND * (spec.series.length + 1) : CHART_HEIGHT;
+    body.style.height = `${this.height}px`;
     this.plot = new uPlot(this.options(body.clientWidth), this.table(), body);
     this.plot.root.setAttribute("role", "img");
     this.plot.root.setAttribute("aria-label", `${spec.title} over time, ${spec.unit}`);
     this.head = this.plot.over.appendChild(make("div", "playhead"));
-    follow(this.plot.over, this.motion.duration, onSeek);
+    this.follow(onSeek);
     this.choose(null);
     paint(() => this.plot.redraw());
     new ResizeObserver(() => {
-      this.plot.setSize({ width: body.clientWidth, height: CHART_HEIGHT });
+      this.plot.setSize({ width: body.clientWidth, height: this.height });
       this.draw(this.time);
     }).observe(body);
     this.draw(0);
@@ -86,7 +90,10 @@ class Chart {
   }
 
   options(width) {
+    const { bands } = this;
     const { series, lines, unit, range, starts } = this.spec;
+    const curve = bands ? { width: 11, cap: "butt" } : { width: 2 };
+    const rows = [0.6 - series.length, 0.6];
     const grid = { stroke: () => tone("grid"), width: 1 };
     const axis = { font: "11px system-ui, sans-serif", stroke: () => tone("soft"), grid, ticks: grid };
     const drawn = ({ part, colour }) => ({ stroke: () => this.stroke(part, colour), points: { show: false } });
@@ -95,32 +102,46 @@ class Chart {
     const rings = series.map(dot(() => tone("paper")));
     return {
       width,
-      height: CHART_HEIGHT,
+      height: this.height,
       legend: { show: false },
       cursor: { show: false },
       padding: [8, 22, 0, 0],
       hooks: { drawClear: [(plot) => this.shadeFlight(plot)] },
-      scales: { x: { time: false, range: [0, this.motion.duration] }, y: range ? { range } : {} },
+      scales: { x: { time: false, range: [0, this.motion.duration] }, y: bands ? { range: rows } : range ? { range } : {} },
       axes: [
-        { ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
-        { ...axis, size: 48, space: 24, ...(unit === "deg" ? { incrs: [1, 5, 15, 30, 45, 90, 180, 360, 720, 1440] } : {}) },
+        { ...axis, show: !bands, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
+        { ...axis, size: 48, space: 24, ...(bands ? { values: () => [], grid: { show: false } } : {}), ...(unit === "deg" ? { incrs: [1, 5, 15, 30, 45, 90, 180, 360, 720, 1440] } : {}) },
       ],
       series: [
         {},
         ...lines.map((line) => ({ ...drawn(line), width: 1, dash: [7, 4] })),
-        ...series.map((one) => ({ ...drawn(one), width: 2 })),
+        ...series.map((one) => ({ ...drawn(one), ...curve })),
         ...(starts ? [...full, ...rings] : []),
       ],
     };
   }
 
+  follow(onSeek) {
+    const over = this.plot.over;
+    const seek = (event) => {
+      const box = over.getBoundingClientRect();
+      onSeek(((event.clientX - box.left) / box.width) * this.motion.duration);
+    };
+    over.addEventListener("pointerdown", (event) => {
+      over.setPointerCapture(event.pointerId);
+      seek(event);
+    });
+    over.addEventListener("pointermove", (event) => {
+      if (over.hasPointerCapture(event.pointerId)) seek(event);
+    });
+  }
+
   /* The flight of a jump, behind its curves. */
   shadeFlight(plot) {
-    for (const { begin, end } of this.motion.flights) {
-      const [left, right] = [begin, end].map((time) => plot.valToPos(time, "x", true));
-      plot.ctx.fillStyle = tone("air");
-      plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
-    }
+    if (!this.motion.data.flown) return;
+    const [left, right] = this.motion.data.flown.map((time) => plot.valToPos(time, "x", true));
+    plot.ctx.fillStyle = tone("air");
+    plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
   }
 
   draw(time) {
@@ -131,67 +152,9 @@ class Chart {
       const value = this.motion.value(key, time);
       const readout = this.readouts[index];
       readout.dataset.value = value === null ? "" : String(value);
-      readout.textContent = value === null ? "–" : shown(this.spec.factor * value);
+      readout.textContent = value === null ? "–" : this.bands ? "stands" : shown(this.spec.factor * value);
     });
   }
-}
-
-/* What stands when: a band for each point, over the same time as the curves below. */
-class Bands {
-  constructor(motion, holder, onSeek) {
-    this.phases = motion.data.phases;
-    this.duration = motion.duration;
-    const figure = holder.appendChild(make("figure", "chart"));
-    const title = figure.appendChild(make("figcaption"));
-    title.append(make("strong", "", "On the ground"));
-    const body = figure.appendChild(make("div", "bands"));
-    this.readouts = motion.data.frames.map(({ name, colour }) => {
-      const [entry, value] = [make("span", "entry"), make("b", "value")];
-      entry.append(swatch("bar", colour), make("span", "", name), value);
-      title.append(entry);
-      const row = body.appendChild(make("div", "band"));
-      for (const phase of this.phases) if (phase.contacts.includes(name)) this.span(row, phase, colour);
-      return [name, value];
-    });
-    title.appendChild(make("span", "entry")).append(make("i", "swatch air"), make("span", "", "in flight"));
-    for (const flight of motion.flights) this.span(body, flight).classList.add("air");
-    const told = this.phases.map(({ kind, contacts, begin, end }) => {
-      return `${begin.toFixed(3)} to ${end.toFixed(3)} s: ${contacts.join(" and ") || kind}`;
-    });
-    body.setAttribute("role", "img");
-    body.setAttribute("aria-label", `On the ground, ${told.join("; ")}`);
-    this.head = body.appendChild(make("div", "playhead"));
-    follow(body, this.duration, onSeek);
-  }
-
-  span(row, { begin, end }, colour) {
-    const bar = row.appendChild(make("i"));
-    bar.style.left = `${(100 * begin) / this.duration}%`;
-    bar.style.width = `${(100 * (end - begin)) / this.duration}%`;
-    if (colour) paint(() => bar.style.setProperty("--colour", shade(colour)));
-    return bar;
-  }
-
-  draw(time) {
-    this.head.style.left = `${(100 * time) / this.duration}%`;
-    const { contacts } = this.phases.find(({ end }) => time <= end) || this.phases.at(-1);
-    for (const [name, value] of this.readouts) value.textContent = contacts.includes(name) ? "stands" : "–";
-  }
-}
-
-/* Dragging along something that is as wide as the motion is long seeks. */
-function follow(over, duration, onSeek) {
-  const seek = (event) => {
-    const box = over.getBoundingClientRect();
-    onSeek(((event.clientX - box.left) / box.width) * duration);
-  };
-  over.addEventListener("pointerdown", (event) => {
-    over.setPointerCapture(event.pointerId);
-    seek(event);
-  });
-  over.addEventListener("pointermove", (event) => {
-    if (over.hasPointerCapture(event.pointerId)) seek(event);
-  });
 }
 
 /* A number in five places, so that it does not dance while it changes. */

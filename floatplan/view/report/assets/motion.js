@@ -9,7 +9,6 @@ class Motion {
     this.count = this.columns.orientation.length;
     this.step = this.duration / (this.count - 1);
     this.joints = data.robot.joints.length;
-    this.flights = (data.phases || []).filter(({ kind }) => kind === "flight");
     this.times = Float64Array.from({ length: this.count }, (_, index) => index * this.step);
   }
 

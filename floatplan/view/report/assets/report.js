@@ -15,20 +15,6 @@ function fillKey({ robot, frames }) {
   return list;
 }
 
-/* What only jumps have: forces in friction cones, and bands of what stands; they have no goal but their end. */
-function fillJump(data, motion, holder, onSeek) {
-  for (const tick of ["goal", "forces"]) {
-    const label = document.getElementById(tick).parentElement;
-    label.hidden = !label.hidden;
-  }
-  document.getElementById("ghosts").checked = false; // they stand where the robot does
-  const { metres_per_newton: scale, friction } = data.motion;
-  const newtons = roundBelow(0.3 / scale);
-  const drawn = `force: ${newtons} N is ${shown(newtons * scale)} m long; cone: friction ${friction}`;
-  addKey(document.getElementById("key"), swatch("bar", INK), drawn);
-  return new Bands(motion, holder, onSeek);
-}
-
 /* Parts of the robot are looked at by pointing at their names, and chosen by a click or the return key. */
 function offerParts(list, show) {
   const entries = [...list.querySelectorAll("[data-part]")];
@@ -51,7 +37,7 @@ function offerParts(list, show) {
 
 function fillFacts(data, onSeek) {
   const holder = document.getElementById("facts");
-  for (const { title, rows, tone, note, motors, phases, findings } of data.sections) {
+  for (const { title, rows, tone, note, motors, findings } of data.sections) {
     const part = holder.appendChild(make("article", tone));
     part.append(make("h2", "", title));
     addRows(part.appendChild(make("dl")), rows);
@@ -59,10 +45,6 @@ function fillFacts(data, onSeek) {
     if (motors) {
       part.classList.add("motors");
       fillTable(part, motors, onSeek);
-    }
-    if (phases) {
-      part.classList.add("phases");
-      fillTable(part, phases, onSeek);
     }
     if (findings && findings[1].length) {
       const details = part.appendChild(make("details"));
@@ -114,9 +96,13 @@ function fillTable(part, [titles, rows], onSeek) {
   fillFacts(data, seek);
   const holder = document.getElementById("charts");
   const key = fillKey(data.motion);
-  const bands = data.motion.phases ? [fillJump(data, motion, holder, seek)] : [];
+  if (data.motion.flown) {
+    addKey(key, swatch("bar", INK), data.motion.scale);
+    document.getElementById("forces").parentElement.hidden = false;
+    document.getElementById("ghosts").checked = false; // they stand where the robot does
+  }
   const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
-  const player = new Player(motion.duration, (time) => [stage, ...bands, ...charts].forEach((one) => one.draw(time)));
+  const player = new Player(motion.duration, (time) => [stage, ...charts].forEach((one) => one.draw(time)));
   offerParts(key, (part) => [stage, ...charts].forEach((one) => one.choose(part)));
   window.floatplan = { motion, stage, player, charts };
 })();

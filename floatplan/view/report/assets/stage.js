@@ -41,10 +41,8 @@ class Stage {
     for (const obstacle of data.obstacles) if (!moves(obstacle)) drawObstacle(behind, obstacle);
     const trails = [...data.frames, { colour: data.trail }].map((trail) => [trail, this.motion.path(trail)]);
     for (const [{ colour }, points] of trails) tinted(behind, "polyline", colour, { class: "trail", points });
-    if (data.goal) {
-      const { orientation, positions, com } = data.goal;
-      put(this.drawRobot(behind, "goal", ["rim", "gap"]), this.motion.pose(orientation, positions, com));
-    }
+    const { orientation, positions, com } = data.goal;
+    put(this.drawRobot(behind, "goal", ["rim", "gap"]), this.motion.pose(orientation, positions, com));
     data.ghosts.forEach((time, index) => {
       const ghost = this.drawRobot(behind, "ghosts", ["ring", "link"]);
       const strength = PALEST + ((STRONGEST - PALEST) * index) / (data.ghosts.length - 1);
