@@ -15,7 +15,7 @@ from rich.text import Text
 
 from floatplan.arguments import percent, short, shortened
 from floatplan.errors import escaped
-from floatplan.plans.contact import Contact
+from floatplan.motion.flight import Contact
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Certificate, Tone

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
-from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.flight import Dynamics
 from floatplan.plans.plan import Plan
 from floatplan.robot.planar.tree import PlanarTree
 

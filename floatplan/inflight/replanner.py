@@ -25,7 +25,7 @@ from floatplan.inflight.estimate import (
 from floatplan.inflight.motion import RemainingMotion, Rewriting
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.update import EVALUATIONS_NEAR, KEPT, Corrected, Update
-from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.flight import Dynamics
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool.threads import one_thread

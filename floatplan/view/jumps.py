@@ -13,8 +13,7 @@ import numpy.typing as npt
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.motion.dynamics import FlightState
-from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.full_model import PinocchioDynamics
+from floatplan.motion.flight import LinkShapes, PinocchioDynamics
 from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.plans.verdicts import Tone, verdict_in_words
@@ -178,12 +177,12 @@ class JumpView:
         return np.where(whole == 0, UNKNOWN, whole)
 
     def feet(self, times: Array) -> ComplexArray:
-        """Places (N, contacts) m of the contacts' first points, where their forces act."""
-        tree, state = self.robot.tree, self.at(times)
-        rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
-        bodies, places = zip(*(contact.spots[0] for contact in self.contacts.values()), strict=True)
-        weights = tree.point_weights(np.array(bodies), np.array(places, np.complex128))
-        return np.asarray((state.com_position @ [1, 1j])[:, None] + rotations @ weights.T)
+        """Places (N, contacts) m of where these forces act, between left and right; NaN where nothing stands."""
+        plane, points = self.robot.plane, self.jump.at(times).points
+        middles = np.stack(
+            [sum(points[name] for name in each.names) / len(each.names) for each in self.contacts.values()]
+        )
+        return np.asarray(middles @ plane.horizontal + 1j * (middles @ plane.vertical)).T
 
     def columns(self, times: Array) -> dict[str, Array]:
         """Sampled quantities (N,) by key, SI; those of contact, joint, motor or locked joint i end in ``.i``.
@@ -192,7 +191,7 @@ class JumpView:
         and ``friction`` are shares: 0 where nothing limits.
         """
         jump, problem, robot = self.jump.at(times), self.problem, self.robot
-        state, forces = self.at(times), self.forces(times)
+        state, forces, feet = self.at(times), self.forces(times), self.feet(times)
         motors, speeds = state.motor_torques, np.abs(state.velocities @ robot.motor_ratios.T)
         of_curve = (np.abs(motors) + problem.motor_slope * speeds) / problem.motor_stall
         light = LIGHT * robot.mass * problem.flight.gravity
@@ -200,6 +199,8 @@ class JumpView:
         rows = [robot.model.idx_vs[robot.model.getJointId(name)] for name in robot.locked]
         columns = {
             "stands": np.where(np.isnan(forces), np.nan, -np.arange(len(self.contacts))),
+            "foot_x": feet.real,
+            "foot_z": feet.imag,
             "force_x": forces.real,
             "force_z": forces.imag,
             "friction": np.abs(forces.real) / cones,

@@ -23,7 +23,7 @@ from floatplan.view.jumps import JumpView
 from floatplan.view.outlines import postures
 from floatplan.view.report.data import sample_grid
 from floatplan.view.report.report import report_data, write_report
-from floatplan.view.scene.scene import across, scene
+from floatplan.view.scene.scene import scene
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -161,20 +161,6 @@ def test_figures_of_a_jump(view: JumpView) -> None:
     assert [begin < time < end for time in times] == [False, False, True, True, False, False]
     arrows = sum(text == "" for text in texts)
     assert arrows == sum(len(stance.contacts) for stance in (view.jump.stances[0], view.jump.stances[-1])) + 2
-
-
-def test_feet_are_where_pinocchio_has_them(view: JumpView) -> None:
-    """In the plane and out of it, standing or not."""
-    jump, robot = backflip(), backflip().problem.robot
-    model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
-    data, times = model.createData(), np.array([0.1, 0.7, 1.3])
-    for contact, feet in zip(view.contacts.values(), view.feet(times).T, strict=True):
-        for time, foot in zip(times, feet, strict=True):
-            pin.framesForwardKinematics(model, data, jump.q(time))
-            for name in contact.names:
-                place = data.oMf[model.getFrameId(name)].translation
-                there = foot.real * robot.plane.horizontal + foot.imag * robot.plane.vertical
-                np.testing.assert_allclose(place, there + across(view, name) * robot.plane.normal, atol=1e-8)
 
 
 def test_the_scene_s_clock_is_the_jump_s(view: JumpView, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -227,10 +227,11 @@ def _replayed(replay: Mapping[str, Any] | None) -> Row:
 
 def phase_lines(view: JumpView) -> list[list[str]]:
     """Cells of a jump's phases, under ``PHASES``."""
-    return [
-        [each.kind, *(f"{at:.3f}" for at in (each.end - each.begin, each.begin, each.end)), ", ".join(each.contacts)]
-        for each in view.jump.phases
-    ]
+    lines, rolls = [], ", rolling" if view.jump.request.feet == "rolling" else ""
+    for phase in view.jump.phases:
+        times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
+        lines.append([phase.kind, *times, f"{', '.join(phase.contacts)}{rolls}" if phase.contacts else "nothing"])
+    return lines
 
 
 def check_lines(view: JumpView) -> tuple[list[list[str]], list[list[str]]]:
@@ -263,18 +264,22 @@ def jump_sections(view: JumpView) -> list[dict[str, Any]]:
 def jump_data(view: JumpView) -> dict[str, Any]:
     """Return what the picture of a jump has beside a flight's.
 
-    ``frames``, the points that stand, each with the columns of its ``force``; when it has ``flown``, from and to, s; a
-    friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
+    ``frames``, what stands, each with the columns of its ``force`` and where this ``acts``; when it has ``flown``, from
+    and to, s; a friction ``cone``, the ``metres_per_newton`` of forces as drawn, and the ``scale`` in words.
     """
     frames = [
         {
             "name": name,
             "role": "stands",
             "colour": view.colours[name],
-            "force": [f"force_x.{index}", f"force_z.{index}"],
+            "body": spot.body,
+            "at": rounded(pairs(spot.place)),
         }
-        | {"body": contact.spots[0][0], "at": rounded(pairs(contact.spots[0][1]))}
-        for index, (name, contact) in enumerate(view.contacts.items())
+        | {
+            key: [f"{column}_x.{index}", f"{column}_z.{index}"]
+            for key, column in (("force", "force"), ("acts", "foot"))
+        }
+        for index, (name, spot) in enumerate((name, each.spots[0]) for name, each in view.contacts.items())
     ]
     told = {"scale": view.scale, "metres_per_newton": view.metres_per_newton}
     return {"frames": frames, "flown": view.flown, "cone": rounded(pairs(view.cone)), **told}

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
@@ -344,13 +343,13 @@ class ForceNodes:
         plane, contacts, self._nodes = view.robot.plane, view.contacts.values(), list[tuple[Any, Array]]()
         look = {name: size * view.height for name, size in ARROW.items()}
         scale = view.metres_per_newton * max(len(contact.names) for contact in contacts)
-        feet, forces = view.feet(times).T, view.forces(times).T
-        for contact, colour, foot, force in zip(contacts, view.colours.values(), feet, forces, strict=True):
-            ends = np.stack((foot, foot + scale / len(contact.names) * force), axis=1)[..., None]
+        state = view.jump.at(times)
+        for contact, colour in zip(contacts, view.colours.values(), strict=True):
             for name in contact.names:
-                places = ends.real * plane.horizontal + ends.imag * plane.vertical + across(view, name) * plane.normal
+                place, (across, up) = state.points[name], scale * state.forces[name].T[..., None]
+                ends = np.stack((place, place + across * plane.horizontal + up * plane.vertical), axis=1)
                 arrow = server.scene.add_arrows(f"/forces/{name}", np.zeros((1, 2, 3)), rgb_bytes(colour), **look)
-                self._nodes.append((arrow, places))
+                self._nodes.append((arrow, ends))
 
     def put(self, index: int) -> None:
         """Show what acts at an instant; what is shorter than an arrow's head is left out."""
@@ -358,11 +357,3 @@ class ForceNodes:
             arrow.visible = bool(np.linalg.norm(ends[index, 1] - ends[index, 0]) > arrow.head_length)
             if arrow.visible:
                 arrow.points = ends[index : index + 1].astype(np.float32)
-
-
-def across(view: JumpView, name: str) -> float:
-    """How far out of the plane a point that stands is, m, along the plane's normal."""
-    joint, local = next(stance.points[name] for stance in view.jump.stances if name in stance.points)
-    data = view.robot.model.createData()
-    pin.forwardKinematics(view.robot.model, data, view.robot.reference.copy())
-    return float(data.oMi[joint].act(local) @ view.robot.plane.normal)

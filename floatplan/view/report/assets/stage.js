@@ -130,12 +130,11 @@ class Stage {
     put(this.robot, posture);
     this.com.setAttribute("transform", `translate(${posture.com})`);
     for (const [point, cone, arrow] of this.pushes) {
-      const force = point.force.map((key) => this.motion.value(key, time));
-      const stands = !force.includes(null);
-      const place = `translate(${this.motion.place(posture, point)})`;
+      const [force, acts] = [point.force, point.acts].map((keys) => keys.map((key) => this.motion.value(key, time)));
+      const stands = ![...force, ...acts].includes(null);
       for (const element of [cone, ...arrow]) {
         element.classList.toggle("absent", !stands);
-        element.setAttribute("transform", place);
+        if (stands) element.setAttribute("transform", `translate(${acts})`);
       }
       if (stands) for (const element of arrow) element.setAttribute("d", this.arrow(force));
     }
