@@ -41,7 +41,7 @@ class Landing:
 
 
 def fly(jump: Jump, seed: int, armature: float) -> Landing:
-    """Fly a jump, perturbed as ``seed`` draws it, with an armature, kg m^2, that the plan does not know."""
+    """Fly a jump, perturbed as ``seed`` draws it, with an armature of all joints, kg m^2."""
     mujoco, robot, rng = import_mujoco(), jump.problem.robot, np.random.default_rng(seed)
     factor, friction = 1.0 + float(rng.uniform(-HEAVIER, HEAVIER)), float(rng.uniform(*GRIP))
     feet = dict.fromkeys((name for phase in jump.phases for name in phase.contacts), FOOT)

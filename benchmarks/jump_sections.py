@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import statistics
+import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from drawn_stances import drawn_hops, drawn_stances
@@ -64,17 +68,28 @@ def hops(counts: Counts) -> None:
 
 
 def contact(counts: Counts) -> None:
-    """The Go2's backflip in MuJoCo with contact: springs and dampers on the joints, late and noisy."""
+    """The Go2's backflip in MuJoCo with contact: springs and dampers on the joints, late and noisy.
+
+    The plan knows the rotors that fly; its feet are points, or the circles that touch the ground in MuJoCo.
+    """
     heading(f"contact: the Go2's backflip flown with seeds 0 to {counts.landings - 1}, 500 Hz, 4 ms late")
-    found, rows = fp.jump(PROBLEMS / "jumps" / "go2.toml"), []
-    for armature in ARMATURES:
+    path, rows = PROBLEMS / "jumps" / "go2.toml", []
+    for feet, armature in itertools.product(("point", "rolling"), ARMATURES):
+        with tempfile.TemporaryDirectory() as folder:
+            known = Path(folder, path.name)
+            known.write_text(path.read_text().replace("[robot]\n", f"[robot]\narmature = {armature}\n"))
+            problem = fp.load_problem(known)
+        found = fp.jump(problem, replace(problem.jump or fp.JumpRequest(), feet=feet))
         ends = [fly(found, seed, armature) for seed in range(counts.landings)]
         links = Counter(link for end in ends for link in end.touched)
         clean = sum(end.stands and not end.touched for end in ends)
         turned = float(np.rad2deg(np.sqrt(np.mean([end.turned**2 for end in ends]))))
         touched = ", ".join(f"{link} {count}" for link, count in links.most_common(3)) or "none"
-        rows.append([armature, sum(end.stands for end in ends), clean, turned, touched])
-    table(["armature kg m^2", "stand", "on feet alone", "error at touchdown deg", "other links that touched"], rows)
+        rows.append([feet, armature, sum(end.stands for end in ends), clean, turned, touched])
+    table(
+        ["feet", "armature kg m^2", "stand", "on feet alone", "error at touchdown deg", "other links that touched"],
+        rows,
+    )
 
 
 def jump_section(counts: Counts) -> None:

@@ -121,8 +121,8 @@ class JumpRequest(Keyed):
         "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
         these, which the outlines of the feet have to be, roll on the ground without slipping.
     clearance : float, m
-        What does not stand keeps it from the ground, or half of its height where the robot stands still if that is less:
-        room for a landing that is not as planned. The check asks for none.
+        What does not stand keeps it from the ground, or half of its height where the robot stands if that is less: room
+        for a landing that is not as planned. The check asks for none.
     takeoff : JumpTakeoff
         What stands before the flight.
     landing : JumpLanding
