@@ -117,16 +117,16 @@ class JumpRequest(Keyed):
         Shares of the limits that stances may use: of ``torque``, curves of torque and speed too, and ``velocity``.
     fixed : sequence of str
         What the flight keeps of what the problem says, of duration, angular_momentum, start, goal; the rest is a guess.
+    takeoff : JumpTakeoff
+        What stands before the flight.
+    landing : JumpLanding
+        What stands after it.
     feet : str
         "point": they turn about their frames' origins, where the ground's forces act; or "rolling": the circles about
         these, which the outlines of the feet have to be, roll on the ground without slipping.
     clearance : float, m
         What does not stand keeps it from the ground, or half of its height where the robot stands if that is less: room
         for a landing that is not as planned. The check asks for none.
-    takeoff : JumpTakeoff
-        What stands before the flight.
-    landing : JumpLanding
-        What stands after it.
 
     Raises
     ------
@@ -137,10 +137,10 @@ class JumpRequest(Keyed):
     friction: Annotated[float, Key(numbers=Range(LEAST, STEEPEST, ""))] = 0.6
     margin: Annotated[Mapping[str, float], Key(check=_margin)] = field(default_factory=lambda: dict(MARGIN))
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
-    feet: Annotated[Literal["point", "rolling"], Key()] = "point"
-    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
+    feet: Annotated[Literal["point", "rolling"], Key()] = "point"
+    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
