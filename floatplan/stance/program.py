@@ -39,11 +39,11 @@ from floatplan.stance.rows import (
 )
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
-CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node away from the flight, where they vanish
+CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
 RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
-ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
+ROUGHNESS = 1e-4  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
@@ -242,8 +242,8 @@ class JumpProgram:
                     low[row, seam] = high[row, seam] = 0.0
             if label == PRESSED and flies.side == "flight":
                 low[row, seam] = -np.inf
-            if label.startswith("friction") and flies.side == "flight":
-                low[row, seam + (-1 if takeoff else 1)] = CONE_ROOM
+            if label.startswith("friction"):
+                low[row, 1:-1] = CONE_ROOM
         if takeoff and index > 0:
             low[:, 0], high[:, 0] = -np.inf, np.inf
         if not takeoff and index + 1 < len(self.phases):

@@ -18,7 +18,7 @@ Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
 BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
 PRESSED = "pressed on the ground"
-LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
+LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
 
 
