@@ -15,7 +15,7 @@ from rich.text import Text
 
 from floatplan.arguments import percent, short, shortened
 from floatplan.errors import escaped
-from floatplan.plans.contact import Contact
+from floatplan.motion.flight import Contact
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Certificate, Tone
@@ -221,10 +221,10 @@ def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str
     broken, held = judged(jump.request, figures)
     proved = jump.flight.certificate is not None and jump.flight.certificate.proved
     tone: Tone = "bad" if not (jump.ok and proved) else "open" if jump.flight.warnings else "good"
-    phases = []
+    phases, rolls = [], " roll" if jump.request.feet == "rolling" else ""
     for phase in jump.phases:
         times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
-        phases.append((phase.kind, *times, ", ".join(phase.contacts) or "nothing"))
+        phases.append((phase.kind, *times, f"{', '.join(phase.contacts)}{rolls}" if phase.contacts else "nothing"))
     written = [Row(path.stem, escaped(str(path))) for path in files]
     plan = next(path for path in files if path.stem == "plan")
     return Group(

@@ -233,7 +233,8 @@ def exact_stances(
     """
     phases = [phase for phase in program.phases if phase.side == side]
     robot, anchor = program.model.robot, phases[-1 if side == "takeoff" else 0].anchor
-    place = com + complex(heights_over_com(robot, anchor.spots[:1], y)[0])
+    spot, angles = anchor.spots[0], robot.tree.absolute_angles(y[0], y[1:])
+    place = com + complex(heights_over_com(robot, [spot], y)[0]) + robot.tree.turn * spot.radius * angles[spot.body]
     pairs = zip(phases, exact_side(program, solution, side, (float(y[0]), rate)), strict=True)
     return tuple(Stance(robot, program.model.gravity, phase.contacts, place, grid) for phase, grid in pairs)
 

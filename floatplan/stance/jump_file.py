@@ -22,6 +22,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
 from floatplan.stance.contacts import Contact
 from floatplan.stance.jump import FORMAT, Jump
+from floatplan.stance.model import Spot
 from floatplan.stance.motion import Grid, Stance
 
 KEYS = ("format", "status", "explanation", "robot", "problem", "flight", "stances")
@@ -65,6 +66,9 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
     for index, each in enumerate(content["stances"]):
         sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))
+    rolls = {each.radius > 0 for stances in sides.values() for stance in stances for each in stance.contacts}
+    if rolls - {request.feet == "rolling"}:
+        raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
     answer = {"status": str(content["status"]), "explanation": str(content["explanation"])}
@@ -79,7 +83,7 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
             tuple(each["frames"]),
             str(each["suffix"]),
             tuple(
-                (robot.frames[frame].body, complex(*place))
+                Spot(robot.frames[frame].body, complex(*place), float(each["depth"]) if each.get("rolls") else 0.0)
                 for frame, place in zip(each["frames"], each["places"], strict=True)
             ),
             float(each["depth"]),

@@ -215,13 +215,10 @@ class JumpProgram:
             rows.add(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), middle), -1.0, 1.0, f"rates ({label})")
 
     def _add_turn(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any) -> None:
-        """On one point gravity alone changes the angular momentum about it; the orientation by Hermite's rule."""
-        model, (y, v, a), weight = self.model, parts, self.node.weight
-        anchor, mass, turn = phase.anchor.spots[0], model.robot.mass, model.robot.tree.turn
-        (x, z), (vx, vz) = model.com_from(anchor), model.com_from(anchor, 1)
-        momentum = model.momentum() + turn * mass * (x * vz - z * vx)
-        outputs = [momentum, -turn * weight * x, -turn * weight * vx]
-        momenta, pulls, changes = rows.calls(model.function("about", outputs), y, v, a)
+        """Angular momentum about the one point on the ground, as of ``model``, and orientation, by Hermite's rule."""
+        model, (y, v, a) = self.model, parts
+        about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
+        momenta, pulls, changes = rows.calls(about, y, v, a)
         ahead = hermite_step(momenta, pulls, changes, step)
         rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{BALANCE} ({phase.side})")
         rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")

@@ -19,8 +19,9 @@ from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
     contact_at,
-    heights_over_com,
+    ground_below,
     in_the_air,
+    rolling,
     standing_feet,
     watched_points,
 )
@@ -188,7 +189,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     takeoff_contacts, posture = _side(problem, request, "takeoff", takeoff, before)
     after = _wanted(problem, problem.final, request.landing.to, posture)
     landing_contacts, rest = _side(problem, request, "landing", landing, after)
-    ground = _ground(problem.robot, takeoff_contacts[0][0], posture)
+    ground = ground_below(problem.robot, takeoff_contacts[0][0], posture)
     time = problem.flight.duration
     bounds = [
         *_bounds(request, "takeoff", len(takeoff)),
@@ -226,7 +227,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array
         usual = [feet, [frame]] if len(feet) > 1 else [[frame], [toe.name]] if toe.suffix else [[frame]]
         groups = usual if takes_off else usual[::-1]
     contacts, posture = _side(problem, request, side, groups, wanted)
-    ground = _ground(robot, contacts[0 if takes_off else -1][0], posture)
+    ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
     unbounded = [None] * (2 * len(contacts) + 1)
     both = (contacts, contacts[::-1]) if takes_off else (contacts[::-1], contacts)
     phases = [each for each in phases_of(*both, -ground, gravity, unbounded, 0) if each.side == side]
@@ -260,7 +261,7 @@ def _side(
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot, takes_off = problem.robot, side == "takeoff"
     place = f"jump.{side}.contacts"
-    contacts = [_contacts(robot, names, wanted, place) for names in groups]
+    contacts = [_contacts(robot, names, wanted, place, request.feet) for names in groups]
     if any(len(each) > MOST for each in contacts):
         raise InputError(f"more than {MOST} points would stand at once", element=place, advice="name fewer")
     outer = contacts[0 if takes_off else -1]
@@ -299,11 +300,6 @@ def _bounds(request: JumpRequest, side: str, phases: int) -> list[tuple[float, f
     return [None] * phases if given is None else [(low, high) for low, high in given]
 
 
-def _ground(robot: Robot, contact: Contact, posture: Array) -> float:
-    """Height of the ground over the centre of mass, m, standing."""
-    return float(heights_over_com(robot, contact.spots[:1], posture)[0].imag - contact.depth)
-
-
 def _wanted(problem: Problem, state: JointState, asked: Standing, standing: Array | None = None) -> Array:
     """Posture (n+1,) rad that is asked for: that of ``standing``, or by joint, others being in the reference.
 
@@ -331,16 +327,17 @@ def _default_groups(problem: Problem, turns: int, wanted: Array) -> tuple[list[l
     return [feet, [first]], [[last], feet]
 
 
-def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str) -> tuple[Contact, ...]:
+def _contacts(robot: Robot, names: Sequence[str], wanted: Array, place: str, feet: str) -> tuple[Contact, ...]:
     """Contacts of a phase's names; of a sole toe and heel, or the one named."""
     found: list[Contact] = []
     for name in names:
         frame, dot, _ = name.partition(".") if name not in robot.frames else (name, "", "")
         try:
             points = contact_at(robot, frame, wanted)
+            chosen = [each for each in points if not dot or each.name == name]
+            chosen = [rolling(robot, each, wanted) for each in chosen] if feet == "rolling" else chosen
         except InputError as error:
             raise error.within(element=place) from None
-        chosen = [each for each in points if not dot or each.name == name]
         if not chosen:
             raise InputError(f"{name!r} is no point of a sole", element=place, advice=f"name {points[0].name!r}")
         twice = [each for each in found if set(each.names) & {point for one in chosen for point in one.names}]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.motion.planar.ballistics import ballistics
+from floatplan.motion.flight import ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.studio.answers import ShownPlan
 from floatplan.studio.edits import end_state, moved, put_obstacle

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Polygon
 
 from floatplan.errors import InputError
 from floatplan.files import write_atomically
-from floatplan.motion.planar.reachable import Reachable
+from floatplan.motion.flight import Reachable
 from floatplan.robot.robot import Robot
 from floatplan.view.figures.snapshots import spatial_figure
 from floatplan.view.outlines import body_poses, box_around, pairs, stadium
