@@ -221,7 +221,7 @@ def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str
     broken, held = judged(jump.request, figures)
     proved = jump.flight.certificate is not None and jump.flight.certificate.proved
     tone: Tone = "bad" if not (jump.ok and proved) else "open" if jump.flight.warnings else "good"
-    phases, rolls = [], " roll" if jump.request.feet == "rolling" else ""
+    phases, rolls = [], ", rolling" if jump.request.feet == "rolling" else ""
     for phase in jump.phases:
         times = (f"{at:.3f}" for at in (phase.end - phase.begin, phase.begin, phase.end))
         phases.append((phase.kind, *times, f"{', '.join(phase.contacts)}{rolls}" if phase.contacts else "nothing"))

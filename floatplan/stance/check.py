@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances, pair_distances
+from floatplan.motion.planar.clearance import LinkShapes, pair_distances
+from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
 from floatplan.stance.jump_motion import JumpMotion
@@ -201,8 +202,9 @@ def _surroundings(jump: JumpMotion, state: JumpState, line: float, stance: Stanc
         found["self_distance"] = min(found.get("self_distance", np.inf), least)
     if jump.problem.obstacles:
         since = state.times - jump.takeoff_time
-        distances = [obstacle_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
-        found["obstacles"] = float(min(distances))
+        distances = [least_distances(segments, each, since).min() - each.margin for each in jump.problem.obstacles]
+        if np.isfinite(min(distances)):
+            found["obstacles"] = float(min(distances))
     return found
 
 
@@ -260,6 +262,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
         ("gap", SEAM, "phases are {:.2g} s apart"),
         ("rest", SEAM, "at its ends it moves by {:.2g}"),
         ("level", SEAM, "what stands is on grounds {:.2g} m apart"),
+        ("torque_step", np.inf, "torques step by {:.2g} of their limits where contacts change"),
         ("lifted", LIFTED, "feet that stand are up to {:.2g} m above the ground"),
         ("circle", POINT_FEET, "outlines of feet that roll are circles to {:.2g} m"),
     ]
@@ -275,7 +278,7 @@ def judged(request: JumpRequest, figures: Mapping[str, float]) -> tuple[list[Wor
     broken: list[Words] = []
     for name, limit, sentence in rules:
         if name in figures:
-            words = sentence.format(figures[name]), f"{limit:g} at most"
+            words = sentence.format(figures[name]), f"{limit:g} at most" if np.isfinite(limit) else "without limit"
             (held if figures[name] <= limit * (1 + ROUNDING) else broken).append(words)
     for name, limit, sentence in least:
         if name in figures:

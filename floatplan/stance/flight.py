@@ -40,24 +40,28 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
         for node in (first, last)
     )
     before, after = program.phases[index - 1].anchor, program.phases[index + 1].anchor
-    ground = _from_frame(program, before, solution.y[:, first]).imag - before.depth
+    lifted = problem.takeoff.position[1] - before.depth
+    ground = lifted + _from_frame(program, before, solution.y[:, first]).imag
     height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
     model = program.model
     speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
+    time = float(solution.durations[index])
+    windows = [(each, each.window or (0.0, time)) for each in problem.obstacles]
+    there = [each for each, (begin, end) in windows if begin < time and end > 0]
     return replace(
         problem,
         start=start,
         goal=goal,
         flight=Flight(
-            float(solution.durations[index]),
+            time,
             angular_momentum=solution.momentum,
-            takeoff=Takeoff(before.frame),
+            takeoff=Takeoff(before.frame, problem.takeoff.position),
             landing=Landing(after.frame, height=height),
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*problem.obstacles, _ground(problem, program, solution, ground)),
+        obstacles=(*there, _ground(problem, program, solution, ground)),
         ground=False,
         written=None,
     )

@@ -23,6 +23,7 @@ from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance, flight_state
 from floatplan.stance.program import FASTEST_TURN, ROUGHNESS, JumpProgram, Solution, ipopt, roughness
 from floatplan.stance.rows import Bound, NodeRows, Rows
+from floatplan.stance.separation import Separation
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
 from floatplan.tables import Range
 
@@ -112,7 +113,7 @@ class LaunchProgram(JumpProgram):
     """
 
     def __init__(self, node: NodeRows, state: Meeting) -> None:
-        super().__init__(node)
+        super().__init__(node, Separation(node.model.robot))
         self._state = state
         self._seam = -1 if self.phases[0].side == "takeoff" else 0
 

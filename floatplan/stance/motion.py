@@ -44,12 +44,22 @@ class Grid:
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """y, y', y'' (n+1, N) at times (N,)."""
-        return self.curve(times).T, self.curve.derivative()(times).T, self.curve.derivative(2)(times).T
+        return values(self.curve, times)
 
 
 def hermite(times: Array, y: Array, v: Array, a: Array) -> Any:
     """Quintics through values (rows, G), first and second derivatives."""
     return BPoly.from_derivatives(times, np.stack((y.T, v.T, a.T), axis=1))
+
+
+def values(curve: Any, times: Array) -> tuple[Array, Array, Array]:
+    """A curve and two derivatives (rows, N) at times (N,)."""
+    return curve(times).T, curve.derivative()(times).T, curve.derivative(2)(times).T
+
+
+def refined(times: Array, count: int) -> Array:
+    """Times (N,) with ``count`` even steps in the place of each of theirs."""
+    return np.interp(np.arange(count * (len(times) - 1) + 1) / count, np.arange(len(times)), times)
 
 
 @dataclass(frozen=True, eq=False)

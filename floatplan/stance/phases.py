@@ -112,6 +112,14 @@ def phases_of(
     return tuple(phases)
 
 
+def instants(phases: Sequence[Phase], durations: Array) -> Array:
+    """Times (K+1,) of the nodes of phases that last so long, s."""
+    times = np.zeros(1)
+    for phase, lasts in zip(phases, durations, strict=True):
+        times = np.append(times, times[-1] + lasts * phase.shares[1:])
+    return times
+
+
 def standing_posture(robot: Robot, contacts: Sequence[Contact], wanted: Array, limits: Array) -> Array | None:
     """Return orientation and joints (n+1,) rad, nearest to the wanted ones, in which the robot stands still.
 

@@ -15,7 +15,7 @@ are exact: there forces vanish, and h and the parabola are those of either side.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,8 +23,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.model import casadi
-from floatplan.stance.motion import hermite
-from floatplan.stance.phases import Phase
+from floatplan.stance.motion import hermite, values
+from floatplan.stance.phases import Phase, instants
 from floatplan.stance.rows import (
     BALANCE,
     CLEAR,
@@ -37,6 +37,7 @@ from floatplan.stance.rows import (
     closures,
     hermite_step,
 )
+from floatplan.stance.separation import Separation
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
 CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
@@ -48,6 +49,7 @@ TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
 ITERATIONS = 400
+EXCHANGES = 8  # [-] programs at most in which more is kept apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +84,23 @@ class JumpProgram:
     Parameters
     ----------
     node : NodeRows of the jump's phases
+    separation : what it keeps apart
     fixed : (node of the flight, y) pairs: 0 for its first, -1 for its last, and what y (n+1,) is there
     momentum : kg m^2/s, where it is given
     """
 
-    def __init__(self, node: NodeRows, fixed: Sequence[tuple[int, Array]] = (), momentum: float | None = None) -> None:
+    def __init__(
+        self,
+        node: NodeRows,
+        separation: Separation,
+        fixed: Sequence[tuple[int, Array]] = (),
+        momentum: float | None = None,
+    ) -> None:
         self.node, self.model, self.phases, self.ends = node, node.model, node.phases, node.ends
         self.size = 1 + len(self.model.robot.joints)
-        self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))
+        self.starts, self.flight = node.starts, node.flies
         self.nodes = int(self.starts[-1]) + 1
-        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
-        self._fixed, self._momentum = tuple(fixed), momentum
+        self.separation, self._fixed, self._momentum = separation, tuple(fixed), momentum
 
     @cached_property
     def _shapes(self) -> list[tuple[int, int]]:
@@ -168,7 +176,8 @@ class JumpProgram:
     def _solver(self) -> tuple[Any, Any, Rows]:
         """IPOPT's solver, a function of the variables for all rows, and the rows."""
         ca, unit = casadi(), self.node.unit
-        raw = ca.MX.sym("w", sum(rows * columns for rows, columns in self._shapes))
+        size = sum(rows * columns for rows, columns in self._shapes)
+        raw = ca.MX.sym("w", size + len(self.separation.angles))
         y, v, a, *rest = self.split(raw)
         count = len(self.phases)
         forces, drifts, durations, momentum = rest[:count], rest[count:-2], rest[-2], rest[-1]
@@ -185,6 +194,7 @@ class JumpProgram:
             self._add_rates(rows, [each[1:, :] for each in parts], step, phase.side)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
+        self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
         return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
@@ -283,11 +293,11 @@ class JumpProgram:
         return z + anchor.depth, vx, vz
 
     def solve(self, guess: Array) -> Solution:
-        """Follow IPOPT from a guess (size,), scaled as :meth:`join` does."""
+        """Follow IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
         solver, evaluate, rows = self._solver
         low, high = np.concatenate(rows.low), np.concatenate(rows.high)
-        box = self._box
-        answer = solver(x0=guess, lbx=box[0], ubx=box[1], lbg=low, ubg=high)
+        box = np.concatenate((np.stack(self._box), self.separation.box), axis=1)
+        answer = solver(x0=np.append(guess, self.separation.angles), lbx=box[0], ubx=box[1], lbg=low, ubg=high)
         stats = solver.stats()
         raw = np.asarray(answer["x"]).ravel()
         values = np.asarray(evaluate(raw)).ravel()
@@ -306,6 +316,43 @@ class JumpProgram:
             iterations=int(stats["iter_count"]),
         )
 
+    def separated(self, separation: Separation) -> JumpProgram:
+        """The same program, with what it keeps apart."""
+        return JumpProgram(self.node, separation, self._fixed, self._momentum)
+
+    def motion(self, guess: Array) -> list[Array]:
+        """Values of y, v, a (n+1, K+1) and durations (phases, 1) of a guess (size,)."""
+        y, v, a, *_, durations, _ = self.split(guess)
+        return [y, v, a, durations]
+
+    def solved(self, guess: Array, known: Separation | None = None) -> tuple[JumpProgram, Solution]:
+        """Solve from a guess; again with lines for all that comes too near, on either way around, until nothing does.
+
+        Parameters
+        ----------
+        guess : (size,)
+        known : what was kept apart in the program that the guess comes from
+        """
+        program = (
+            self
+            if known is None
+            else self.separated(replace(self.separation, lines=known.lines).at(self.node, self.motion(guess)))
+        )
+        solution = program.solve(guess)
+        for _ in range(EXCHANGES):
+            if not solution.converged:
+                break
+            before = self.resampled(solution, self.phases)
+            wider = program.separation.wider(self.node, self.motion(before))
+            if not wider:
+                break
+            for separation in wider:
+                program = self.separated(separation)
+                solution = program.solve(before)
+                if solution.converged:
+                    break
+        return program, solution
+
     def guess(self, rng: np.random.Generator | None = None) -> Array:
         """Return the generic guess; with random numbers a perturbed one.
 
@@ -319,11 +366,7 @@ class JumpProgram:
             durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), low, high)
             bumps = np.sin(np.pi * np.linspace(0, 1, self.nodes)[None] * rng.integers(1, 4, (self.size - 1, 1)))
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
-        times = np.zeros(self.nodes)
-        for index, phase in enumerate(self.phases):
-            times[self.starts[index] : self.starts[index + 1] + 1] = (
-                times[self.starts[index]] + durations[index] * phase.shares
-            )
+        times = instants(self.phases, durations)
         begin, end = times[self.starts[self.flight - 1]], times[self.starts[self.flight + 2]]
         share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
         turn = self.ends[1, 0] - self.ends[0, 0]
@@ -335,21 +378,13 @@ class JumpProgram:
 
     def resampled(self, solution: Solution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
-        old = (solution.y, solution.v, solution.a)
-        parts: list[list[Array]] = [[], [], []]
-        forces, at = [], 0
-        for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
-            columns = slice(at, at + other.intervals + 1)
-            at += other.intervals
-            if own.intervals:
-                curve = hermite(solution.durations[index] * other.shares, *(each[:, columns] for each in old))
-                times = solution.durations[index] * own.shares[:-1]
-                for order, part in enumerate(parts):
-                    part.append((curve.derivative(order) if order else curve)(times).T)
-            rows = [np.interp(own.shares, other.shares, row) for row in solution.forces[index]]
-            forces.append(np.array(rows).reshape(-1, len(own.shares)))
+        curve = hermite(instants(phases, solution.durations), solution.y, solution.v, solution.a)
+        joined = values(curve, instants(self.phases, solution.durations))
+        forces = [
+            np.array([np.interp(own.shares, other.shares, row) for row in rows]).reshape(-1, len(own.shares))
+            for own, other, rows in zip(self.phases, phases, solution.forces, strict=True)
+        ]
         drifts = [np.zeros(shape) for shape in self._shapes[3 + len(phases) : -2]]
-        joined = [np.concatenate((*part, each[:, -1:]), axis=1) for part, each in zip(parts, old, strict=True)]
         return self.join([*joined, *forces, *drifts, solution.durations[:, None], np.array([[solution.momentum]])])
 
 

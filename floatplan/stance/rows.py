@@ -150,6 +150,8 @@ class NodeRows:
         self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
     ) -> None:
         self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
+        self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
+        self.flies = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
         self.weight = model.robot.mass * model.gravity  # [N]
         standing = 0 if self.phases[0].contacts else -1
         anchor, end = self.phases[standing].anchor, ends[standing]

@@ -29,6 +29,7 @@ from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
 from floatplan.stance.program import JumpProgram, Solution, inside
 from floatplan.stance.rows import Bounds, NodeRows
+from floatplan.stance.separation import ROOM, Separation
 
 MOST = 2  # [-] contacts of a phase
 FAR = 0.1  # [m] above what is lowest in the reference posture: no foot is there
@@ -50,6 +51,7 @@ class Room:
     directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
     smooth : by which factor steps of accelerations weigh more
+    apart : beyond margins of obstacles and links, m
     """
 
     torque: float
@@ -58,6 +60,7 @@ class Room:
     directions: int
     finer: float = 1.0
     smooth: float = 1.0
+    apart: float = ROOM
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -72,7 +75,8 @@ class Room:
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth)
+        near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
+        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth, self.apart - near)
 
 
 Answer = TypeVar("Answer")
@@ -103,10 +107,10 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = finer.solve(finer.resampled(found[1], found[0].phases))
-        if not again.converged:
+        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0].separation)
+        if not again[1].converged:
             break
-        found = finer, again
+        found = again
         answer, figures = complete(*found)
     return answer
 
@@ -153,10 +157,13 @@ class Setup:
 
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
-        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
+        problem = self.problem
+        apart = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
+        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
         fixed = self.request.fixed
         return JumpProgram(
             self.node(room),
+            Separation(problem.robot, *apart),
             [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
             self._momentum,
         )

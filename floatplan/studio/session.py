@@ -195,16 +195,6 @@ class Session:
         """End the planning."""
         self._planning.close()
 
-    @property
-    def process_ids(self) -> list[int]:
-        """Of the processes that plan."""
-        return self._planning.process_ids
-
-    @property
-    def errors(self) -> list[BaseException]:
-        """What went wrong in the program while it planned, and did not end it."""
-        return self._planning.errors
-
     def _ask(self) -> None:
         with self._lock:
             problem = self._history.present

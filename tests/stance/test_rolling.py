@@ -125,6 +125,32 @@ def test_a_request_for_feet_that_are_not_round_names_its_key() -> None:
         jump(fp.Problem(robot, posture, posture, flight, fp.Motion(objective="torque")), ROLLING)
 
 
+def test_a_hop_on_one_round_foot(tmp_path: Path) -> None:
+    """The high jumper, whose shank is its base and whose joints turn the other way, on a ball of 5 cm."""
+    ball = '<link name="foot"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>'
+    for name, old, new in (
+        ("urdf/high_jumper.urdf", '<link name="foot"/>', ball),
+        ("problems/jumps/high_jumper.toml", "[jump]", '[jump]\nfeet = "rolling"'),
+    ):
+        text = Path(name).read_text()
+        assert text.count(old) == 1
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text(text.replace(old, new))
+    found = jump(tmp_path / "problems/jumps/high_jumper.toml", starts=1)
+    assert found.ok
+    assert max(found.check.figures["takeoff_seam"], found.check.figures["landing_seam"]) < 1e-6
+    times = np.array([[0.0, 0.3 * found.duration], [0.7 * found.duration, found.duration]])
+    points, q = found.contact_points(times)["foot"], found.q(times)
+    model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
+    data = model.createData()
+    for row in np.ndindex(2, 2):
+        pin.framesForwardKinematics(model, data, q[row])
+        center = data.oMf[model.getFrameId("foot")].translation
+        np.testing.assert_allclose(points[row], center - [0.0, 0.0, 0.05], atol=1e-9)
+    assert np.isnan(found.contact_points(found.takeoff_time + 0.1)["foot"]).all()
+    assert np.ptp(points[..., 0]) > 0.003
+
+
 @pytest.mark.long
 def test_a_backflip_on_feet_that_roll(tmp_path: Path) -> None:
     found = backflip()
