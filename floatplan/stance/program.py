@@ -195,7 +195,7 @@ class JumpProgram:
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
         self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
-        return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
+        return *ipopt(raw, total / unit + ROUGHNESS * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""

@@ -141,10 +141,7 @@ class NodeRows:
     watched : what stays above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
-    smooth : weight of steps of accelerations, times the usual one
     """
-
-    smooth = 1.0
 
     def __init__(
         self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array

@@ -18,6 +18,7 @@ from floatplan.robot import Robot
 from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
+    bent_ranges,
     contact_at,
     ground_below,
     in_the_air,
@@ -50,7 +51,6 @@ class Room:
     torque, velocity, friction : shares of what is allowed
     directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
-    smooth : by which factor steps of accelerations weigh more
     apart : beyond margins of obstacles and links, m
     """
 
@@ -59,7 +59,6 @@ class Room:
     friction: float
     directions: int
     finer: float = 1.0
-    smooth: float = 1.0
     apart: float = ROOM
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
@@ -76,7 +75,7 @@ class Room:
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
         near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth, self.apart - near)
+        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.apart - near)
 
 
 Answer = TypeVar("Answer")
@@ -143,7 +142,7 @@ class Setup:
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=np.asarray(problem.position_limits),
+            position=self._ranges(),
             friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
@@ -151,9 +150,18 @@ class Setup:
         feet = [contact for phase in self.phases for contact in phase.contacts]
         watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        node = NodeRows(model, phases, watched, bounds, self.standing)
-        node.smooth = room.smooth
-        return node
+        return NodeRows(model, phases, watched, bounds, self.standing)
+
+    def _ranges(self) -> Array:
+        """Joint ranges (n, 2) rad of the program, inside the limits."""
+        ends, limits = (
+            {"start": self.problem.initial, "goal": self.problem.final},
+            np.asarray(self.problem.position_limits),
+        )
+        held = [np.append(each.orientation, each.positions) for key, each in ends.items() if key in self.request.fixed]
+        contacts = [contact for phase in self.phases for contact in phase.contacts]
+        bent = bent_ranges(self.problem.robot, contacts, np.stack([*self.standing, *held]))
+        return np.stack((np.maximum(limits[:, 0], bent[:, 0]), np.minimum(limits[:, 1], bent[:, 1])), axis=1)
 
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
