@@ -194,7 +194,7 @@ def _reachable(facts: Mapping[str, Any]) -> RenderableType:
         return Text("no frame stands on the ground, so none has to be at rest", "dim")
     rows = []
     for end in ends:
-        rows.append((f"{end}, asked", *(f"{value:.5g}" for value in facts[f"{end}_asked"])))
+        rows.append((f"{end}, desired", *(f"{value:.5g}" for value in facts[f"{end}_asked"])))
         rows.append(("each alone, by joint rates", *(_interval(facts[f"{end}_{key}_bounds"]) for key in REACHED)))
     unlimited = all(None in (facts[f"{end}_{key}_bounds"] or ()) for end in ends for key in REACHED)
     note = "joints without velocity limits reach anything: limits.velocity sets them"

@@ -138,13 +138,13 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
 def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
     """Return what a controller needs beside the motion at times (N,), as far as there is any.
 
-    ``phase`` (N,) counts from 0; ``contact_names`` (C,); ``contacts`` (N, C), whether each stands; ``forces``
-    (N, C, 3), N, in the world; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
+    ``phase`` (N,) counts from 0, ``phase_begin`` (P,) s; ``contact_names`` (C,); ``contacts`` (N, C), whether each
+    stands; ``forces`` (N, C, 3), N, in the world; ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
     """
     arrays: dict[str, Any] = {}
     found = motion.contacts(times)
     if found is not None:
-        arrays |= {"phase": found.phase, "contact_names": np.array(found.names)}
+        arrays |= {"phase": found.phase, "phase_begin": found.begin, "contact_names": np.array(found.names)}
         arrays |= {"contacts": found.stand, "forces": found.forces}
     if motion.gains is not None:
         arrays |= dict(zip(("kp", "kd"), motion.gains, strict=True))

@@ -79,12 +79,14 @@ class Contacts:
 
     Attributes
     ----------
+    begin : (P,) s, of each phase
     phase : (N,) number of the phase, from 0
     names : (C,) of all points that stand at some time
     stand : (N, C) whether each does
     forces : (N, C, 3) N, on the robot, in the world's axes
     """
 
+    begin: Array
     phase: IntArray
     names: tuple[str, ...]
     stand: BoolArray
@@ -171,7 +173,8 @@ class Exported:
         phase = np.searchsorted([each.end for each in phases[:-1]], times)
         forces = motion.forces(times)
         stand = np.array([[name in each.contacts for name in forces] for each in phases])[phase]
-        return Contacts(phase, tuple(forces), stand, np.stack(list(forces.values()), axis=1))
+        begin = np.array([each.begin for each in phases])
+        return Contacts(begin, phase, tuple(forces), stand, np.stack(list(forces.values()), axis=1))
 
 
 def exported(motion: Exportable, kp: Gain | None = None, kd: Gain | None = None) -> Exported:

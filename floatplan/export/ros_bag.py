@@ -112,8 +112,7 @@ def mcap_content(exported: Exported, rate: float) -> bytes:
     if contacts is not None:
         _write_contacts(writer, contacts, nanoseconds.tolist(), world)
     if exported.gains is not None:
-        size = len(motion.joints)
-        sizes = (("kp, kd", 2, 2 * size), ("joint", size, size))
+        sizes = zip(("kp, kd", "joint"), exported.gains.shape, (exported.gains.size, len(motion.joints)), strict=True)
         rows = [{"label": label, "size": count, "stride": stride} for label, count, stride in sizes]
         content = {"layout": {"dim": rows, "data_offset": 0}, "data": exported.gains.ravel().tolist()}
         _topic(writer, "/gains", ("std_msgs/msg/Float64MultiArray", *NUMBERS, True))(0, content)

@@ -150,6 +150,7 @@ def check_controlled(jump: fp.Jump, content: dict[str, np.ndarray]) -> None:
         assert (content["contacts"][:, index] == stands[name]).all()
         near(content["forces"][:, index], forces[name])
     assert (np.diff(content["phase"]) >= 0).all()
+    assert content["phase_begin"].tolist() == [phase.begin for phase in jump.phases]
     for number, phase in enumerate(jump.phases):
         assert times[content["phase"] == number][-1] <= phase.end
     names = content["joint_names"].tolist()
