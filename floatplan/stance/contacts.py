@@ -217,8 +217,8 @@ def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float 
     return ""
 
 
-def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array) -> Array:
-    """Return ranges (n, 2) rad of the joints in which a motion from and to these postures (P, n+1) is looked for.
+def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limits: Array) -> Array:
+    """Return the part of joint ranges ``limits`` (n, 2) rad in which motions between ``postures`` (P, n+1) are sought.
 
     No joint is more than half a turn from all of them; and a leg on a point that stands bent stays bent to that side,
     since next to straight, or folded, what it does between two instants says little of what it does in them.
@@ -230,16 +230,14 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array) -> A
         ways = tree.turns[shank] - tree.turns[thigh]
         if contact.suffix or thigh <= 0 or np.count_nonzero(ways) != 1:
             continue
-        knee, found = int(np.flatnonzero(ways)[0]), []
-        for y in postures:
-            hip, middle, foot = heights_over_com(robot, [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], y)
-            bend = float(np.angle((foot - middle) / (middle - hip)))
-            if abs(np.sin(bend)) > BENT:
-                ends = np.array([-bend, np.copysign(np.pi, bend) - bend]) / (tree.turn * ways[knee])
-                found.append(np.sort(y[1 + knee] + ends))
-        if len(found) == len(postures):
-            ranges[knee] = np.min(found, axis=0)[0], np.max(found, axis=0)[1]
-    return ranges
+        spots, knee = [Spot(thigh, 0j), Spot(shank, 0j), contact.spots[0]], int(np.flatnonzero(ways)[0])
+        hip, middle, foot = np.array([heights_over_com(robot, spots, y) for y in postures]).T
+        bends = np.angle((foot - middle) / (middle - hip))
+        if (np.abs(np.sin(bends)) > BENT).all():
+            ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends
+            reached = joints[:, knee] + ends / (tree.turn * ways[knee])
+            ranges[knee] = reached.min(), reached.max()
+    return np.stack((np.maximum(limits[:, 0], ranges[:, 0]), np.minimum(limits[:, 1], ranges[:, 1])), axis=1)
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,6 @@ def corrected(
     found: tuple[JumpProgram, Solution],
     program: Callable[[Room], JumpProgram],
     complete: Callable[[JumpProgram, Solution], tuple[Answer, Mapping[str, float] | None]],
-    most: int = CORRECTIONS,
 ) -> Answer:
     """Return what a solution comes to between its nodes; where that fails, of one with more nodes, and stricter.
 
@@ -98,10 +97,9 @@ def corrected(
     found : that program, and its solution
     program : the same with other room
     complete : what a solution comes to, and the figures of its check where they fail
-    most : programs after the first
     """
     answer, figures = complete(*found)
-    for _ in range(most):
+    for _ in range(CORRECTIONS):
         if figures is None:
             break
         room = room.stricter(request, figures)
@@ -136,45 +134,34 @@ class Setup:
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
-        share = request.margin["torque"] * room.torque
+        share, feet = request.margin["torque"] * room.torque, [each for phase in self.phases for each in phase.contacts]
+        postures = np.stack([*self.standing, *(y for _, y in self._held)])
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=self._ranges(),
+            position=bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits)),
             friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
-        feet = [contact for phase in self.phases for contact in phase.contacts]
         watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
         return NodeRows(model, phases, watched, bounds, self.standing)
-
-    def _ranges(self) -> Array:
-        """Joint ranges (n, 2) rad of the program, inside the limits."""
-        ends, limits = (
-            {"start": self.problem.initial, "goal": self.problem.final},
-            np.asarray(self.problem.position_limits),
-        )
-        held = [np.append(each.orientation, each.positions) for key, each in ends.items() if key in self.request.fixed]
-        contacts = [contact for phase in self.phases for contact in phase.contacts]
-        bent = bent_ranges(self.problem.robot, contacts, np.stack([*self.standing, *held]))
-        return np.stack((np.maximum(limits[:, 0], bent[:, 0]), np.minimum(limits[:, 1], bent[:, 1])), axis=1)
 
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
         problem = self.problem
         apart = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
-        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
-        fixed = self.request.fixed
-        return JumpProgram(
-            self.node(room),
-            Separation(problem.robot, *apart),
-            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
-            self._momentum,
-        )
+        return JumpProgram(self.node(room), Separation(problem.robot, *apart), self._held, self._momentum)
+
+    @property
+    def _held(self) -> list[tuple[int, Array]]:
+        """Which nodes of the flight the request fixes, and how: y (n+1,)."""
+        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
+        fixed = [(at, state) for key, at, state in ends if key in self.request.fixed]
+        return [(at, np.append(state.orientation, state.positions)) for at, state in fixed]
 
     @property
     def _momentum(self) -> float | None:
