@@ -1,4 +1,4 @@
-"""The commands that show a plan and hand it on: ``show`` and ``export``."""
+"""The commands that show a plan or a jump, and hand a plan on: ``show`` and ``export``."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from floatplan.cli.common import OpenPage, PlanFile, Quiet, Urdf, print_path
+from floatplan.cli.common import OpenPage, Quiet, Urdf, print_path
 from floatplan.cli.progress import progress
+from floatplan.errors import naming
 
 if TYPE_CHECKING:
     from floatplan.plans.plan import Plan
     from floatplan.stance.jump import Jump
 
+MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="DIR", help="Where files go; beside the plan if left out.")
 ]
@@ -28,11 +30,11 @@ DAMPING = "Their damping, N m s/rad; the critical one if left out."
 
 
 def show(
-    plan_file: PlanFile,
+    motion_file: MotionFile,
     scene: Annotated[
-        bool, typer.Option("--scene", help="The flight in 3-D with the robot's meshes, one page.")
+        bool, typer.Option("--scene", help="The motion in 3-D with the robot's meshes, one page.")
     ] = False,
-    png: Annotated[bool, typer.Option("--png", help="The figures and the kinogram as PNG.")] = False,
+    png: Annotated[bool, typer.Option("--png", help="The figures as PNG: curves, kinogram or moments.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as SVG.")] = False,
     gif: Annotated[bool, typer.Option("--gif", help="A film, GIF.")] = False,
     mp4: Annotated[bool, typer.Option("--mp4", help="A film, MP4; needs ffmpeg.")] = False,
@@ -45,18 +47,25 @@ def show(
     open_page: OpenPage = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a plan: a page that plays it, without a network. Options ask for other pictures instead."""
+    """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
     from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
-    from floatplan.plans.plan import load_plan
+    from floatplan.plans.plan import Plan, load_plan
+    from floatplan.view.jumps import JumpView, Shown
 
-    plan = load_plan(plan_file, urdf)
+    motion = _motion(motion_file, urdf)
+    with naming(motion_file):
+        plan: Shown = motion if isinstance(motion, Plan) else JumpView(motion, motion.check, motion.verdict)
     other = None if compare is None else load_plan(compare)
-    directory = Path(plan_file).parent if output is None else output
+    directory = Path(motion_file).parent if output is None else output
     check_directory(directory)
     formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
     films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+    files = []
     with progress("drawing", quiet) as bar:
-        files = [] if scene or formats or films else [plan.show(directory / REPORT, browse=False)]
+        if not (scene or formats or films):
+            from floatplan.view.report.report import write_report
+
+            files.append(write_report(plan, directory / REPORT))
         if scene:
             from floatplan.view.scene.scene import write_scene
 
@@ -65,7 +74,10 @@ def show(
             from floatplan.view.figures.figures import save_figures
 
             files += save_figures(plan, directory / FIGURES, compare=other, formats=formats)
-        files += [plan.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach) for name in films]
+        for name in films:
+            from floatplan.view.figures.animation import animate
+
+            files.append(animate(plan, directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
             print_path(path)
@@ -87,7 +99,7 @@ class ExportCommand(TyperCommand):
 
 
 def export(
-    motion_file: Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")],
+    motion_file: MotionFile,
     form: Annotated[str, typer.Option("--format", "-f", metavar="NAME", help="One of those below.")],
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Instants per second; left out, what suits the format.")
