@@ -144,18 +144,11 @@ class NodeRows:
     watched : what stays above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
-<<<<<<< HEAD
-    """
-
-=======
-    smooth : weight of steps of accelerations, times the usual one
     held : joints that are held, whose torques are rows
     """
 
-    smooth = 1.0
     held: tuple[str, ...] = ()
 
->>>>>>> main
     def __init__(
         self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
     ) -> None:
