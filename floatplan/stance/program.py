@@ -33,9 +33,10 @@ from floatplan.stance.rows import (
     MEETS,
     PRESSED,
     RELEASE,
+    STANDS,
     NodeRows,
     Rows,
-    closures,
+    drifting,
     hermite_step,
 )
 from floatplan.stance.separation import Separation
@@ -107,7 +108,7 @@ class JumpProgram:
     def _shapes(self) -> list[tuple[int, int]]:
         """Sizes of y, v, a; then of each phase's forces and drifts; of durations, and h."""
         forces = [(2 * len(phase.others), phase.intervals + 1) for phase in self.phases]
-        drifts = [(closures(phase), 2) for phase in self.phases]
+        drifts = [(drifting(phase), 2) for phase in self.phases]
         return [*[(self.size, self.nodes)] * 3, *forces, *drifts, (len(self.phases), 1), (1, 1)]
 
     @cached_property
@@ -248,6 +249,9 @@ class JumpProgram:
                 low[row], high[row] = -np.inf, np.inf
                 if flies.side == "flight" or label != RELEASE:
                     low[row, seam] = high[row, seam] = 0.0
+            if label.endswith(STANDS) and phase.others[0].vertical:
+                low[row, -1 - seam] = -np.inf if phase in (self.phases[0], self.phases[-1]) else 0.0
+                high[row, -1 - seam] = -low[row, -1 - seam]
             if label == PRESSED and flies.side == "flight":
                 low[row, seam] = -np.inf
             if label.startswith("friction"):

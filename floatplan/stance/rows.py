@@ -169,7 +169,7 @@ class NodeRows:
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
-        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", closures(phase))
+        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", drifting(phase))
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
@@ -208,8 +208,10 @@ class NodeRows:
             place, rate, acceleration = (model.places(weights, order) for order in range(3))
             home = self._span(phase, contact)
             for k in axes_of(contact):
-                still = acceleration[k] * unit**2 - drifts[len(stand)]
-                stand.append((still, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
+                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                if contact.vertical:  # a level sole stays so where it does not accelerate
+                    continue
                 meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
         return [*stand, *meet]
 
@@ -325,6 +327,11 @@ def axes_of(contact: Contact) -> tuple[int, ...]:
 def closures(phase: Phase) -> int:
     """How many conditions the contacts beside the anchor add."""
     return sum(len(axes_of(contact)) for contact in phase.others)
+
+
+def drifting(phase: Phase) -> int:
+    """How many of them drift: not those of heels, which are linear in y."""
+    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:
