@@ -140,7 +140,7 @@ class JumpRequest(Keyed):
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
     feet: Annotated[Literal["point", "rolling"], Key()] = "point"
-    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
+    clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.03
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
