@@ -14,7 +14,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import check_finite, read_json
 from floatplan.plans.plan import rebuild
-from floatplan.plans.reading import LARGEST, record_from_dict, recorded_robot
+from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot
 from floatplan.plans.record import RobotRecord
 from floatplan.pool.threads import one_thread
 from floatplan.problem.file import problem_from_dict
@@ -63,6 +63,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         raise InputError("is not the robot of the flight", element="robot.sha256")
     problem = problem_from_dict(content["problem"], robot, path)
     request = problem.jump or JumpRequest()
+    check_size(content["stances"], "stances", LARGEST)
     sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
     for index, each in enumerate(content["stances"]):
         sides[each["side"]].append(_read_stance(each, robot, problem.flight.gravity, f"stances[{index}]"))
@@ -76,14 +77,14 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
 
 
 def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:
-    if not content["contacts"]:
+    if not content["contacts"] or not all(each["frames"] for each in content["contacts"]):
         raise InputError("must name what stands", element=f"{element}.contacts")
     contacts = tuple(
         Contact(
             tuple(each["frames"]),
             str(each["suffix"]),
             tuple(
-                Spot(robot.frames[frame].body, complex(*place), float(each["depth"]) if each.get("rolls") else 0.0)
+                Spot(robot.frames[frame].body, complex(*place), each["depth"] if each.get("rolls") is True else 0.0)
                 for frame, place in zip(each["frames"], each["places"], strict=True)
             ),
             float(each["depth"]),
@@ -101,7 +102,5 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
         values = np.asarray(content[name], dtype=np.float64).reshape(-1, len(times))
         if values.shape != shape:
             raise InputError(f"has shape {values.shape}, not {shape}", element=f"{element}.{name}")
-        if np.abs(values).max(initial=0.0) > LARGEST:
-            raise InputError(f"holds numbers beyond {LARGEST:g}", element=f"{element}.{name}")
         arrays[name] = read_only(values)
     return Stance(robot, float(gravity), contacts, complex(*content["place"]), Grid(read_only(times), **arrays))

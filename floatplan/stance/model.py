@@ -105,16 +105,16 @@ class PlanarModel:
         return self._sx(np.column_stack((np.ones(len(self.robot.tree.mass)), self.robot.tree.turns)))
 
     @cached_property
-    def _angles(self) -> tuple[Any, Any, Any]:
+    def angles(self) -> tuple[Any, Any, Any]:
         """Angles phi of the bodies, phi' and phi''."""
         phi, *changes = (casadi().mtimes(self._rates, each) for each in (self.y, self.v, self.a))
         return phi + self.robot.tree.offsets, changes[0], changes[1]
 
     @cached_property
-    def _rotations(self) -> tuple[Pair, Pair, Pair]:
+    def rotations(self) -> tuple[Pair, Pair, Pair]:
         """Rotations e of the bodies, e' and e''."""
         ca, turn = casadi(), self.robot.tree.turn
-        phi, rate, acceleration = self._angles[0], turn * self._angles[1], turn * self._angles[2]
+        phi, rate, acceleration = self.angles[0], turn * self.angles[1], turn * self.angles[2]
         c, s = ca.cos(phi), turn * ca.sin(phi)
         first = (-rate * s, rate * c)
         return (c, s), first, (-acceleration * s - rate * first[1], acceleration * c + rate * first[0])
@@ -131,9 +131,9 @@ class PlanarModel:
 
     def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
         """Places (points,) m of weights (points, 2 m), or their first or second derivatives."""
-        ca, (c, s) = casadi(), self._rotations[derivative]
+        ca, (c, s) = casadi(), self.rotations[derivative]
         real, imaginary, rolled = self._parts(weights)
-        x = ca.mtimes(real, c) - ca.mtimes(imaginary, s) + ca.mtimes(rolled, self._angles[derivative])
+        x = ca.mtimes(real, c) - ca.mtimes(imaginary, s) + ca.mtimes(rolled, self.angles[derivative])
         return x, ca.mtimes(imaginary, c) + ca.mtimes(real, s)
 
     def _parts(self, weights: ComplexArray) -> tuple[Any, Any, Any]:
@@ -170,7 +170,7 @@ class PlanarModel:
 
     def _moments(self, spots: Sequence[Spot], x: Any, z: Any) -> Any:
         """Virtual work (m,) of forces (x, z) at points with the bodies' angles, the base's origin at rest."""
-        ca, (c, s), turn = casadi(), self._rotations[0], self.robot.tree.turn
+        ca, (c, s), turn = casadi(), self.rotations[0], self.robot.tree.turn
         real, imaginary, rolled = (part.T for part in self._parts(self.weights(spots, Spot(0, 0j))))
         along = ca.mtimes(real, z) - ca.mtimes(imaginary, x)
         across = ca.mtimes(real, x) + ca.mtimes(imaginary, z)
@@ -192,7 +192,7 @@ class PlanarModel:
         """Angular momentum L about the one contact on the ground, kg m^2/s; L' and L'' where moments balance."""
         turn, mass, weight = self.robot.tree.turn, self.robot.mass, self.robot.mass * self.gravity
         (x, z), (vx, vz), (_, az) = (self.com_from(spot, order) for order in range(3))
-        place, speed, change = (-turn * spot.radius * angles[spot.body] for angles in self._angles)  # of P
+        place, speed, change = (-turn * spot.radius * angles[spot.body] for angles in self.angles)  # of P
         x, z = x - place, z + spot.radius
         first = weight * x + mass * speed * vz
         second = weight * (vx - speed) + mass * (change * vz + speed * az)

@@ -15,9 +15,10 @@ are exact: there forces vanish, and h and the parabola are those of either side.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -316,38 +317,45 @@ class JumpProgram:
             iterations=int(stats["iter_count"]),
         )
 
-    def separated(self, separation: Separation) -> JumpProgram:
-        """The same program, with what it keeps apart."""
-        return JumpProgram(self.node, separation, self._fixed, self._momentum)
+    def kept(self, separation: Separation, held: tuple[str, ...] = ()) -> Self:
+        """The same program, with what it keeps apart, and held joints whose torques are rows."""
+        other = copy(self)
+        vars(other).pop("_solver", None)
+        other.node, other.separation = copy(self.node), separation
+        other.node.held = held
+        return other
 
     def motion(self, guess: Array) -> list[Array]:
         """Values of y, v, a (n+1, K+1) and durations (phases, 1) of a guess (size,)."""
         y, v, a, *_, durations, _ = self.split(guess)
         return [y, v, a, durations]
 
-    def solved(self, guess: Array, known: Separation | None = None) -> tuple[JumpProgram, Solution]:
-        """Solve from a guess; again with lines for all that comes too near, on either way around, until nothing does.
+    def solved(self, guess: Array, known: JumpProgram | None = None) -> tuple[JumpProgram, Solution]:
+        """Solve from a guess; again with what the solution breaks, until nothing is.
+
+        That is what comes too near, where either way around is tried, and torques of joints that are held.
 
         Parameters
         ----------
         guess : (size,)
-        known : what was kept apart in the program that the guess comes from
+        known : the program that the guess comes from
         """
-        program = (
-            self
-            if known is None
-            else self.separated(replace(self.separation, lines=known.lines).at(self.node, self.motion(guess)))
-        )
+        program = self
+        if known is not None and (known.separation.lines or known.node.held):
+            lines = replace(self.separation, lines=known.separation.lines).at(self.node, self.motion(guess))
+            program = self.kept(lines, known.node.held)
         solution = program.solve(guess)
         for _ in range(EXCHANGES):
             if not solution.converged:
                 break
             before = self.resampled(solution, self.phases)
             wider = program.separation.wider(self.node, self.motion(before))
-            if not wider:
+            strained = program.node.strained((solution.y, solution.v, solution.a), solution.forces)
+            if not wider and not strained:
                 break
-            for separation in wider:
-                program = self.separated(separation)
+            held = (*program.node.held, *strained)
+            for separation in wider or [program.separation]:
+                program = self.kept(separation, held)
                 solution = program.solve(before)
                 if solution.converged:
                     break

@@ -11,6 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.stance.contacts import Contact, Watched
+from floatplan.stance.held import HeldJoints
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
 
@@ -32,6 +33,7 @@ class Bounds:
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
+    held : share of the efforts of joints that are held
     """
 
     torque: Array
@@ -40,6 +42,7 @@ class Bounds:
     velocity: Array
     position: Array
     friction: float
+    held: float = 1.0
 
 
 @dataclass
@@ -142,9 +145,11 @@ class NodeRows:
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
     smooth : weight of steps of accelerations, times the usual one
+    held : joints that are held, whose torques are rows
     """
 
     smooth = 1.0
+    held: tuple[str, ...] = ()
 
     def __init__(
         self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
@@ -180,7 +185,7 @@ class NodeRows:
         rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
         if phase.others:  # else it may pull a little between nodes
             rows.append((own[1] / self.weight, LEAST_FORCE, np.inf, PRESSED))
-        rows += self._torque_rows(moments)
+        rows += [*self._torque_rows(moments), *self._held_rows(phase.contacts, [own, *pairs])]
         ground = -phase.anchor.depth
         if self.watched.spots:
             heights = model.places(model.weights(self.watched.spots, anchor))[1]
@@ -250,6 +255,39 @@ class NodeRows:
                     rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
         return rows
 
+    def _held_rows(self, contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[Row]:
+        """Torques of joints that are held over their efforts."""
+        shares = self._holding.shares(self.held, contacts, forces)
+        most = self.bounds.held
+        return [(shares[row], -most, most, f"effort of {name}, held") for row, name in enumerate(self.held)]
+
+    @cached_property
+    def _holding(self) -> HeldJoints:
+        return HeldJoints(self.model)
+
+    def strained(self, motion: Sequence[Array], forces: Sequence[Array]) -> tuple[str, ...]:
+        """Held joints whose torques are no rows yet, and beyond their bounds at nodes; of left and right the one.
+
+        Parameters
+        ----------
+        motion : y, v, a (n+1, K+1)
+        forces : of each phase (2 others, nodes) N
+        """
+        names = [name for name in self._holding.efforts if name not in self.held]
+        found: dict[tuple[float, ...], str] = {}
+        shares = [np.zeros((len(names), 0))]
+        for phase, start, given in zip(self.phases, self.starts, forces, strict=False) if names else ():
+            symbols = casadi().SX.sym("forces", len(given))
+            own, pairs = balanced(self.model, phase, symbols) if phase.contacts else ((0.0, 0.0), [])
+            acting = [own, *pairs] if phase.contacts else []
+            function = self.model.function("held", [self._holding.shares(names, phase.contacts, acting)], symbols)
+            nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
+            shares.append(np.abs(np.asarray(function(*nodes, given))))
+        for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
+            if row.max() > self.bounds.held:
+                found.setdefault(tuple(row.round(3).tolist()), name)
+        return tuple(found.values())
+
     def _cost(self, moments: Any) -> Any:
         torques = self.model.motor_torques(moments)
         return casadi().sumsqr(torques) / (self.weight * self.height) ** 2
@@ -262,6 +300,7 @@ class NodeRows:
             (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
             (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
             *self._torque_rows(moments),
+            *self._held_rows((), []),
         ]
         spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
         _, z = model.places(model.weights(spots))

@@ -70,7 +70,8 @@ class Room:
             return now if over <= 1 else now * STRICTER / min(over, 1.25)
 
         most = request.margin["torque"]
-        torque = min(share("torque", most, self.torque), share("torque_speed", most, self.torque))
+        limits = {"torque": most, "torque_speed": most, "held_torque": 1.0}
+        torque = min(share(name, limit, self.torque) for name, limit in limits.items())
         velocity = share("velocity", request.margin["velocity"], self.velocity)
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
@@ -107,7 +108,7 @@ def corrected(
             break
         room = room.stricter(request, figures)
         finer = program(room)
-        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0].separation)
+        again = finer.solved(finer.resampled(found[1], found[0].phases), found[0])
         if not again[1].converged:
             break
         found = again
@@ -145,6 +146,7 @@ class Setup:
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
             position=np.asarray(problem.position_limits),
             friction=room.friction * request.friction,
+            held=room.torque,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]

@@ -145,9 +145,9 @@ class Session:
             self._ask()
             return True
 
-    def set(self, path: str, value: float, gesture: str = "") -> bool:
+    def set(self, path: str, value: float) -> bool:
         """Set a number by its path in a problem file, SI units and radians."""
-        return self.edit(numbers({path: value}), gesture or path)
+        return self.edit(numbers({path: value}), path)
 
     def undo(self) -> bool:
         """Take back the last change; return whether there was one."""

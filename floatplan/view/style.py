@@ -107,10 +107,10 @@ def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
     return stream.getvalue()
 
 
-def picture(form: str, draw: Callable[..., Figure], *about: Any, dpi: float = DPI) -> bytes:
+def picture(form: str, draw: Callable[..., Figure], *about: Any) -> bytes:
     """Return the content of a file with the figure that a function draws, in this style."""
     with styled():
-        return rendered(draw(*about), form, dpi)
+        return rendered(draw(*about), form)
 
 
 def palette(count: int) -> list[Array]:
