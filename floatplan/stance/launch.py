@@ -21,7 +21,7 @@ from floatplan.stance.exact import exact_stances
 from floatplan.stance.jump_motion import JumpMotion
 from floatplan.stance.model import PlanarModel, casadi
 from floatplan.stance.motion import Stance, flight_state
-from floatplan.stance.program import FASTEST_TURN, ROUGHNESS, JumpProgram, Solution, ipopt, roughness
+from floatplan.stance.program import FASTEST_TURN, JumpProgram, Solution, ipopt, roughness
 from floatplan.stance.rows import Bound, NodeRows, Rows
 from floatplan.stance.separation import Separation
 from floatplan.stance.setup import Room, Setup, corrected, side_setup
@@ -29,12 +29,13 @@ from floatplan.tables import Range
 
 STARTS = 3
 MOST_STARTS = Range(1, 1000, "")
-ROOM = Room(1.0, 1.0, 0.6, 4, 1.4)  # of the nodes: limits are those of the factor
+ROOM = Room(1.0, 1.0, 0.6, 4, 1.1)  # of the nodes: limits are those of the factor
 AT_REST = 1e-6  # [m/s; over the time unit m/s^2] of the frame in flight
 RANGE_ROOM = 0.02  # [rad] inside joint ranges, unless the flight's end is nearer to theirs
 LIMITED = ("torque", "rates")  # how labels of what is divided by the factor begin
 MOST = 20.0  # [-] the largest factor that is looked for
 WORDS = {"torque": "torque of {}", "torque_speed": "torque-speed curve of {}", "velocity": "{}'s rate"}
+SMOOTH_STEPS = 1e-5  # [-] of steps of accelerations beside the factor
 SMOOTH = 1e-3  # [-] of squared torques beside the factor
 
 
@@ -160,7 +161,7 @@ class LaunchProgram(JumpProgram):
             rough += roughness(parts, self.node.unit)
         if self._state.rates is None:
             self._add_state(rows, [each[:, self._seam] for each in (y, v, a)])
-        goal = factor + SMOOTH * total / self.node.unit + ROUGHNESS * rough
+        goal = factor + SMOOTH * total / self.node.unit + SMOOTH_STEPS * rough
         return *ipopt(raw, goal, rows), rows
 
     def _add_node_rates(self, rows: Rows, rates: Any, side: str) -> None:

@@ -33,19 +33,20 @@ from floatplan.stance.rows import (
     MEETS,
     PRESSED,
     RELEASE,
+    STANDS,
     NodeRows,
     Rows,
-    closures,
+    drifting,
     hermite_step,
 )
 from floatplan.stance.separation import Separation
 
 LIFT = 0.02  # [m] of feet in the middle of the flight
-CONE_ROOM = 0.06  # [-] of the weight, that forces keep inside the cone a node away from the flight, where they vanish
+CONE_ROOM = 0.02  # [-] of the weight, that forces keep inside the cone, but at nodes where contacts change
 RANGE_ROOM = 0.1  # [rad] inside joint ranges
 TURN_ROOM = 1.5  # [rad] of the base beyond its start and goal
 FASTEST_TURN = 40.0  # [rad/s] of the base
-ROUGHNESS = 1e-5  # [-] of steps of accelerations, beside the squared torques
+ROUGHNESS = 1e-4  # [-] of steps of accelerations, beside the squared torques
 TOLERANCE = 1e-6  # [-] IPOPT's
 HELD = 1e-8  # [-] what constraints may be off
 CONVERGED = 1e-6  # [-] what they may be off where IPOPT ends
@@ -107,7 +108,7 @@ class JumpProgram:
     def _shapes(self) -> list[tuple[int, int]]:
         """Sizes of y, v, a; then of each phase's forces and drifts; of durations, and h."""
         forces = [(2 * len(phase.others), phase.intervals + 1) for phase in self.phases]
-        drifts = [(closures(phase), 2) for phase in self.phases]
+        drifts = [(drifting(phase), 2) for phase in self.phases]
         return [*[(self.size, self.nodes)] * 3, *forces, *drifts, (len(self.phases), 1), (1, 1)]
 
     @cached_property
@@ -196,7 +197,7 @@ class JumpProgram:
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += roughness(parts, unit)
         self.separation.add(self.node, rows, (y, v, a, durations), raw[size:])
-        return *ipopt(raw, total / unit + ROUGHNESS * self.node.smooth * rough, rows), rows
+        return *ipopt(raw, total / unit + ROUGHNESS * rough, rows), rows
 
     def _add_phase(self, rows: Rows, phase: Phase, parts: Sequence[Any], step: Any, held: tuple[Any, Any]) -> Any:
         """Rows of a stance: motion, and nodes with their forces and drifts; returns the cost (1, nodes)."""
@@ -248,10 +249,13 @@ class JumpProgram:
                 low[row], high[row] = -np.inf, np.inf
                 if flies.side == "flight" or label != RELEASE:
                     low[row, seam] = high[row, seam] = 0.0
+            if label.endswith(STANDS) and phase.others[0].vertical:
+                low[row, -1 - seam] = -np.inf if phase in (self.phases[0], self.phases[-1]) else 0.0
+                high[row, -1 - seam] = -low[row, -1 - seam]
             if label == PRESSED and flies.side == "flight":
                 low[row, seam] = -np.inf
-            if label.startswith("friction") and flies.side == "flight":
-                low[row, seam + (-1 if takeoff else 1)] = CONE_ROOM
+            if label.startswith("friction"):
+                low[row, 1:-1] = CONE_ROOM
         if takeoff and index > 0:
             low[:, 0], high[:, 0] = -np.inf, np.inf
         if not takeoff and index + 1 < len(self.phases):

@@ -19,7 +19,7 @@ Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
 BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the ground", "release"
 PRESSED = "pressed on the ground"
-LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
+LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
 
 
@@ -144,11 +144,9 @@ class NodeRows:
     watched : what stays above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
-    smooth : weight of steps of accelerations, times the usual one
     held : joints that are held, whose torques are rows
     """
 
-    smooth = 1.0
     held: tuple[str, ...] = ()
 
     def __init__(
@@ -171,7 +169,7 @@ class NodeRows:
         The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
         """
         ca, model, friction = casadi(), self.model, self.bounds.friction
-        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", closures(phase))
+        forces, drifts = ca.SX.sym("forces", 2 * len(phase.others)), ca.SX.sym("drifts", drifting(phase))
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
@@ -210,8 +208,10 @@ class NodeRows:
             place, rate, acceleration = (model.places(weights, order) for order in range(3))
             home = self._span(phase, contact)
             for k in axes_of(contact):
-                still = acceleration[k] * unit**2 - drifts[len(stand)]
-                stand.append((still, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
+                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                if contact.vertical:  # a level sole stays so where it does not accelerate
+                    continue
                 meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
         return [*stand, *meet]
 
@@ -327,6 +327,11 @@ def axes_of(contact: Contact) -> tuple[int, ...]:
 def closures(phase: Phase) -> int:
     """How many conditions the contacts beside the anchor add."""
     return sum(len(axes_of(contact)) for contact in phase.others)
+
+
+def drifting(phase: Phase) -> int:
+    """How many of them drift: not those of heels, which are linear in y."""
+    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:

@@ -18,6 +18,7 @@ from floatplan.robot import Robot
 from floatplan.stance.check import SLIP
 from floatplan.stance.contacts import (
     Contact,
+    bent_ranges,
     contact_at,
     ground_below,
     in_the_air,
@@ -50,7 +51,6 @@ class Room:
     torque, velocity, friction : shares of what is allowed
     directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
-    smooth : by which factor steps of accelerations weigh more
     apart : beyond margins of obstacles and links, m
     """
 
@@ -59,7 +59,6 @@ class Room:
     friction: float
     directions: int
     finer: float = 1.0
-    smooth: float = 1.0
     apart: float = ROOM
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
@@ -77,7 +76,7 @@ class Room:
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
         near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth, self.apart - near)
+        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.apart - near)
 
 
 Answer = TypeVar("Answer")
@@ -89,7 +88,6 @@ def corrected(
     found: tuple[JumpProgram, Solution],
     program: Callable[[Room], JumpProgram],
     complete: Callable[[JumpProgram, Solution], tuple[Answer, Mapping[str, float] | None]],
-    most: int = CORRECTIONS,
 ) -> Answer:
     """Return what a solution comes to between its nodes; where that fails, of one with more nodes, and stricter.
 
@@ -100,10 +98,9 @@ def corrected(
     found : that program, and its solution
     program : the same with other room
     complete : what a solution comes to, and the figures of its check where they fail
-    most : programs after the first
     """
     answer, figures = complete(*found)
-    for _ in range(most):
+    for _ in range(CORRECTIONS):
         if figures is None:
             break
         room = room.stricter(request, figures)
@@ -138,37 +135,35 @@ class Setup:
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
         problem, request = self.problem, self.request
-        share = request.margin["torque"] * room.torque
+        share, feet = request.margin["torque"] * room.torque, [each for phase in self.phases for each in phase.contacts]
+        postures = np.stack([*self.standing, *(y for _, y in self._held)])
         bounds = Bounds(
             torque=share * problem.motor_torque_limits,
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=np.asarray(problem.position_limits),
+            position=bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits)),
             friction=room.friction * request.friction,
             held=room.torque,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
-        feet = [contact for phase in self.phases for contact in phase.contacts]
         watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        node = NodeRows(model, phases, watched, bounds, self.standing)
-        node.smooth = room.smooth
-        return node
+        return NodeRows(model, phases, watched, bounds, self.standing)
 
     def program(self, room: Room) -> JumpProgram:
         """Return the program with some room."""
         problem = self.problem
         apart = problem.obstacles, problem.self_clearances, problem.takeoff.position, room.apart
-        ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
-        fixed = self.request.fixed
-        return JumpProgram(
-            self.node(room),
-            Separation(problem.robot, *apart),
-            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
-            self._momentum,
-        )
+        return JumpProgram(self.node(room), Separation(problem.robot, *apart), self._held, self._momentum)
+
+    @property
+    def _held(self) -> list[tuple[int, Array]]:
+        """Which nodes of the flight the request fixes, and how: y (n+1,)."""
+        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
+        fixed = [(at, state) for key, at, state in ends if key in self.request.fixed]
+        return [(at, np.append(state.orientation, state.positions)) for at, state in fixed]
 
     @property
     def _momentum(self) -> float | None:
