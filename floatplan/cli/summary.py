@@ -230,6 +230,7 @@ def jump_summary(jump: Jump, files: Sequence[Path], seconds: float, program: str
     return Group(
         Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[tone]}"),
         _table(("phase", "s", "from", "to", "on the ground"), phases),
+        *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(f"not within limits: {', '.join(words)}", "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.flight.warnings),
         _table(("stances", "limit"), held),

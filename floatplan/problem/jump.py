@@ -121,6 +121,9 @@ class JumpRequest(Keyed):
         What stands before the flight.
     landing : JumpLanding
         What stands after it.
+    objective : "torque", the integral of squared torques, or "limits"
+        What is least; "limits" is the largest share of what the margins leave of any limit on torque, torque-speed
+        curve or rate, over the whole jump.
 
     Raises
     ------
@@ -133,6 +136,7 @@ class JumpRequest(Keyed):
     fixed: Annotated[Sequence[Literal["duration", "angular_momentum", "start", "goal"]], Key()] = ()
     takeoff: Annotated[JumpTakeoff, Key()] = field(default_factory=JumpTakeoff)
     landing: Annotated[JumpLanding, Key()] = field(default_factory=JumpLanding)
+    objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:

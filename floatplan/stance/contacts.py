@@ -11,6 +11,7 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.robot import Frame, Robot
 from floatplan.stance.model import Spot
+from floatplan.tables import POINT_FEET
 
 SAME = 2e-3  # [m] by which places of left and right may differ
 LEVEL = 0.02  # [m] by which feet that stand together may differ in the reference posture
@@ -18,7 +19,8 @@ SOLE = 0.05  # [m] a foot that is shorter is a point
 HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
 STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
-ROOM = 0.01  # [m] that what does not stand keeps from the ground, or half its height where the robot stands
+WAYS = 64  # [-] directions in which the hull is looked at
+COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
 FITS = 1e-3  # [m] by which a foot may be no circle about its frame
 NAMED = (".heel", ".toe")
 
@@ -184,36 +186,41 @@ class Watched:
     least: Array
 
 
-def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, directions: int) -> Watched:
-    """Return the corners of the robot's hull that are farthest in a few directions, body by body, but for its feet.
+def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, room: float) -> Watched:
+    """Return corners of the robot's hull, body by body but for its feet, as few as leave no other far outside.
 
     Parameters
     ----------
     contacts : on which it stands before the flight or after it; what is inside circles about them is not watched
     ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
-    directions : how many; of four the first is between the axes, so that boxes have all their corners
+    room : kept from the ground, m, or half the height where the robot stands; of feet nothing is
     """
     feet = [spot for each in contacts for spot in each.spots]
-    kept: dict[tuple[float, ...], list[tuple[Spot, float]]] = {}
+    feet_links = {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
+    kept: dict[tuple[float, ...], list[tuple[Spot, float, bool]]] = {}
     for shape in robot.hulls({frame for each in contacts for frame in each.frames}):
         group = kept.setdefault(tuple(robot.tree.turns[shape.body].tolist()), [])
         own = [(spot[1], each.depth) for each in contacts for spot in each.spots if spot[0] == shape.body]
         group += [
-            ((shape.body, end), shape.radius)
+            ((shape.body, end), shape.radius, shape.link in feet_links)
             for end in (shape.start, shape.end)
             if all(abs(end - place) + shape.radius > depth + FITS for place, depth in own)
         ]
     spots, least = [], []
-    ways = np.exp(2j * np.pi * (np.arange(directions) + 0.5) / directions)
+    ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
     for members in filter(None, kept.values()):
-        places = np.array([spot[1] for spot, _ in members])
-        radii = np.array([radius for _, radius in members])
-        farthest = {int(((places * way.conj()).real + radii).argmax()) for way in ways}
-        heights = heights_over_com(robot, [spot for spot, _ in members], y).imag - ground
+        places = np.array([member[0][1] for member in members])
+        radii = np.array([member[1] for member in members])
+        reach = np.outer(ways.real, places.real) + np.outer(ways.imag, places.imag) + radii
+        farthest, missing = set[int](), reach.max(axis=1)
+        while missing.max() > COARSE:
+            farthest.add(int(reach[missing.argmax()].argmax()))
+            missing = reach.max(axis=1) - reach[:, sorted(farthest)].max(axis=1)
+        heights = heights_over_com(robot, [member[0] for member in members], y).imag - ground
         for index in sorted(farthest):
             above = heights[index] - radii[index]
             stands = any(body == members[index][0][0] and abs(place - places[index]) < SAME for body, place in feet)
             if above > STANDING and not stands:
                 spots.append(members[index][0])
-                least.append(radii[index] + min(ROOM, above / 2))
+                least.append(radii[index] + (-POINT_FEET / 2 if members[index][2] else min(room, above / 2)))
     return Watched(tuple(spots), np.array(least))

@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.stance.contacts import Contact, Watched
+from floatplan.robot import Robot
+from floatplan.stance.contacts import Contact, Watched, heights_over_com
 from floatplan.stance.model import Pair, PlanarModel, Spot, casadi
 from floatplan.stance.phases import Phase
 
@@ -20,6 +21,8 @@ BALANCE, STANDS, MEETS, RELEASE = "balance of moments", "stands", "meets the gro
 PRESSED = "pressed on the ground"
 LEAST_FORCE = 0.02  # [-] of the weight, vertical, at nodes where more than one contact stands
 CLEAR = "clear of the ground"
+BENDS, BENT = "bends its leg", 0.1  # [-] how well it does, of what it does where the robot stands
+ROUNDING = 1e-9  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +47,12 @@ class Bounds:
 
 @dataclass
 class Rows:
-    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes."""
+    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes.
 
+    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
+    """
+
+    factor: Any = None
     values: list[Any] = field(default_factory=list)
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
@@ -55,19 +62,25 @@ class Rows:
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
         size = value.numel()
-        self.values.append(casadi().vec(value))
-        self.low.append(np.broadcast_to(low, size))
-        self.high.append(np.broadcast_to(high, size))
-        self.labels += [label] * size
+        self._append(casadi().vec(value), np.full(size, low), np.full(size, high), [label] * size)
 
     def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
         """Rows (rows, nodes) of nodes, with bounds of that shape; those without bounds are left out."""
         nodes, index = np.nonzero((np.isfinite(low) | np.isfinite(high)).T)
         at = index + nodes * len(bounds)
-        self.values.append(casadi().vec(values)[at.tolist()])
-        self.low.append(low[index, nodes])
-        self.high.append(high[index, nodes])
-        self.labels += [f"{bounds[row][2]} ({side})" for row in index.tolist()]
+        labels = [f"{bounds[row][2]} ({side})" for row in index.tolist()]
+        self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
+
+    def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
+        shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
+        if shares:
+            own = values[shares]
+            values[shares], low[shares], high[shares] = self.factor - own, 0.0, np.inf
+            self._append(self.factor + own, low[shares], high[shares], [labels[row] for row in shares])
+        self.values.append(values)
+        self.low.append(low)
+        self.high.append(high)
+        self.labels += labels
 
 
 class Calls:
@@ -141,13 +154,20 @@ class NodeRows:
     watched : what stays above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
+    known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
     smooth : weight of steps of accelerations, times the usual one
     """
 
     smooth = 1.0
 
     def __init__(
-        self, model: PlanarModel, phases: Sequence[Phase], watched: Watched, bounds: Bounds, ends: Array
+        self,
+        model: PlanarModel,
+        phases: Sequence[Phase],
+        watched: Watched,
+        bounds: Bounds,
+        ends: Array,
+        known: Sequence[tuple[Contact, Array]] = (),
     ) -> None:
         self.model, self.phases, self.watched, self.bounds, self.ends = model, tuple(phases), watched, bounds, ends
         self.weight = model.robot.mass * model.gravity  # [N]
@@ -157,6 +177,11 @@ class NodeRows:
         self.height = float(com(end, 0 * end, 0 * end)[1]) + anchor.depth  # [m] of the centre of mass, standing
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
+        spots = [*watched.spots, *(contact.spots[0] for contact in self.feet)]
+        self.least = np.append(watched.least, [contact.depth for contact in self.feet])  # [m] heights of those
+        for contact, y in known:
+            heights = heights_over_com(model.robot, [contact.spots[0], *spots], y).imag
+            self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
         """Function (y, v, a, forces over weight, drifts) -> (rows, cost) of a stance's node, and the rows' bounds.
@@ -182,22 +207,25 @@ class NodeRows:
         ground = -phase.anchor.depth
         if self.watched.spots:
             heights = model.places(model.weights(self.watched.spots, anchor))[1]
-            pairs_of = enumerate(self.watched.least)
-            rows += [(heights[index] - ground, float(least), np.inf, CLEAR) for index, least in pairs_of]
+            rows += [(heights[at] - ground, float(self.least[at]), np.inf, CLEAR) for at in range(heights.numel())]
         standing = [contact.name for contact in phase.contacts]
-        for contact in self.feet:
+        for contact, least in zip(self.feet, self.least[len(self.watched.spots) :].tolist(), strict=True):
             if contact.name not in standing:
                 height = model.places(model.weights(contact.spots[:1], anchor))[1]
-                rows.append((height - ground, contact.depth, np.inf, f"{contact.name} above the ground"))
+                rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
         output = ca.vertcat(*[row[0] for row in rows])
         function = model.function("stance", [output, self._cost(moments)], forces, drifts)
         return function, [row[1:] for row in rows]
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
-        """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
-        anchor, model, unit = phase.anchor.spots[0], self.model, self.unit
+        """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones.
+
+        And how far each leg is from where its joints cannot move its foot, as it is where it is straight.
+        """
+        ca, anchor, model, unit = casadi(), phase.anchor.spots[0], self.model, self.unit
         stand: list[Row] = []
         meet: list[Row] = []
+        bent: list[Row] = []
         for contact in phase.others:
             weights = model.weights(contact.spots[:1], anchor)
             place, rate, acceleration = (model.places(weights, order) for order in range(3))
@@ -206,11 +234,19 @@ class NodeRows:
                 still = acceleration[k] * unit**2 - drifts[len(stand)]
                 stand.append((still, 0.0, 0.0, f"{contact.name} {STANDS}"))
                 meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
-        return [*stand, *meet]
+            ways = ca.jacobian(ca.vertcat(*[place[k] for k in axes_of(contact)]), model.y)
+            moves = ca.det(ways[:, dependent(model.robot, phase.anchor, contact)])
+            end = self._end(phase)
+            usual = float(model.function("moves", [moves])(end, 0 * end, 0 * end))
+            bent.append((moves / usual, BENT, np.inf, f"{contact.name} {BENDS}"))
+        return [*stand, *meet, *bent]
+
+    def _end(self, phase: Phase) -> Array:
+        return np.asarray(self.ends[0 if phase.side == "takeoff" else 1])
 
     def _span(self, phase: Phase, contact: Contact) -> tuple[float, float]:
         """Where a contact is from the anchor where the robot stands, m."""
-        model, end = self.model, self.ends[0 if phase.side == "takeoff" else 1]
+        model, end = self.model, self._end(phase)
         place = model.function("span", model.places(model.weights(contact.spots[:1], phase.anchor.spots[0])))
         x, z = place(end, 0 * end, 0 * end)
         return float(x), float(z)
@@ -263,10 +299,8 @@ class NodeRows:
         ]
         spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
         _, z = model.places(model.weights(spots))
-        for index, least in enumerate(self.watched.least):
-            rows.append((z[index], float(least), np.inf, CLEAR))
-        for index, contact in enumerate(self.feet, start=len(self.watched.spots)):
-            rows.append((z[index], contact.depth, np.inf, f"{contact.name} above the ground"))
+        labels = [CLEAR] * len(self.watched.spots) + [f"{contact.name} above the ground" for contact in self.feet]
+        rows += [(z[at], float(self.least[at]), np.inf, label) for at, label in enumerate(labels)]
         output = ca.vertcat(*[row[0] for row in rows])
         function = model.function("flight", [output, self._cost(moments)])
         return function, [row[1:] for row in rows]
@@ -281,6 +315,18 @@ def hermite_step(values: Any, rates: Any, changes: Any, step: Any) -> Any:
 def axes_of(contact: Contact) -> tuple[int, ...]:
     """Which directions a contact beside the anchor holds: both, or of a heel the vertical one."""
     return (1,) if contact.vertical else (0, 1)
+
+
+def dependent(robot: Robot, anchor: Contact, contact: Contact) -> list[int]:
+    """Entries of y that keep a contact where it stands: the joints nearest to it, of its own leg first."""
+    tree, found = robot.tree, list[int]()
+    body = contact.spots[0][0]
+    held = tree.turns[anchor.spots[0][0]] if not contact.vertical else np.zeros(tree.turns.shape[1])
+    while body > 0:
+        joint = np.flatnonzero(tree.turns[body] - tree.turns[tree.parent[body]])
+        found += [1 + int(each) for each in joint if not held[each] and 1 + int(each) not in found]
+        body = int(tree.parent[body])
+    return found[: 1 if contact.vertical else 2]
 
 
 def closures(phase: Phase) -> int:

@@ -26,7 +26,7 @@ from floatplan.stance.contacts import (
 )
 from floatplan.stance.model import PlanarModel
 from floatplan.stance.phases import Phase, not_static, phases_of, standing_posture
-from floatplan.stance.program import JumpProgram, Solution, inside
+from floatplan.stance.program import ITERATIONS, JumpProgram, Meeting, Solution
 from floatplan.stance.rows import Bounds, NodeRows
 
 MOST = 2  # [-] contacts of a phase
@@ -46,17 +46,19 @@ class Room:
     Attributes
     ----------
     torque, velocity, friction : shares of what is allowed
-    directions : in which each body's hull is watched
     finer : by which factor nodes are more than usual
     smooth : by which factor steps of accelerations weigh more
+    clear : height that what does not stand keeps from the ground, m, or half of that where the robot stands
+    range : from the ends of joint ranges, rad
     """
 
     torque: float
     velocity: float
     friction: float
-    directions: int
     finer: float = 1.0
     smooth: float = 1.0
+    clear: float = 0.01
+    range: float = 0.1
 
     def stricter(self, request: JumpRequest, figures: Mapping[str, float]) -> Room:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -71,7 +73,9 @@ class Room:
         friction = share("friction", request.friction, self.friction)
         if figures.get("slip", 0.0) > SLIP:
             friction *= LESS_FRICTION
-        return Room(torque, velocity, friction, 2 * self.directions, FINER * self.finer, self.smooth)
+        clear = self.clear + max(0.0, -figures.get("ground", 0.0))
+        finer = FINER * self.finer
+        return replace(self, torque=torque, velocity=velocity, friction=friction, clear=clear, finer=finer)
 
 
 Answer = TypeVar("Answer")
@@ -121,6 +125,8 @@ class Setup:
     phases : of the jump
     standing : (2, n+1) orientation and joints before and after, rad
     ground : height of the ground over the centre of mass, standing, m
+    fixed : what is known of the flight's ends
+    momentum : of the flight, kg m^2/s, where it is kept
     """
 
     problem: Problem
@@ -128,6 +134,8 @@ class Setup:
     phases: tuple[Phase, ...]
     standing: Array
     ground: float
+    fixed: tuple[Meeting, ...] = ()
+    momentum: float | None = None
 
     def node(self, room: Room) -> NodeRows:
         """Rows of nodes, with some room between them and what the request lets the stances use."""
@@ -138,37 +146,30 @@ class Setup:
             stall=share * problem.motor_stall,
             slope=problem.motor_slope,
             velocity=request.margin["velocity"] * room.velocity * problem.velocity_limits,
-            position=np.asarray(problem.position_limits),
+            position=inside(np.asarray(problem.position_limits), room.range),
             friction=room.friction * request.friction,
         )
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         rest = self.standing[0 if self.phases[0].contacts else -1]
         feet = [contact for phase in self.phases for contact in phase.contacts]
-        watched = watched_points(problem.robot, feet, self.ground, rest, room.directions)
+        watched = watched_points(problem.robot, feet, self.ground, rest, room.clear)
         phases = [replace(each, intervals=round(room.finer * each.intervals)) for each in self.phases]
-        node = NodeRows(model, phases, watched, bounds, self.standing)
+        flight = next(index for index, phase in enumerate(phases) if phase.side == "flight")
+        known = [(phases[flight + (1 if each.node else -1)].anchor, each.y) for each in self.fixed]
+        node = NodeRows(model, phases, watched, bounds, self.standing, known)
         node.smooth = room.smooth
         return node
 
-    def program(self, room: Room) -> JumpProgram:
-        """Return the program with some room."""
-        ends = (("start", 0, self.problem.initial), ("goal", -1, self.problem.final))
-        fixed = self.request.fixed
-        return JumpProgram(
-            self.node(room),
-            [(at, np.append(state.orientation, state.positions)) for key, at, state in ends if key in fixed],
-            self._momentum,
-        )
+    def program(self, room: Room, iterations: int = ITERATIONS) -> JumpProgram:
+        """Return the program with some room, that is solved in so many iterations at most."""
+        limits = self.request.objective == "limits"
+        return JumpProgram(self.node(room), self.fixed, self.momentum, limits, iterations)
 
-    @property
-    def _momentum(self) -> float | None:
-        """The flight's angular momentum, kg m^2/s, where the request keeps it."""
-        asked = self.problem.flight.angular_momentum
-        if "angular_momentum" not in self.request.fixed:
-            return None
-        if isinstance(asked, str):
-            raise InputError(f"{asked!r} is no number to keep", element="flight.angular_momentum", advice="give one")
-        return float(asked)
+
+def inside(ranges: Array, room: float) -> Array:
+    """Joint ranges (n, 2) rad, less some room at both ends."""
+    rooms = np.minimum(room, np.ptp(ranges, axis=1) / 4)
+    return np.asarray(ranges + np.stack((rooms, -rooms), axis=1))
 
 
 def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
@@ -196,7 +197,20 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         *_bounds(request, "landing", len(landing)),
     ]
     phases = phases_of(takeoff_contacts, landing_contacts, -ground, float(problem.flight.gravity), bounds, turns)
-    return Setup(problem, request, phases, np.stack((posture, _turned(rest, TURN * turns))), ground)
+    standing = np.stack((posture, _turned(rest, TURN * turns)))
+    ends = (("start", 0, problem.initial), ("goal", -1, problem.final))
+    fixed = [Meeting(at, np.append(each.orientation, each.positions)) for key, at, each in ends if key in request.fixed]
+    return Setup(problem, request, phases, standing, ground, tuple(fixed), _momentum(problem, request))
+
+
+def _momentum(problem: Problem, request: JumpRequest) -> float | None:
+    """The flight's angular momentum, kg m^2/s, where the request keeps it."""
+    asked = problem.flight.angular_momentum
+    if "angular_momentum" not in request.fixed:
+        return None
+    if isinstance(asked, str):
+        raise InputError(f"{asked!r} is no number to keep", element="flight.angular_momentum", advice="give one")
+    return float(asked)
 
 
 def side_setup(problem: Problem, request: JumpRequest, side: str, meeting: Array) -> Setup:
@@ -266,7 +280,7 @@ def _side(
     outer = contacts[0 if takes_off else -1]
     asked = request.takeoff.from_ if takes_off else request.landing.to
     tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
-    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits))))
+    limits = np.vstack((wanted[0] + [-tilt, tilt], inside(np.asarray(problem.position_limits), Room.range)))
     own = isinstance(asked, Mapping)
     named = ("jump.takeoff.from" if takes_off else "jump.landing.to") if own else place
     for joint, at, (low, high) in zip(robot.joints, wanted[1:], problem.position_limits, strict=True):
